@@ -1,0 +1,98 @@
+"""What a fit returns: plain numbers and words, ready for the terminal, for JSON and for plots. No JAX here."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .record import BenchRecord
+
+
+@dataclass(frozen=True)
+class ParameterEstimate:
+    """One parameter after the fit (SI).
+
+    `std` and `ci95` are None where there is no honest error bar; `why_no_error_bar` then says why
+    (held fixed, at its bound, no reading depends on it, a flat direction shared with ...).
+    """
+
+    name: str
+    value: float
+    unit: str  # SI, pint spelling: "m", "dimensionless", ...
+    std: float | None
+    ci95: tuple[float, float] | None
+    start: float
+    lower: float
+    upper: float
+    at_bound: bool = False
+    fixed: bool = False
+    prior_std: float | None = None
+    why_no_error_bar: str = ""
+
+
+@dataclass(frozen=True)
+class ChannelFit:
+    """One channel of one test beside the fitted model, row by row (SI): what the plots draw and the report sums up."""
+
+    test: str
+    channel: str
+    position: np.ndarray
+    measured: np.ndarray
+    predicted: np.ndarray
+    std: np.ndarray  # noise of each point as the fit used it
+    predicted_std: np.ndarray  # from the parameters' covariance
+    direction: np.ndarray
+    run: np.ndarray
+    supply_pressure: np.ndarray
+    temperature: np.ndarray
+    residual_rms: float  # measured - predicted, over the points
+    noise: float  # typical noise standard deviation of one point
+    noise_source: str  # in words
+    reduced_chi2: float  # of this channel alone
+    autocorrelation: float  # of neighbouring residuals along the sweep
+    effective_size: float  # independent readings that the points are worth
+
+
+@dataclass(frozen=True)
+class StartOutcome:
+    """What one of the starts of the multi-start came to."""
+
+    start: dict[str, float]
+    cost: float  # chi-square reached
+    converged: bool
+    message: str
+    steps: int
+
+
+@dataclass(frozen=True)
+class Identifiability:
+    """How well the data tell the parameters apart, in figures and in words."""
+
+    condition_number: float
+    singular_values: tuple[float, ...]
+    weak_directions: tuple[str, ...]  # "edge_radius and underlap trade off: +0.71 -0.70"
+    sentences: tuple[str, ...] = ()  # further remarks: known degeneracies, high correlations
+
+
+@dataclass(frozen=True)
+class FitResult:
+    """Everything that `fit` found. `covariance` is over `free` (names in order), SI units."""
+
+    record: BenchRecord
+    parameters: dict[str, ParameterEstimate]
+    free: tuple[str, ...]
+    covariance: np.ndarray
+    correlation: np.ndarray
+    reduced_chi2: float
+    chi2: float
+    degrees_of_freedom: float
+    channels: tuple[ChannelFit, ...]
+    identifiability: Identifiability
+    rows: int  # rows of the record as logged
+    points: int  # readings that the fit used after reduction
+    seconds: float
+    converged: bool
+    message: str
+    starts: tuple[StartOutcome, ...]
+    notes: tuple[str, ...] = ()  # what was reduced, where the noise came from, what was left out
+    warnings: tuple[str, ...] = ()
+    verdict: tuple[str, ...] = field(default=())  # plain sentences: how well the ideal valve fits and where it misses

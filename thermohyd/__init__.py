@@ -1,0 +1,1 @@
+"""Differentiable simulation of electrohydraulic servovalves and actuators in JAX."""
