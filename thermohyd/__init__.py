@@ -1,1 +1,62 @@
-"""Differentiable simulation of electrohydraulic servovalves and actuators in JAX."""
+"""Differentiable simulation of electrohydraulic servovalves and actuators in JAX.
+
+The names below are loaded on first use (PEP 562), so that `import thermohyd` and `thermohyd --help` stay free of JAX.
+The simulator lives here; records, fits and reports in `thermohyd.identify`; oil presets and samples in `thermohyd.data`.
+"""
+
+from importlib import import_module, metadata
+from typing import TYPE_CHECKING, Any
+
+
+if TYPE_CHECKING:
+    from .conditions import Conditions as Conditions, operating_points as operating_points
+    from .gains import (
+        flow_gain as flow_gain,
+        flow_pressure_gain as flow_pressure_gain,
+        nondimensional_flow_gain as nondimensional_flow_gain,
+        nondimensional_pressure_gain as nondimensional_pressure_gain,
+        pressure_gain as pressure_gain,
+    )
+    from .oil import Oil as Oil, oil_from_definition as oil_from_definition
+    from .oil_definition import OilDefinition as OilDefinition, walther_coefficients as walther_coefficients
+    from .static_tests import (
+        control_flow as control_flow,
+        leakage_flow as leakage_flow,
+        load_flow as load_flow,
+        load_pressure as load_pressure,
+        port_pressures as port_pressures,
+    )
+    from .valve import Valve as Valve
+
+_HOME = {
+    "Conditions": "conditions",
+    "operating_points": "conditions",
+    "flow_gain": "gains",
+    "flow_pressure_gain": "gains",
+    "nondimensional_flow_gain": "gains",
+    "nondimensional_pressure_gain": "gains",
+    "pressure_gain": "gains",
+    "Oil": "oil",
+    "oil_from_definition": "oil",
+    "OilDefinition": "oil_definition",
+    "walther_coefficients": "oil_definition",
+    "control_flow": "static_tests",
+    "leakage_flow": "static_tests",
+    "load_flow": "static_tests",
+    "load_pressure": "static_tests",
+    "port_pressures": "static_tests",
+    "Valve": "valve",
+}
+__all__ = [*_HOME]  # pyright: ignore[reportUnsupportedDunderAll]
+
+
+def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        return metadata.version("thermohyd")
+    if name in _HOME:
+        return getattr(import_module(f".{_HOME[name]}", __name__), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *_HOME])

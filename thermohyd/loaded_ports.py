@@ -1,0 +1,81 @@
+"""The steady balance of both ports with a load between them: p_A - p_B is imposed (the load-flow test)."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .balance import falling_root
+from .conditions import Conditions
+from .edge import mass_flow
+from .effect import Edges
+from .oil import Oil, at_temperature, throttling_rise
+from .ports import Ports, openings
+
+
+# Edges may run backwards under an overrunning load, where the logarithmic balance has kinks: more steps than a blocked port.
+NEWTON_STEPS = 10
+
+
+def _positive(flow: Float[Array, "..."]) -> Float[Array, "..."]:
+    return jnp.maximum(flow, 0.0)
+
+
+def loaded_ports(
+    edges: Edges,
+    oil: Oil,
+    heat_retention: Float[Array, ""] | None,
+    conditions: Conditions,
+    load: Float[Array, " rows"],
+) -> Ports:
+    """Ports under an imposed load pressure `load` = p_A - p_B [Pa], of any sign and size.
+
+    What leaves one port through the load enters the other at the temperature it had (a load takes work out of the oil,
+    it does not throttle it). The unknown is the mean port pressure; edges whose drop is negative run backwards, with
+    oil of the volume they come from (return oil: at the supply's temperature).
+    """
+    c = conditions
+    low = c.return_pressure - 0.5 * jnp.abs(load)
+    span = c.supply_pressure - c.return_pressure + jnp.abs(load)
+    offset = jnp.stack([0.5 * load, -0.5 * load])
+    supply_opening, return_opening = openings(edges, c)
+    fresh = at_temperature(oil, c.temperature)
+
+    def state(q: Float[Array, " rows"]) -> Ports:
+        pressure = low + span / (1.0 + jnp.exp(-q)) + offset
+        supply_drop, return_drop = c.supply_pressure - pressure, pressure - c.return_pressure
+        supply_mean, return_mean = pressure + 0.5 * supply_drop, pressure - 0.5 * return_drop
+
+        def inflow(warm: Float[Array, "2 rows"] | None) -> Float[Array, "2 rows"]:
+            forward = mass_flow(edges.supply, supply_opening, fresh, supply_drop, supply_mean)
+            if warm is None:
+                return forward
+            back = mass_flow(edges.supply, supply_opening, at_temperature(oil, warm), supply_drop, supply_mean)
+            return jnp.where(supply_drop < 0.0, back, forward)
+
+        def outflow(warm: Float[Array, "2 rows"] | None) -> Float[Array, "2 rows"]:
+            back = mass_flow(edges.return_, return_opening, fresh, return_drop, return_mean)
+            if warm is None:
+                return back
+            forward = mass_flow(edges.return_, return_opening, at_temperature(oil, warm), return_drop, return_mean)
+            return jnp.where(return_drop < 0.0, back, forward)
+
+        if heat_retention is None:
+            cold = jnp.broadcast_to(c.temperature, pressure.shape)
+            return Ports(pressure, cold, inflow(None), outflow(None))
+        rise = throttling_rise(oil, _positive(supply_drop), supply_mean, c.temperature)
+        own = c.temperature + heat_retention * rise  # of a port that only the supply feeds
+        surplus = inflow(own) - outflow(own)
+        sends = surplus > 0.0
+        # The receiving port mixes what the supply brings with what the load brings from the other port.
+        brought = _positive(jnp.flip(surplus, axis=0))
+        fed = _positive(inflow(own))
+        mixed = (fed * own + brought * jnp.flip(own, axis=0)) / (fed + brought)
+        warm = jnp.where(sends, own, mixed)
+        return Ports(pressure, warm, inflow(warm), outflow(warm))
+
+    def log_ratio(q: Float[Array, " rows"]) -> Float[Array, " rows"]:
+        ports = state(q)
+        into = _positive(ports.inflow) + _positive(-ports.outflow)
+        out = _positive(ports.outflow) + _positive(-ports.inflow)
+        return jnp.log(jnp.sum(into, axis=0) / jnp.sum(out, axis=0))
+
+    return state(falling_root(log_ratio, jnp.zeros(c.position.shape), NEWTON_STEPS))

@@ -1,0 +1,154 @@
+"""The oil: viscosity, density, expansion, bulk modulus, heat and the temperature rise of throttling (MODEL section 2).
+
+Every function is elementwise over pressures [Pa, gauge] and temperatures [K] that broadcast against each other.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .oil_definition import REFERENCE_TEMPERATURE, OilDefinition
+
+
+LN10 = 2.302585092994046
+
+
+def _as_array(value: float | Array) -> Array:
+    return jnp.asarray(value, dtype=jnp.result_type(float))
+
+
+class Oil(eqx.Module):
+    """Coefficients of the oil laws; see `OilDefinition` for their meaning and units. All fields are differentiable."""
+
+    viscosity_a: Float[Array, ""] = eqx.field(converter=_as_array)
+    viscosity_b: Float[Array, ""] = eqx.field(converter=_as_array)
+    density_15degC: Float[Array, ""] = eqx.field(converter=_as_array, default=870.0)
+    expansion_15degC: Float[Array, ""] = eqx.field(converter=_as_array, default=7.8e-4)
+    bulk_modulus_15degC: Float[Array, ""] = eqx.field(converter=_as_array, default=1.7e9)
+    tait_slope: Float[Array, ""] = eqx.field(converter=_as_array, default=10.9)
+    bulk_modulus_decay: Float[Array, ""] = eqx.field(converter=_as_array, default=5.8e-3)
+    specific_heat_15degC: Float[Array, ""] = eqx.field(converter=_as_array, default=1900.0)
+    specific_heat_slope: Float[Array, ""] = eqx.field(converter=_as_array, default=3.8)
+    # None: the oil has none, and none is computed. A number: mu(p) = mu(0) exp(pressure_viscosity p), 1/Pa.
+    pressure_viscosity: Float[Array, ""] | None = None
+    # None: as defined. A number: the kinematic viscosity is multiplied by it (another batch, ageing, water).
+    viscosity_factor: Float[Array, ""] | None = None
+
+
+class OilAtTemperature(eqx.Module):
+    """What of the oil depends on temperature only: computed once where the temperature of a row is given.
+
+    density: rho(0, T) [kg/m3]; bulk_modulus: K0(T) [Pa]; viscosity: mu(0, T) [Pa s].
+    """
+
+    density: Float[Array, "..."]
+    bulk_modulus: Float[Array, "..."]
+    viscosity: Float[Array, "..."]
+    tait_slope: Float[Array, ""]
+    pressure_viscosity: Float[Array, ""] | None
+
+
+def oil_from_definition(definition: OilDefinition) -> Oil:
+    """The differentiable oil of a plain definition (a preset, or a user's points)."""
+    return Oil(
+        viscosity_a=definition.viscosity_a,
+        viscosity_b=definition.viscosity_b,
+        density_15degC=definition.density,
+        expansion_15degC=definition.expansion,
+        bulk_modulus_15degC=definition.bulk_modulus,
+        tait_slope=definition.tait_slope,
+        bulk_modulus_decay=definition.bulk_modulus_decay,
+        specific_heat_15degC=definition.specific_heat,
+        specific_heat_slope=definition.specific_heat_slope,
+        pressure_viscosity=_as_array(definition.pressure_viscosity) if definition.pressure_viscosity else None,
+    )
+
+
+def walther_viscosity(oil: Oil, temperature: Float[Array, "..."]) -> Float[Array, "..."]:
+    """Kinematic viscosity nu(T) at zero gauge pressure [m2/s], ASTM D341: log10 log10(nu/cSt + 0.7) = A - B log10 T."""
+    exponent = oil.viscosity_a - oil.viscosity_b * jnp.log10(temperature)
+    # expm1 keeps the thin end (nu near 0.3 cSt) exact: 10**y - 0.7 = expm1(y ln 10) + 0.3.
+    nu = (jnp.expm1(LN10 * jnp.exp(LN10 * exponent)) + 0.3) * 1e-6
+    return nu if oil.viscosity_factor is None else nu * oil.viscosity_factor
+
+
+def at_temperature(oil: Oil, temperature: Float[Array, "..."]) -> OilAtTemperature:
+    """The temperature-dependent coefficients of the oil at T [K]."""
+    above = temperature - REFERENCE_TEMPERATURE
+    rho = oil.density_15degC * (1.0 - oil.expansion_15degC * above)
+    return OilAtTemperature(
+        density=rho,
+        bulk_modulus=oil.bulk_modulus_15degC * jnp.exp(-oil.bulk_modulus_decay * above),
+        viscosity=rho * walther_viscosity(oil, temperature),
+        tait_slope=oil.tait_slope,
+        pressure_viscosity=oil.pressure_viscosity,
+    )
+
+
+def density_at(state: OilAtTemperature, pressure: Float[Array, "..."]) -> Float[Array, "..."]:
+    """rho(p) [kg/m3] at the state's temperature, Tait: rho(0) / (1 - ln(1 + (1 + K') p / K0) / (1 + K'))."""
+    stiffening = 1.0 + state.tait_slope
+    return state.density / (1.0 - jnp.log1p(stiffening * pressure / state.bulk_modulus) / stiffening)
+
+
+def viscosity_at(state: OilAtTemperature, pressure: Float[Array, "..."]) -> Float[Array, "..."]:
+    """mu(p) [Pa s] at the state's temperature, Barus: mu(0) exp(b p); without b the pressure costs nothing."""
+    if state.pressure_viscosity is None:
+        return state.viscosity
+    return state.viscosity * jnp.exp(state.pressure_viscosity * pressure)
+
+
+def density(oil: Oil, pressure: Float[Array, "..."], temperature: Float[Array, "..."]) -> Float[Array, "..."]:
+    """rho(p, T) [kg/m3], Tait."""
+    return density_at(at_temperature(oil, temperature), pressure)
+
+
+def dynamic_viscosity(oil: Oil, pressure: Float[Array, "..."], temperature: Float[Array, "..."]) -> Float[Array, "..."]:
+    """mu(p, T) = rho(0, T) nu(T) exp(b p) [Pa s]."""
+    return viscosity_at(at_temperature(oil, temperature), pressure) + 0.0 * pressure
+
+
+def kinematic_viscosity(
+    oil: Oil, pressure: Float[Array, "..."], temperature: Float[Array, "..."]
+) -> Float[Array, "..."]:
+    """nu(p, T) = mu(p, T) / rho(p, T) [m2/s]."""
+    return dynamic_viscosity(oil, pressure, temperature) / density(oil, pressure, temperature)
+
+
+def expansion(oil: Oil, pressure: Float[Array, "..."], temperature: Float[Array, "..."]) -> Float[Array, "..."]:
+    """alpha = -(1/rho) d rho/dT at constant pressure [1/K], by differentiating `density`."""
+    pressure, temperature = jnp.broadcast_arrays(pressure, temperature)
+    rho, slope = jax.jvp(lambda t: density(oil, pressure, t), (temperature,), (jnp.ones_like(temperature),))
+    return -slope / rho
+
+
+def bulk_modulus(oil: Oil, pressure: Float[Array, "..."], temperature: Float[Array, "..."]) -> Float[Array, "..."]:
+    """Isothermal beta_T = rho / (d rho/dp) [Pa], by differentiating `density`."""
+    pressure, temperature = jnp.broadcast_arrays(pressure, temperature)
+    rho, slope = jax.jvp(lambda p: density(oil, p, temperature), (pressure,), (jnp.ones_like(pressure),))
+    return rho / slope
+
+
+def specific_heat(oil: Oil, temperature: Float[Array, "..."]) -> Float[Array, "..."]:
+    """c_p(T) [J/(kg K)], linear in temperature."""
+    return oil.specific_heat_15degC + oil.specific_heat_slope * (temperature - REFERENCE_TEMPERATURE)
+
+
+def enthalpy_slopes(
+    oil: Oil, pressure: Float[Array, "..."], temperature: Float[Array, "..."]
+) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+    """(dh/dT, dh/dp) = (c_p, (1 - alpha T)/rho) in J/(kg K) and m3/kg: dh = c_p dT + (1 - alpha T)/rho dp."""
+    slope = (1.0 - expansion(oil, pressure, temperature) * temperature) / density(oil, pressure, temperature)
+    return specific_heat(oil, temperature), slope
+
+
+def throttling_rise(
+    oil: Oil, drop: Float[Array, "..."], mean_pressure: Float[Array, "..."], temperature: Float[Array, "..."]
+) -> Float[Array, "..."]:
+    """Isenthalpic temperature rise [K] of oil at `temperature` throttled by `drop` = p1 - p2 [Pa].
+
+    T2 - T1 = (1 - alpha T1)(p1 - p2)/(rho c_p), properties at T1 and the mean pressure (MODEL section 2).
+    """
+    heat, slope = enthalpy_slopes(oil, mean_pressure, temperature)
+    return slope * drop / heat

@@ -1,0 +1,86 @@
+"""The static bench tests as pure functions: readings, one per operating point (MODEL section 4; ISO 10770-1, ARP490).
+
+All of them take a `Valve` and `Conditions` of shape (rows,) and return arrays of shape (rows,), SI units. They can be
+jitted, vmapped and differentiated, forward and reverse, in every field of the valve and of the conditions.
+"""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .conditions import Conditions
+from .loaded_ports import loaded_ports
+from .oil import Oil, density, throttling_rise
+from .ports import Ports, blocked_ports, connected_ports
+from .valve import Valve, metering_edges, read_out, true_conditions, true_oil
+
+
+def _return_temperature(valve: Valve, oil: Oil, ports: Ports, conditions: Conditions) -> Float[Array, " rows"]:
+    """Temperature of the joined return flow [K]: each side's port temperature plus its second throttling, by mass."""
+    if valve.heat_retention is None:
+        return conditions.temperature
+    drop = ports.pressure - conditions.return_pressure
+    rise = throttling_rise(oil, drop, conditions.return_pressure + 0.5 * drop, ports.temperature)
+    leaving = ports.temperature + valve.heat_retention * rise
+    return jnp.sum(ports.outflow * leaving, axis=0) / jnp.sum(ports.outflow, axis=0)
+
+
+def blocked_port_readings(valve: Valve, conditions: Conditions) -> dict[str, Float[Array, " rows"]]:
+    """All that the two tests with closed use ports read: leakage_flow [m3/s], pressure_a, pressure_b, load_pressure [Pa]."""
+    true = true_conditions(valve, conditions)
+    oil = true_oil(valve)
+    ports = blocked_ports(metering_edges(valve, true), oil, valve.heat_retention, true)
+    warm = _return_temperature(valve, oil, ports, true)
+    values = {
+        "leakage_flow": jnp.sum(ports.outflow, axis=0) / density(oil, true.return_pressure, warm),
+        "pressure_a": ports.pressure[0],
+        "pressure_b": ports.pressure[1],
+        "load_pressure": ports.pressure[0] - ports.pressure[1],
+    }
+    return {channel: read_out(valve, channel, value, conditions, true) for channel, value in values.items()}
+
+
+def leakage_flow(valve: Valve, conditions: Conditions) -> Float[Array, " rows"]:
+    """Leakage test: flow to return with the use ports blocked [m3/s], volume at return conditions."""
+    return blocked_port_readings(valve, conditions)["leakage_flow"]
+
+
+def load_pressure(valve: Valve, conditions: Conditions) -> Float[Array, " rows"]:
+    """Pressure-gain test: load pressure p_A - p_B with the use ports blocked [Pa]."""
+    return blocked_port_readings(valve, conditions)["load_pressure"]
+
+
+def port_pressures(
+    valve: Valve, conditions: Conditions
+) -> tuple[Float[Array, " rows"], Float[Array, " rows"]]:
+    """Pressure-gain test with a gauge on each port: (p_A, p_B) [Pa]."""
+    readings = blocked_port_readings(valve, conditions)
+    return readings["pressure_a"], readings["pressure_b"]
+
+
+def control_flow(valve: Valve, conditions: Conditions) -> Float[Array, " rows"]:
+    """Flow-gain test: flow from A to B with the use ports connected [m3/s], volume at the ports' pressure and temperature."""
+    true = true_conditions(valve, conditions)
+    oil = true_oil(valve)
+    ports = connected_ports(metering_edges(valve, true), oil, valve.heat_retention, true)
+    through = ports.inflow[0] - ports.outflow[0]
+    value = through / density(oil, ports.pressure[0], ports.temperature[0])
+    return read_out(valve, "flow", value, conditions, true)
+
+
+def load_flow(valve: Valve, conditions: Conditions) -> Float[Array, " rows"]:
+    """Load-flow test: flow through the load from A to B [m3/s] under the imposed `conditions.load_pressure`.
+
+    Volume at the mean port pressure and the temperature of the port that the flow leaves, so that it is `control_flow` at
+    zero load pressure. Raises ValueError where the conditions have no load pressure.
+    """
+    if conditions.load_pressure is None:
+        raise ValueError("the load-flow test needs conditions with a load_pressure")
+    true = true_conditions(valve, conditions)
+    oil = true_oil(valve)
+    ports = loaded_ports(metering_edges(valve, true), oil, valve.heat_retention, true, conditions.load_pressure)
+    surplus = ports.inflow - ports.outflow
+    # Port A gives what port B takes; the mean of both keeps the balance's rounding out of the reading.
+    through = 0.5 * (surplus[0] - surplus[1])
+    origin = jnp.where(through > 0.0, ports.temperature[0], ports.temperature[1])
+    value = through / density(oil, jnp.mean(ports.pressure, axis=0), origin)
+    return read_out(valve, "flow", value, conditions, true)
