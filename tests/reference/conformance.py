@@ -1,0 +1,59 @@
+"""The noise-free rows of tests/conformance: one table of operating points, one column of readings per effect."""
+
+import json
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from .oil import Oil, walther
+from .valve import Effects, Rows, Valve
+
+
+FOLDER = Path(__file__).parents[1] / "conformance"
+TESTS = ("leakage", "pressure_gain", "flow_gain")
+
+
+@cache
+def truth() -> dict:
+    """Geometry, oil, parameters and effect amounts behind the rows (SI)."""
+    return json.loads((FOLDER / "truth.json").read_text(encoding="utf-8"))
+
+
+@cache
+def _table() -> tuple[dict[str, int], np.ndarray]:
+    path = FOLDER / "readings.csv"
+    header = path.read_text(encoding="utf-8").split("\n", 1)[0].split(",")
+    names = {name.split(" [")[0]: i for i, name in enumerate(header)}
+    return names, np.loadtxt(path, delimiter=",", skiprows=1, dtype=str, encoding="utf-8")
+
+
+def rows_of(test: str) -> Rows:
+    """Operating points of one test."""
+    names, table = _table()
+    part = table[table[:, names["test"]] == test]
+    column = lambda name: part[:, names[name]].astype(float)
+    return Rows(
+        column("spool_position"),
+        column("supply_pressure"),
+        column("return_pressure"),
+        column("temperature"),
+        time=column("time"),
+        run=column("run").astype(int),
+    )
+
+
+def readings_of(test: str, effect: str) -> np.ndarray:
+    """Readings [SI] of one test with one effect ("none", a name of MODEL section 6, or "all")."""
+    names, table = _table()
+    return table[table[:, names["test"]] == test][:, names[effect]].astype(float)
+
+
+def valve_and_oil() -> tuple[Valve, Oil]:
+    t = truth()
+    oil = Oil(*walther(t["oil"]["viscosity_points_degC_cSt"]), density=t["oil"]["density_15degC"])
+    return Valve(slot_width=t["geometry"]["width"], **t["parameters"]), oil
+
+
+def effects_of(effect: str) -> Effects:
+    return Effects(**truth()["effects"][effect])

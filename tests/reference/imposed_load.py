@@ -1,0 +1,97 @@
+"""The load-flow test: p_A - p_B is imposed, load flow leaves port A and enters port B; the mean port pressure balances.
+
+Conventions beyond MODEL section 6, where flows may have either sign (a load pressure above the supply's):
+every edge takes its oil at the upstream temperature; oil that comes back from the return line is at the supply's;
+the load flow arrives at the sending port's temperature, without a throttling rise of its own.
+"""
+
+import numpy as np
+
+from .balance import PortState, has_lines, line_losses
+from .roots import bracketed_newton, damped_newton
+from .valve import Plant
+
+
+TEMPERATURE_SCALE = 10.0  # K, of a temperature equation's imbalance
+
+
+def imposed(plant: Plant, load: np.ndarray, mean: np.ndarray, t_a, t_b, ps, pt) -> PortState:
+    """Flows at a mean port pressure and port temperatures; three imbalances: mass, and both temperatures."""
+    ts = plant.ts
+    p_a, p_b = mean + 0.5 * load, mean - 0.5 * load
+
+    def edge(name, p1, p2, t1, t2):
+        return plant.edge(name, p1 - p2, 0.5 * (p1 + p2), np.where(p1 >= p2, t1, t2))
+
+    pa, pb = edge("PA", ps, p_a, ts, t_a), edge("PB", ps, p_b, ts, t_b)
+    at, bt = edge("AT", p_a, pt, t_a, ts), edge("BT", p_b, pt, t_b, ts)
+    cross = np.zeros_like(mean)
+    if np.any(plant.effects.cross_port_leakage):
+        cross = plant.cross_flow(load, mean, np.where(load > 0.0, t_a, t_b))
+    load_flow = pa - at - cross  # leaves A, enters B: at the balance also bt - pb - cross
+    plus = lambda m: np.maximum(m, 0.0)
+
+    def mixed(streams):
+        """Flow-weighted temperature of (mass flow in, temperature on arrival)."""
+        total = sum(m for m, _ in streams)
+        return np.where(total > 0.0, sum(m * t for m, t in streams) / np.where(total > 0.0, total, 1.0), ts)
+
+    arrive = lambda t, p1, p2: plant.heated(t, p1 - p2, 0.5 * (p1 + p2))
+    into_a = [
+        (plus(pa), arrive(ts, ps, p_a)),
+        (plus(-at), arrive(ts, pt, p_a)),
+        (plus(-cross), arrive(t_b, p_b, p_a)),
+        (plus(-load_flow), t_b),
+    ]
+    into_b = [
+        (plus(pb), arrive(ts, ps, p_b)),
+        (plus(-bt), arrive(ts, pt, p_b)),
+        (plus(cross), arrive(t_a, p_a, p_b)),
+        (plus(load_flow), t_a),
+    ]
+    t_return = mixed([(plus(at), arrive(t_a, p_a, pt)), (plus(bt), arrive(t_b, p_b, pt))])
+    size = np.abs(pa) + np.abs(pb) + np.abs(at) + np.abs(bt)
+    imbalance = (
+        (pa + pb - at - bt) / size,
+        (t_a - mixed(into_a)) / TEMPERATURE_SCALE,
+        (t_b - mixed(into_b)) / TEMPERATURE_SCALE,
+    )
+    return PortState(p_a, p_b, t_a, t_b, imbalance, pa + pb, at + bt, t_return, load_flow, load)
+
+
+def solve_imposed(plant: Plant, load: np.ndarray) -> PortState:
+    """The balanced state under an imposed load pressure [Pa] per row, lines, heat and cross flow included."""
+    ts, span = plant.ts, plant.ps - plant.pt
+
+    def isothermal(mean: np.ndarray) -> np.ndarray:
+        return imposed(plant, load, mean, ts, ts, plant.ps, plant.pt).imbalance[0]
+
+    # At these ends both ports are below the return, or above the supply: every flow goes one way.
+    low, high = plant.pt - 0.5 * np.abs(load), plant.ps + 0.5 * np.abs(load)
+    mean = bracketed_newton(isothermal, low, high, 0.5 * (plant.ps + plant.pt))
+    heat, lines = bool(np.any(plant.effects.throttle_heating)), has_lines(plant)
+    if not heat and not lines:
+        return imposed(plant, load, mean, ts, ts, plant.ps, plant.pt)
+
+    def state_of(z: np.ndarray) -> PortState:
+        t_a, t_b = (ts + TEMPERATURE_SCALE * z[1], ts + TEMPERATURE_SCALE * z[2]) if heat else (ts, ts)
+        ps, pt = (plant.ps - z[-2] * span, plant.pt + z[-1] * span) if lines else (plant.ps, plant.pt)
+        return imposed(plant, load, plant.pt + z[0] * span, t_a, t_b, ps, pt)
+
+    def residual(z: np.ndarray) -> np.ndarray:
+        state = state_of(z)
+        rows = list(state.imbalance if heat else state.imbalance[:1])
+        if lines:
+            lost, gained = line_losses(plant, state.supply_flow, state.return_flow, state.return_temperature)
+            rows += [z[-2] - lost / span, z[-1] - gained / span]
+        return np.array(rows)
+
+    def admissible(z: np.ndarray) -> np.ndarray:
+        ok = np.all(np.isfinite(z), axis=0)
+        if heat:
+            ok &= np.all(np.abs(z[1:3]) < 10.0, axis=0)
+        return ok & (z[-2] + z[-1] < 0.999) if lines else ok
+
+    unknowns = 1 + (2 if heat else 0) + (2 if lines else 0)
+    start = np.vstack([(mean - plant.pt) / span, np.zeros((unknowns - 1, mean.size))])
+    return state_of(damped_newton(residual, start, admissible))
