@@ -17,7 +17,7 @@ class Oil:
     """Coefficients of the oil laws; numbers, or arrays with one entry per row.
 
     log10 log10(nu/cSt + 0.7) = walther_a - walther_b log10 T; density, expansion, bulk_modulus and specific_heat at
-    15 degC and zero gauge pressure. `viscosity_factor` multiplies nu, `pressure_viscosity` is b in mu(p) = mu(0) exp(b p).
+    15 degC and zero gauge pressure. `viscosity_factor` multiplies nu; mu(p) = mu(0) exp(pressure_viscosity p).
     """
 
     walther_a: Array

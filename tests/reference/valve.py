@@ -54,7 +54,7 @@ class Effects:
 class Rows:
     """Operating points as the bench reads them (SI, one entry per row).
 
-    direction: +1 or -1, or None: found from the positions within a run. load_pressure: p_A - p_B as imposed by load_flow.
+    direction: +1 or -1, or None: found from the positions. load_pressure: p_A - p_B as imposed in load_flow.
     time and run matter to the flowmeter's lag only.
     """
 

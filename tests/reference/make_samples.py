@@ -1,0 +1,48 @@
+"""Write the sample records of data/: `python -m reference.make_samples [FOLDER]` with tests/ on the path.
+
+Fixed seeds: the same files come out every time. The records are synthetic and say so in their first line.
+"""
+
+import gzip
+import io
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from . import sample_raw_log, sample_seed_valve
+
+
+LABEL = "# synthetic: made by the reference simulator, not measured"
+
+
+def csv_text(comments: list[str], columns: dict[str, list[str]]) -> str:
+    """A CSV with comment lines, a header and ready-made fields."""
+    lines = [LABEL, *(f"# {c}" for c in comments), ",".join(columns)]
+    lines += [",".join(fields) for fields in zip(*columns.values(), strict=True)]
+    return "\n".join(lines) + "\n"
+
+
+def write_text(path: Path, text: str) -> None:
+    """Plain, or gzip where the name says so; without a date or a name inside, so that the bytes repeat."""
+    data = text.encode()
+    if path.suffix == ".gz":
+        buffer = io.BytesIO()
+        with gzip.GzipFile(filename="", mode="wb", fileobj=buffer, mtime=0) as stream:
+            stream.write(data)
+        data = buffer.getvalue()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(data)
+
+
+def make(folder: Path) -> None:
+    for name, sample in (("seed_valve", sample_seed_valve), ("raw_log", sample_raw_log)):
+        write_text(folder / name / "bench.toml", LABEL + "\n" + sample.BENCH)
+        write_text(folder / name / "README.md", sample.readme())
+        for file, comments, columns in sample.tests():
+            write_text(folder / name / file, csv_text(comments, columns))
+
+
+if __name__ == "__main__":
+    np.seterr(all="raise", under="ignore")
+    make(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parents[2] / "data")
