@@ -1,0 +1,81 @@
+"""How a fit sees its parameters: free variables z of order one inside a box, and physical values p in SI."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import isfinite, log
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+
+@dataclass(frozen=True)
+class Box:
+    """One free parameter: where it starts, what counts as a step of order one, and the limits it must keep.
+
+    A limit may be infinite. `logarithmic` fits ln p instead of p, for a positive quantity whose box spans decades and
+    whose readings feel ratios rather than differences; it needs lower > 0.
+    """
+
+    name: str
+    start: float
+    scale: float
+    lower: float = -np.inf
+    upper: float = np.inf
+    logarithmic: bool = False
+
+    def __post_init__(self) -> None:
+        if not (isfinite(self.start) and self.lower <= self.start <= self.upper):
+            raise ValueError(f"{self.name} starts at {self.start:g}, outside its box [{self.lower:g}, {self.upper:g}]")
+        if not self.lower < self.upper:
+            raise ValueError(f"the box of {self.name} is empty: lower {self.lower:g}, upper {self.upper:g}")
+        if not (isfinite(self.scale) and self.scale > 0.0):
+            raise ValueError(f"the scale of {self.name} must be positive, not {self.scale:g}")
+        if self.logarithmic and self.lower <= 0.0:
+            raise ValueError(f"{self.name} cannot be fitted by its logarithm: its lower limit {self.lower:g} is not positive")
+
+    def free(self, value: float) -> float:
+        """z of a physical value."""
+        if not self.logarithmic:
+            return value / self.scale
+        return log(value / self.scale) if isfinite(value) else value
+
+
+class Boxes(eqx.Module):
+    """The boxes of a fit as arrays, so that other starts, scales and limits reuse a compiled solve.
+
+    z = p/scale, or ln(p/scale) where `logarithmic`. The limits stay hard limits in z: an optimum on a limit is reached
+    exactly, whereas a logistic or arcsine map would run after it for ever (its derivative vanishes there).
+    """
+
+    scale: Float[Array, " n"]
+    lower: Float[Array, " n"]  # in z
+    upper: Float[Array, " n"]  # in z
+    logarithmic: Bool[Array, " n"]
+
+    @classmethod
+    def of(cls, boxes: Sequence[Box]) -> "Boxes":
+        """Gather the boxes, in order."""
+        return cls(
+            scale=jnp.array([box.scale for box in boxes], dtype=float),
+            lower=jnp.array([box.free(box.lower) for box in boxes], dtype=float),
+            upper=jnp.array([box.free(box.upper) for box in boxes], dtype=float),
+            logarithmic=jnp.array([box.logarithmic for box in boxes], dtype=bool),
+        )
+
+    def physical(self, z: Float[Array, " n"]) -> Float[Array, " n"]:
+        """Physical values p [SI] of the free variables."""
+        # exp sees zeros where it is not wanted, lest its overflow poison the derivative of the other branch.
+        grown = jnp.exp(jnp.where(self.logarithmic, z, 0.0))
+        return self.scale * jnp.where(self.logarithmic, grown, z)
+
+    def slope(self, z: Float[Array, " n"]) -> Float[Array, " n"]:
+        """dp/dz."""
+        return self.scale * jnp.exp(jnp.where(self.logarithmic, z, 0.0))
+
+
+def free_values(boxes: Sequence[Box], values: Sequence[float] | np.ndarray) -> np.ndarray:
+    """z (n,) of physical values (n,), clipped into the box."""
+    inside = [min(max(float(value), box.lower), box.upper) for box, value in zip(boxes, values, strict=True)]
+    return np.array([box.free(value) for box, value in zip(boxes, inside, strict=True)])
