@@ -11,16 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from . import sample_raw_log, sample_seed_valve
-
-
-LABEL = "# synthetic: made by the reference simulator, not measured"
-
-
-def csv_text(comments: list[str], columns: dict[str, list[str]]) -> str:
-    """A CSV with comment lines, a header and ready-made fields."""
-    lines = [LABEL, *(f"# {c}" for c in comments), ",".join(columns)]
-    lines += [",".join(fields) for fields in zip(*columns.values(), strict=True)]
-    return "\n".join(lines) + "\n"
+from .sample_text import LABEL, csv_text
 
 
 def write_text(path: Path, text: str) -> None:

@@ -7,6 +7,7 @@ from scipy.signal import lfilter
 
 from . import static_tests
 from .oil import Oil, walther
+from .sample_text import truth_table
 from .valve import Rows, Valve
 
 
@@ -34,7 +35,8 @@ TESTS = {
     "flow_gain": ("flow [l/min]", 1e-3 / 60.0, 0.03, ".3f", 4.0, 0.4, 70.0, 25.0, 13),
 }
 
-BENCH = """# A data logger's record: 50 Hz, current as abscissa, three sweep rates, correlated noise, coarse rounding of large readings.
+BENCH = """# A data logger's record: 50 Hz, current as abscissa, three sweep rates, correlated noise, and large readings
+# rounded coarsely.
 
 [valve]
 name = "logged servovalve (synthetic)"
@@ -95,9 +97,10 @@ def tests() -> Iterator[tuple[str, list[str], dict[str, list[str]]]]:
         exact = static_tests.TESTS[test](VALVE, OIL, rows)[static_tests.READING[test]] / unit
         reading = exact + np.concatenate([correlated(random, t.size, noise) for t, _ in sweeps])
         reading = np.where(np.abs(reading) > threshold, step * np.round(reading / step), reading)
+        unit_name = header.split("[")[1].rstrip("]")
         comments = [
-            f"noise {noise} {header.split('[')[1].rstrip(']')} (standard deviation), correlation {CORRELATION} from row to row;"
-            " truth in README.md"
+            f"noise {noise} {unit_name} (standard deviation), correlated by {CORRELATION} from row to row",
+            "truth in README.md",
         ]
         yield (
             f"{test}.csv.gz",
@@ -113,23 +116,14 @@ def tests() -> Iterator[tuple[str, list[str], dict[str, list[str]]]]:
 
 
 def readme() -> str:
-    v = VALVE
+    sweeps = ", ".join(f"{s:g}" for s in SWEEPS)
     return f"""# Sample record: a raw log
 
-Synthetic: made by the project's reference simulator, not measured. It looks like a data logger's files: {LOGGING:g} Hz, the current as
-abscissa (logged to {CURRENT_STEP:g} mA, with a dither of {DITHER:g} mA that the spool follows), sweeps of {", ".join(f"{s:g}" for s in SWEEPS)} s, noise correlated by
-{CORRELATION:g} from row to row (standard deviations: leakage 0.01 l/min, load pressure 0.6 bar, flow 0.03 l/min), large
-readings rounded coarsely (load pressure above 70 bar to 7 bar, flow above 4 l/min to 0.4 l/min), polarity -1. Nothing else:
-an ideal, isothermal valve without hysteresis.
+Synthetic: made by the project's reference simulator, not measured. It looks like a data logger's files: {LOGGING:g} Hz,
+the current as abscissa (logged to {CURRENT_STEP:g} mA, with a dither of {DITHER:g} mA that the spool follows), sweeps
+of {sweeps} s, noise correlated by {CORRELATION:g} from row to row (standard deviations: leakage 0.01 l/min,
+load pressure 0.6 bar, flow 0.03 l/min), large readings rounded coarsely (load pressure above 70 bar to 7 bar, flow
+above 4 l/min to 0.4 l/min),
+polarity -1. Nothing else: an ideal, isothermal valve without hysteresis.
 
-The truth, which the program never reads:
-
-| parameter | value |
-|---|---|
-| edge_radius | {v.edge_radius * 1e6:g} um |
-| clearance | {v.clearance * 1e6:g} um |
-| underlap | {v.underlap * 1e6:g} um |
-| discharge_coefficient | {v.discharge_coefficient:g} |
-| transition_number | {v.transition_number:g} |
-| null_bias | {v.null_bias * 1e6:g} um |
-"""
+{truth_table(VALVE)}"""

@@ -1,4 +1,4 @@
-"""The record data/seed_valve: the seed paper's valve and oil on a patient bench, five temperatures, two supply pressures."""
+"""The record data/seed_valve: the seed paper's valve and oil at five temperatures and two supply pressures."""
 
 from collections.abc import Iterator
 
@@ -6,6 +6,7 @@ import numpy as np
 
 from . import static_tests
 from .oil import seed_oil
+from .sample_text import truth_table
 from .valve import Rows, Valve
 
 
@@ -94,22 +95,13 @@ def drift(random: np.random.Generator, n: int, size: float) -> np.ndarray:
 
 
 def readme() -> str:
-    v = VALVE
+    temperatures = ", ".join(f"{t:g}" for t in TEMPERATURES)
+    pressures = " and ".join(f"{p:g}" for p in SUPPLY_PRESSURES)
     return f"""# Sample record: the seed valve
 
-Synthetic: made by the project's reference simulator, not measured. The servovalve of the paper that the model comes from, its second
-stage swept up and down at {", ".join(f"{t:g}" for t in TEMPERATURES)} degC and {" and ".join(f"{p:g}" for p in SUPPLY_PRESSURES)} bar. Ideal valve, all heat leaving the
-oil (isothermal), white noise: leakage 0.002 l/min, load pressure 0.3 bar, flow 0.03 l/min (standard deviations).
-The columns spool_position, supply_pressure and temperature are exact as written.
+Synthetic: made by the project's reference simulator, not measured. The servovalve of the paper that the model comes
+from, its second stage swept up and down at {temperatures} degC and {pressures} bar. Ideal valve, all heat
+leaving the oil (isothermal), white noise: leakage 0.002 l/min, load pressure 0.3 bar, flow 0.03 l/min (standard
+deviations). The columns spool_position, supply_pressure and temperature are exact as written.
 
-The truth, which the program never reads:
-
-| parameter | value |
-|---|---|
-| edge_radius | {v.edge_radius * 1e6:g} um |
-| clearance | {v.clearance * 1e6:g} um |
-| underlap | {v.underlap * 1e6:g} um |
-| discharge_coefficient | {v.discharge_coefficient:g} |
-| transition_number | {v.transition_number:g} |
-| null_bias | {v.null_bias * 1e6:g} um |
-"""
+{truth_table(VALVE)}"""
