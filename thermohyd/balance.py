@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 
 
 # Port pressures between P_t and P_s are written p = P_t + (P_s - P_t)/(1 + exp(-q)). At |q| = 40 the smaller drop is
@@ -35,7 +35,7 @@ def falling_root(fn: Elementwise, start: Float[Array, "..."], steps: int = NEWTO
     """
 
     def solve(fn: Elementwise, q: Float[Array, "..."]) -> Float[Array, "..."]:
-        def step(_: int, state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+        def step(_: ArrayLike, state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
             q, low, high = state
             value, slope = value_and_slope(fn, q)
             low = jnp.where(value > 0.0, q, low)

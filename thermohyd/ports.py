@@ -57,13 +57,13 @@ class _PortFlows(eqx.Module):
     heat_retention: Float[Array, ""] | None
     conditions: Conditions
 
-    def inflow(self, drop: Float[Array, "2 rows"]) -> Float[Array, "2 rows"]:
+    def inflow(self, drop: Float[Array, "..."]) -> Float[Array, "..."]:
         c = self.conditions
         opening, _ = openings(self.edges, c)
         oil = at_temperature(self.oil, c.temperature)
         return mass_flow(self.edges.supply, opening, oil, drop, c.supply_pressure - 0.5 * drop)
 
-    def port_temperature(self, supply_drop: Float[Array, "2 rows"]) -> Float[Array, "..."]:
+    def port_temperature(self, supply_drop: Float[Array, "..."]) -> Float[Array, "..."]:
         """T_s + eta times the throttling rise of the inflow; plain T_s where no heat is kept."""
         c = self.conditions
         if self.heat_retention is None:
@@ -71,7 +71,7 @@ class _PortFlows(eqx.Module):
         rise = throttling_rise(self.oil, supply_drop, c.supply_pressure - 0.5 * supply_drop, c.temperature)
         return c.temperature + self.heat_retention * rise
 
-    def outflow(self, drop: Float[Array, "2 rows"], temperature: Float[Array, "..."]) -> Float[Array, "2 rows"]:
+    def outflow(self, drop: Float[Array, "..."], temperature: Float[Array, "..."]) -> Float[Array, "..."]:
         c = self.conditions
         _, opening = openings(self.edges, c)
         oil = at_temperature(self.oil, temperature)
