@@ -1,0 +1,67 @@
+"""Which bench unit a quantity is shown in, and how many of its digits mean something. No units library here."""
+
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class DisplayUnit:
+    """shown value = factor * SI value"""
+
+    label: str
+    factor: float
+
+
+# A change of the SI unit on the left gives one of the bench unit on the right; what is not here is shown in SI.
+_OF_SI = {
+    "m": DisplayUnit("um", 1e6),
+    "m/K": DisplayUnit("um/K", 1e6),
+    "m/Pa": DisplayUnit("um/bar", 1e11),
+    "Pa": DisplayUnit("bar", 1e-5),
+    "m^3/s": DisplayUnit("l/min", 6e4),
+    "m3/s": DisplayUnit("l/min", 6e4),
+    "dimensionless": DisplayUnit("-", 1.0),
+}
+_OF_READING = {
+    "leakage_flow": _OF_SI["m^3/s"],
+    "flow": _OF_SI["m^3/s"],
+    "load_pressure": _OF_SI["Pa"],
+    "pressure_a": _OF_SI["Pa"],
+    "pressure_b": _OF_SI["Pa"],
+}
+
+
+def display_unit(si_unit: str) -> DisplayUnit:
+    """The bench unit for a parameter's SI unit (pint spelling)."""
+    return _OF_SI.get(si_unit.replace(" ", "").replace("**", "^"), DisplayUnit(si_unit, 1.0))
+
+
+def reading_unit(channel: str) -> DisplayUnit:
+    """The bench unit of a test's reading: l/min for flows, bar for pressures."""
+    return _OF_READING.get(channel, DisplayUnit("SI", 1.0))
+
+
+def decimals_for(std: float) -> int:
+    """Decimals that show an uncertainty with two significant digits, at most eight."""
+    if not (math.isfinite(std) and std > 0.0):
+        return 3
+    return min(8, max(0, 1 - math.floor(math.log10(std))))
+
+
+def significant(value: float, digits: int = 4) -> str:
+    """A number to so many significant digits, as short as that allows; exponents only where they save space."""
+    if not math.isfinite(value):
+        return str(value)
+    if value == 0.0:
+        return "0"
+    size = math.floor(math.log10(abs(value)))
+    if -4 <= size < 7:
+        return f"{value:.{max(0, digits - 1 - size)}f}"
+    return f"{value:.{digits - 1}e}"
+
+
+def beside(value: float, std: float | None) -> str:
+    """A value to the decimals that its uncertainty allows; four significant digits where there is none."""
+    if std is None or not math.isfinite(std) or std <= 0.0 or not 1e-7 < std < 1e7:
+        return significant(value)
+    return f"{value:.{decimals_for(std)}f}"

@@ -1,0 +1,52 @@
+"""How a command ends: what its user reads and the exit status, for every failure. No tracebacks unless asked for."""
+
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import typer
+
+from .errors import BenchInputError, one_line
+
+
+FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130
+LONGEST_REASON = 300
+DEBUG = "THERMOHYD_DEBUG"
+
+
+@contextmanager
+def plain_failures() -> Iterator[None]:
+    """Turn whatever a command raises into one line on stderr and an exit status."""
+    try:
+        yield
+    except typer.Exit:
+        raise
+    except BenchInputError as error:
+        _end(str(error), BAD_INPUT)
+    except KeyboardInterrupt:
+        _end("interrupted; nothing was written", INTERRUPTED)
+    except BrokenPipeError:
+        # the reader of our output has gone (`thermohyd ... | head`): stop quietly, also at Python's own flush
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        raise typer.Exit(FAILED) from None
+    except OSError as error:
+        _end(f"{error.strerror or error}{f': {error.filename}' if error.filename else ''}", FAILED)
+    except MemoryError:
+        _end("not enough memory for this record", FAILED)
+    except Exception as error:
+        lines = str(error).strip().splitlines() or [""]
+        reason = f"{type(error).__name__}: {lines[0]}".rstrip(": ")
+        _end(f"the computation failed: {reason} (set {DEBUG}=1 for the whole story)", FAILED)
+
+
+def fail(message: str) -> None:
+    """End a command whose computation failed, after it has written what it could."""
+    _end(message, FAILED)
+
+
+def _end(message: str, status: int) -> None:
+    if os.environ.get(DEBUG) and sys.exc_info()[0] is not None:
+        raise
+    typer.echo(f"thermohyd: {one_line(message)[:LONGEST_REASON]}", err=True)
+    raise typer.Exit(status) from None

@@ -1,0 +1,25 @@
+"""Every file that `fit --out` writes, as bytes and text in memory: whole before the first one is written."""
+
+from importlib.metadata import version
+
+from .fit_json import fit_json, json_text
+from .fit_result import FitResult
+from .html_report import html_report
+from .model_file import model_json
+from .plot_style import png, style, svg
+from .plots import parameter_figure, test_figures
+
+
+def fit_files(result: FitResult) -> dict[str, bytes | str]:
+    """{file name: content}: fit.json, model.json, report.html, and a PNG and an SVG per test and for the parameters."""
+    figures = {**test_figures(result)}
+    if result.free:
+        figures["parameters"] = parameter_figure(result)
+    with style():
+        vectors = {name: svg(figure) for name, figure in figures.items()}
+        files: dict[str, bytes | str] = {f"{name}.svg": drawing for name, drawing in vectors.items()}
+        files |= {f"{name}.png": png(figure) for name, figure in figures.items()}
+    files["fit.json"] = json_text(fit_json(result))
+    files["model.json"] = json_text(model_json(result))
+    files["report.html"] = html_report(result, vectors, version("thermohyd"))
+    return files

@@ -1,0 +1,98 @@
+"""How every figure of the project looks: sizes, colours and markers in one place. No pyplot: no global state."""
+
+import io
+from collections.abc import Sequence
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+
+
+PNG_DPI = 130
+MARKERS = ("o", "s", "D", "^", "v", "P", "X")
+INK, GRID, FAINT = "#222222", "#e3e3e3", "#8a8a8a"
+MOST_GROUPS = len(MARKERS)
+
+# Held only while a figure is made and written, never set globally. A fixed salt makes the same SVG from the same data.
+STYLE = {
+    "font.size": 9.0,
+    "axes.titlesize": 10.0,
+    "axes.labelsize": 9.0,
+    "axes.edgecolor": FAINT,
+    "axes.labelcolor": INK,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": GRID,
+    "grid.linewidth": 0.6,
+    "lines.linewidth": 1.1,
+    "text.color": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "legend.frameon": False,
+    "legend.fontsize": 8.0,
+    "savefig.facecolor": "white",
+    "svg.fonttype": "path",
+    "svg.hashsalt": "thermohyd",
+}
+
+
+def style() -> mpl.RcParams | object:
+    """A context manager: the house style while it lasts."""
+    return mpl.rc_context(STYLE)
+
+
+def temperature_colours(count: int) -> list[tuple[float, ...]]:
+    """Colours from cold to hot on a perceptually even map that survives grey printing, without its palest end."""
+    if count == 1:
+        return [tuple(mpl.colormaps["plasma"](0.2))]
+    return [tuple(mpl.colormaps["plasma"](f)) for f in np.linspace(0.05, 0.80, count)]
+
+
+def group(values: np.ndarray, closeness: float) -> tuple[np.ndarray, list[float]]:
+    """Sort conditions into a few groups: (index of each value's group, mean of each group).
+
+    Values whose neighbours lie within `closeness` share a group; where that leaves too many, equal ranges do.
+    """
+    order = np.sort(values)
+    edges = (0.5 * (order[1:] + order[:-1]))[np.diff(order) > closeness]
+    if len(edges) >= MOST_GROUPS:
+        edges = np.linspace(order[0], order[-1], MOST_GROUPS + 1)[1:-1]
+    index = np.searchsorted(edges, values)
+    used = np.unique(index)
+    return np.searchsorted(used, index), [float(values[index == i].mean()) for i in used]
+
+
+def png(figure: Figure) -> bytes:
+    """The figure as PNG."""
+    buffer = io.BytesIO()
+    FigureCanvasAgg(figure).print_png(buffer, metadata={"Software": "thermohyd"})
+    return buffer.getvalue()
+
+
+def svg(figure: Figure) -> bytes:
+    """The figure as SVG, with text as paths and no date, so that it looks and compares the same everywhere."""
+    buffer = io.BytesIO()
+    FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None, "Creator": "thermohyd"})
+    return buffer.getvalue()
+
+
+def label_axes(axes: Axes, x: str, y: str) -> None:
+    """Both labels at once; empty ones are left out."""
+    if x:
+        axes.set_xlabel(x)
+    if y:
+        axes.set_ylabel(y)
+
+
+def outer_limits(values: Sequence[np.ndarray]) -> tuple[float, float]:
+    """Limits that hold all finite values with a little air."""
+    flat = np.concatenate([np.ravel(v) for v in values])
+    flat = flat[np.isfinite(flat)]
+    low, high = (float(flat.min()), float(flat.max())) if flat.size else (0.0, 1.0)
+    air = 0.05 * (high - low) or 1.0
+    return low - air, high + air

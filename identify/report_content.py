@@ -1,0 +1,213 @@
+"""What a fit's report says, as plain words and rows of text: the terminal and the page both show exactly this."""
+
+import math
+from dataclasses import dataclass
+
+from scipy.special import chdtri
+
+from .display_units import DisplayUnit, beside, decimals_for, display_unit, reading_unit, significant
+from .fit_result import FitResult, ParameterEstimate
+
+
+CORRELATION_THRESHOLD = 0.3
+MOST_CORRELATIONS = 8
+
+
+@dataclass(frozen=True)
+class ParameterRow:
+    """One line of the parameter table, in bench units; empty where there is nothing to say."""
+
+    name: str
+    value: str
+    unit: str
+    std: str
+    relative: str
+    interval: str
+    start: str
+    status: str
+    alarming: bool
+
+
+@dataclass(frozen=True)
+class TestRow:
+    """One line of the table of readings, in bench units."""
+
+    __test__ = False  # not a pytest class
+
+    test: str
+    reading: str
+    unit: str
+    points: str
+    rms: str
+    noise: str
+    reduced_chi2: str
+    effective: str
+
+
+def shout(result: FitResult) -> str:
+    """The sentence that must not be overlooked where a fit did not converge; empty where it did."""
+    if result.converged:
+        return ""
+    reason = f": {result.message}" if result.message else ""
+    return f"THE FIT DID NOT CONVERGE{reason}. Do not use these values or their error bars."
+
+
+def chi2_band(degrees_of_freedom: float) -> tuple[float, float]:
+    """Where the reduced chi-square of an exact model lies with 95 % probability."""
+    if not degrees_of_freedom > 0.0:
+        return math.nan, math.nan
+    low, high = chdtri(degrees_of_freedom, 0.975), chdtri(degrees_of_freedom, 0.025)
+    return float(low / degrees_of_freedom), float(high / degrees_of_freedom)
+
+
+def statistics(result: FitResult) -> list[tuple[str, str]]:
+    """(label, text) of the figures that stand for the whole fit."""
+    low, high = chi2_band(result.degrees_of_freedom)
+    held = sum(estimate.fixed for estimate in result.parameters.values())
+    return [
+        ("rows logged", f"{result.rows:,}"),
+        ("readings used", f"{result.points:,}"),
+        ("parameters", f"{len(result.parameters) - held} fitted, {held} held fixed"),
+        ("degrees of freedom", f"{result.degrees_of_freedom:,.0f}"),
+        ("chi-square", significant(result.chi2, 5)),
+        (
+            "reduced chi-square",
+            f"{significant(result.reduced_chi2, 3)}  (an exact model: {low:.2f} to {high:.2f} in 95 % of records)",
+        ),
+        ("time", f"{result.seconds:.2f} s"),
+    ]
+
+
+def test_rows(result: FitResult) -> list[TestRow]:
+    """One row per channel of each test."""
+    rows = []
+    for fit in result.channels:
+        unit = reading_unit(fit.channel)
+        noise = fit.noise * unit.factor
+        digits = decimals_for(noise) + 1
+        rows.append(
+            TestRow(
+                test=fit.test,
+                reading=fit.channel,
+                unit=unit.label,
+                points=f"{len(fit.measured):,}",
+                rms=f"{fit.residual_rms * unit.factor:.{digits}f}",
+                noise=f"{noise:.{digits}f}",
+                reduced_chi2=significant(fit.reduced_chi2, 3),
+                effective=f"{fit.effective_size:,.0f}",
+            )
+        )
+    return rows
+
+
+def noise_sources(result: FitResult) -> list[str]:
+    """Where each channel's noise came from, one sentence for each."""
+    return [f"{fit.test}, {fit.channel}: {fit.noise_source}" for fit in result.channels if fit.noise_source]
+
+
+def status_of(estimate: ParameterEstimate) -> str:
+    """A word or two that a table can hold; the whole reason is in `parameter_remarks`."""
+    if estimate.fixed:
+        return "fixed"
+    if estimate.at_bound:
+        return "AT BOUND"
+    words = ["prior"] if estimate.prior_std is not None else []
+    if estimate.std is None:
+        words.append("NO ERROR")
+    return ", ".join(words)
+
+
+def parameter_rows(result: FitResult) -> list[ParameterRow]:
+    """One row per parameter in bench units, each to the digits that its error bar allows."""
+    rows = []
+    for estimate in result.parameters.values():
+        unit = display_unit(estimate.unit)
+        value, start = estimate.value * unit.factor, estimate.start * unit.factor
+        std = None if estimate.std is None else estimate.std * unit.factor
+        relative = "" if std is None or value == 0.0 else f"{abs(100.0 * std / value):.2g} %"
+        interval = ""
+        if estimate.ci95 is not None:
+            low, high = (bound * unit.factor for bound in estimate.ci95)
+            interval = f"{beside(low, std)} to {beside(high, std)}"
+        rows.append(
+            ParameterRow(
+                name=estimate.name,
+                value=beside(value, std),
+                unit=unit.label,
+                std="" if std is None else beside(std, std),
+                relative=relative,
+                interval=interval,
+                start=f"{start:.4g}",
+                status=status_of(estimate),
+                alarming=not estimate.fixed and (estimate.at_bound or std is None),
+            )
+        )
+    return rows
+
+
+def parameter_remarks(result: FitResult) -> list[str]:
+    """Why a fitted parameter has no error bar or stands at its bound, and what prior was put on it."""
+    remarks = []
+    for estimate in result.parameters.values():
+        unit = display_unit(estimate.unit)
+        if estimate.at_bound:
+            nearer_lower = abs(estimate.value - estimate.lower) <= abs(estimate.upper - estimate.value)
+            side, bound = ("LOWER", estimate.lower) if nearer_lower else ("UPPER", estimate.upper)
+            remarks.append(
+                f"{estimate.name} is AT ITS {side} BOUND of {_with_unit(bound, unit)}"
+                + (f": {estimate.why_no_error_bar}" if estimate.why_no_error_bar else "")
+            )
+        elif estimate.std is None and not estimate.fixed:
+            remarks.append(f"{estimate.name} has no error bar: {estimate.why_no_error_bar or 'no reason is known'}")
+        if estimate.prior_std is not None and not estimate.fixed:
+            width = _with_unit(estimate.prior_std, unit)
+            remarks.append(f"{estimate.name} carries a prior: {estimate.start * unit.factor:.4g} +/- {width}")
+    return remarks
+
+
+def _with_unit(value: float, unit: DisplayUnit) -> str:
+    shown = f"{value * unit.factor:.4g}"
+    return shown if unit.label == "-" else f"{shown} {unit.label}"
+
+
+def correlations(result: FitResult) -> list[tuple[str, str, float]]:
+    """Pairs of fitted parameters whose correlation exceeds the threshold, the strongest first."""
+    pairs = [
+        (a, b, float(result.correlation[i, j]))
+        for i, a in enumerate(result.free)
+        for j, b in enumerate(result.free)
+        if i < j and abs(result.correlation[i, j]) > CORRELATION_THRESHOLD
+    ]
+    return sorted(pairs, key=lambda pair: -abs(pair[2]))[:MOST_CORRELATIONS]
+
+
+def identifiability(result: FitResult) -> list[str]:
+    """How well the data tell the parameters apart, in sentences."""
+    found = result.identifiability
+    number = found.condition_number
+    if not math.isfinite(number) or number > 1e8:
+        opening = "The data leave at least one direction of the parameters undetermined."
+    else:
+        words = "well apart" if number < 30.0 else "apart with some trade-off" if number < 1000.0 else "barely apart"
+        opening = f"The data tell the parameters {words} (condition number {number:.0f}, scaled)."
+    return [opening, *found.weak_directions, *found.sentences]
+
+
+def multi_start(result: FitResult) -> list[str]:
+    """How many of the starts agree, and where the others went."""
+    if not result.starts:
+        return []
+    if len(result.starts) == 1:
+        return [f"One start, {result.starts[0].steps} steps."]
+    best = min((start.cost for start in result.starts if math.isfinite(start.cost)), default=math.nan)
+    # a chi-square within 0.1 % (or 0.1) of the best is the same minimum: far less than one standard error of anything
+    near = [start for start in result.starts if start.cost - best <= max(1e-3 * best, 0.1)]
+    count = len(result.starts)
+    sentences = [f"{len(near)} of {count} starts reached the same best chi-square of {significant(best, 5)}."]
+    others = [start for start in result.starts if not start.cost - best <= max(1e-3 * best, 0.1)]
+    for start in sorted(others, key=lambda start: start.cost)[:3]:
+        how = "another minimum" if start.converged else f"not converged ({start.message})"
+        sentences.append(f"One ended at {significant(start.cost, 5)} after {start.steps} steps: {how}.")
+    if len(others) > 3:
+        sentences.append(f"{len(others) - 3} more ended higher still.")
+    return sentences

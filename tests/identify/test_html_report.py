@@ -1,0 +1,68 @@
+"""`report.html`: one page that needs no network, says what the terminal says, and escapes what users write."""
+
+import re
+from html.parser import HTMLParser
+
+from helpers.fake_fit import fake_fit
+
+from thermohyd.identify.html_report import html_report
+
+
+SVG = b"<svg xmlns='http://www.w3.org/2000/svg'/>"
+
+
+class Tags(HTMLParser):
+    def __init__(self, page: str):
+        super().__init__()
+        self.opened: list[tuple[str, dict]] = []
+        self.words: list[str] = []
+        self.feed(page)
+
+    def handle_starttag(self, tag, attrs):
+        self.opened.append((tag, dict(attrs)))
+
+    def handle_data(self, data):
+        self.words.append(data)
+
+
+def test_needs_no_network():
+    page = html_report(fake_fit(), {"leakage": SVG}, "0.1.0")
+    for tag, attributes in Tags(page).opened:
+        assert tag not in ("script", "link", "iframe")
+        for name in ("src", "href"):
+            assert attributes.get(name, "data:").startswith("data:")
+    assert "url(" not in page
+    assert "@import" not in page
+
+
+def test_says_what_the_terminal_says():
+    words = re.sub(r"\s+", " ", " ".join(Tags(html_report(fake_fit(), {}, "0.1.0")).words))
+    for expected in (
+        "14.93",
+        "14.70 to 15.16",
+        "AT BOUND",
+        "AT ITS LOWER BOUND",
+        "The ideal valve describes this record",
+        "edge_radius and underlap trade off",
+        "1.17 (an exact model",
+        "scatter of the rows within each bin",
+        "3 of 5 starts",
+        "50,000 rows became 480 points",
+    ):
+        assert expected in words
+
+
+def test_user_text_is_escaped():
+    page = html_report(
+        fake_fit(name="<script>alert(1)</script> & co", notes=("a <b>note</b>",)), {'x"><i>': SVG}, "0.1.0"
+    )
+    tags = [tag for tag, _ in Tags(page).opened]
+    assert "script" not in tags
+    assert "i" not in tags
+    assert "b" not in tags
+    assert "&lt;script&gt;" in page
+
+
+def test_a_fit_that_did_not_converge_shouts():
+    assert 'role="alert">THE FIT DID NOT CONVERGE' in html_report(fake_fit(converged=False), {}, "0.1.0")
+    assert 'role="alert"' not in html_report(fake_fit(), {}, "0.1.0")
