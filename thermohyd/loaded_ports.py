@@ -61,15 +61,23 @@ def loaded_ports(
         if heat_retention is None:
             cold = jnp.broadcast_to(c.temperature, pressure.shape)
             return Ports(pressure, cold, inflow(None), outflow(None))
-        rise = throttling_rise(oil, _positive(supply_drop), supply_mean, c.temperature)
-        own = c.temperature + heat_retention * rise  # of a port that only the supply feeds
-        surplus = inflow(own) - outflow(own)
-        sends = surplus > 0.0
-        # The receiving port mixes what the supply brings with what the load brings from the other port.
-        brought = _positive(jnp.flip(surplus, axis=0))
-        fed = _positive(inflow(own))
-        mixed = (fed * own + brought * jnp.flip(own, axis=0)) / (fed + brought)
-        warm = jnp.where(sends, own, mixed)
+        from_supply = c.temperature + heat_retention * throttling_rise(
+            oil, _positive(supply_drop), supply_mean, c.temperature
+        )
+        from_return = c.temperature + heat_retention * throttling_rise(
+            oil, _positive(-return_drop), return_mean, c.temperature
+        )
+        fed, back = _positive(inflow(None)), _positive(-outflow(None))
+
+        def mixed(brought: Float[Array, "..."], other: Float[Array, "..."]) -> Float[Array, "2 rows"]:
+            total = fed + back + brought
+            mean = (fed * from_supply + back * from_return + brought * other) / jnp.where(total > 0.0, total, 1.0)
+            return jnp.where(total > 0.0, mean, c.temperature)
+
+        # What one port has to spare goes through the load to the other, at the temperature it had there.
+        own = mixed(jnp.zeros(()), jnp.zeros(()))
+        spare = _positive(inflow(own) - outflow(own))
+        warm = mixed(jnp.flip(spare, axis=0), jnp.flip(own, axis=0))
         return Ports(pressure, warm, inflow(warm), outflow(warm))
 
     def log_ratio(q: Float[Array, " rows"]) -> Float[Array, " rows"]:
