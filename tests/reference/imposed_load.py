@@ -13,6 +13,8 @@ from .valve import Plant
 
 
 TEMPERATURE_SCALE = 10.0  # K, of a temperature equation's imbalance
+HOTTEST = 100.0  # K above the supply, beyond which a port only circulates its own oil
+SUBSTITUTIONS = 5
 
 
 def imposed(plant: Plant, load: np.ndarray, mean: np.ndarray, t_a, t_b, ps, pt) -> PortState:
@@ -60,18 +62,29 @@ def imposed(plant: Plant, load: np.ndarray, mean: np.ndarray, t_a, t_b, ps, pt) 
 
 
 def solve_imposed(plant: Plant, load: np.ndarray) -> PortState:
-    """The balanced state under an imposed load pressure [Pa] per row, lines, heat and cross flow included."""
+    """The balanced state under an imposed load pressure [Pa] per row, lines, heat and cross flow included.
+
+    Raises ArithmeticError where oil that only circulates between the ports heats up without a limit (overlapped edges,
+    eta near 1 and cross flow: the load returns what crossed over, and nothing cools it), or where the solve fails.
+    """
     ts, span = plant.ts, plant.ps - plant.pt
 
-    def isothermal(mean: np.ndarray) -> np.ndarray:
-        return imposed(plant, load, mean, ts, ts, plant.ps, plant.pt).imbalance[0]
+    def at_gauges(mean: np.ndarray) -> PortState:
+        return imposed(plant, load, mean, t_a, t_b, plant.ps, plant.pt)
 
     # At these ends both ports are below the return, or above the supply: every flow goes one way.
     low, high = plant.pt - 0.5 * np.abs(load), plant.ps + 0.5 * np.abs(load)
-    mean = bracketed_newton(isothermal, low, high, 0.5 * (plant.ps + plant.pt))
     heat, lines = bool(np.any(plant.effects.throttle_heating)), has_lines(plant)
+    # Temperatures by substitution to start with: far from the balance Newton has no sense of which way they go.
+    mean, t_a, t_b = 0.5 * (low + high), ts, ts
+    for _ in range(SUBSTITUTIONS if heat else 1):
+        mean = bracketed_newton(lambda m: at_gauges(m).imbalance[0], low, high, mean)
+        state = at_gauges(mean)
+        if heat:
+            t_a = np.minimum(t_a - TEMPERATURE_SCALE * state.imbalance[1], ts + HOTTEST)
+            t_b = np.minimum(t_b - TEMPERATURE_SCALE * state.imbalance[2], ts + HOTTEST)
     if not heat and not lines:
-        return imposed(plant, load, mean, ts, ts, plant.ps, plant.pt)
+        return at_gauges(mean)
 
     def state_of(z: np.ndarray) -> PortState:
         t_a, t_b = (ts + TEMPERATURE_SCALE * z[1], ts + TEMPERATURE_SCALE * z[2]) if heat else (ts, ts)
@@ -87,11 +100,15 @@ def solve_imposed(plant: Plant, load: np.ndarray) -> PortState:
         return np.array(rows)
 
     def admissible(z: np.ndarray) -> np.ndarray:
-        ok = np.all(np.isfinite(z), axis=0)
+        p = plant.pt + z[0] * span
+        ok = (p >= low) & (p <= high)
         if heat:
-            ok &= np.all(np.abs(z[1:3]) < 10.0, axis=0)
+            ok &= np.all(np.abs(z[1:3]) < HOTTEST / TEMPERATURE_SCALE, axis=0)
         return ok & (z[-2] + z[-1] < 0.999) if lines else ok
 
     unknowns = 1 + (2 if heat else 0) + (2 if lines else 0)
-    start = np.vstack([(mean - plant.pt) / span, np.zeros((unknowns - 1, mean.size))])
+    start = np.zeros((unknowns, mean.size))
+    start[0] = (mean - plant.pt) / span
+    if heat:
+        start[1], start[2] = (t_a - ts) / TEMPERATURE_SCALE, (t_b - ts) / TEMPERATURE_SCALE
     return state_of(damped_newton(residual, start, admissible))

@@ -60,7 +60,7 @@ def damped_newton(
             h = np.zeros_like(z)
             h[j] = 1e-6 * np.maximum(1.0, np.abs(z[j]))
             jacobian[:, :, j] = ((f(z + h) - f(z - h)) / (2.0 * h[j])).T
-        step = -np.linalg.solve(jacobian, value.T[:, :, None])[:, :, 0].T
+        step = -(np.linalg.pinv(jacobian) @ value.T[:, :, None])[:, :, 0].T
         step *= np.minimum(1.0, 3.0 / np.maximum(np.abs(step).max(axis=0), 1e-300))
         best = np.abs(value).max(axis=0)
         factor = np.ones(z.shape[1])
