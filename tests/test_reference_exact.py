@@ -32,10 +32,10 @@ def incompressible(oil: Oil) -> Oil:
     return replace(oil, bulk_modulus=1e30)
 
 
-def rows_at(x, temperature: float, supply=SUPPLY, load=None) -> Rows:
+def rows_at(x, temperature: float, supply: float | np.floating = SUPPLY) -> Rows:
     x = np.atleast_1d(np.asarray(x, dtype=float))
     full = lambda v: np.full(x.shape, v)
-    return Rows(x, full(supply), full(0.0), full(temperature), load_pressure=load)
+    return Rows(x, full(supply), full(0.0), full(temperature))
 
 
 @pytest.mark.parametrize("cst", INDEPENDENT)
@@ -90,7 +90,7 @@ def test_null_leakage_over_viscosity_collapses_to_one_curve():
     for t in (273.15, 303.15, 343.15):
         nu, rho = oil.nu0(t), oil.rho(0.0, t)
         supply = 2.0 * rho * (0.8 * nu / (10 * UM)) ** 2
-        flow = static_tests.leakage(v, oil, rows_at(np.linspace(-14, 14, 9) * UM, t, supply))["leakage_flow"]
+        flow = static_tests.leakage(v, oil, rows_at(np.linspace(-14, 14, 9) * UM, t, float(supply)))["leakage_flow"]
         numbers.append(flow / (v.slot_width * nu))
     np.testing.assert_allclose(numbers[1:], [numbers[0]] * 2, rtol=1e-12)
 
