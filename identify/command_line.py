@@ -29,12 +29,13 @@ Out = Annotated[
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON on stdout, and nothing else there.")]
 
 
-def _print_version(wanted: bool) -> None:
+def _print_version(wanted: bool) -> bool:
     if wanted:
         from importlib.metadata import version
 
         typer.echo(f"thermohyd {version('thermohyd')}")
         raise typer.Exit
+    return wanted
 
 
 @app.callback()
@@ -161,4 +162,4 @@ def _set_up_jax() -> None:
 
 def main() -> None:
     """Entry point of the `thermohyd` command."""
-    app()
+    app(prog_name="thermohyd")

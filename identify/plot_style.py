@@ -2,12 +2,15 @@
 
 import io
 from collections.abc import Sequence
+from contextlib import AbstractContextManager
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
 
@@ -17,7 +20,7 @@ INK, GRID, FAINT = "#222222", "#e3e3e3", "#8a8a8a"
 MOST_GROUPS = len(MARKERS)
 
 # Held only while a figure is made and written, never set globally. A fixed salt makes the same SVG from the same data.
-STYLE = {
+STYLE: dict[Any, Any] = {
     "font.size": 9.0,
     "axes.titlesize": 10.0,
     "axes.labelsize": 9.0,
@@ -41,16 +44,15 @@ STYLE = {
 }
 
 
-def style() -> mpl.RcParams | object:
+def style() -> AbstractContextManager[None]:
     """A context manager: the house style while it lasts."""
     return mpl.rc_context(STYLE)
 
 
-def temperature_colours(count: int) -> list[tuple[float, ...]]:
+def temperature_colours(count: int) -> list[str]:
     """Colours from cold to hot on a perceptually even map that survives grey printing, without its palest end."""
-    if count == 1:
-        return [tuple(mpl.colormaps["plasma"](0.2))]
-    return [tuple(mpl.colormaps["plasma"](f)) for f in np.linspace(0.05, 0.80, count)]
+    places = np.linspace(0.05, 0.80, count) if count > 1 else [0.2]
+    return [to_hex(mpl.colormaps["plasma"](float(place))) for place in places]
 
 
 def group(values: np.ndarray, closeness: float) -> tuple[np.ndarray, list[float]]:

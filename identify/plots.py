@@ -40,7 +40,7 @@ class _Sweep:
     predicted: np.ndarray
     band: np.ndarray
     residual: np.ndarray
-    colour: tuple[float, ...]
+    colour: str
     marker: str
     upward: bool
 

@@ -1,0 +1,63 @@
+# `make demo` for a first look, `make test` before every commit. Both make .venv and install there what they need.
+
+# A python3 of 3.11 or newer; say `make PYTHON=/path/to/python3.12 demo` for another.
+PYTHON ?= $(shell for p in python3 python3.13 python3.12 python3.11; do \
+	$$p -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && { echo $$p; break; }; done)
+VENV := .venv
+BIN := $(VENV)/bin
+SOURCES := pyproject.toml constraints.txt README.md LICENSE \
+	$(shell find thermohyd identify data -type f ! -path '*/__pycache__/*')
+INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
+
+.PHONY: help demo test lint typecheck pytest bench clean
+help:
+	@echo "make demo    fit the sample record and write demo-report/report.html"
+	@echo "make test    ruff, pyright and pytest against the installed package"
+	@echo "make bench   the benchmarks, each with its peer"
+	@echo "make clean   remove what was built (not $(VENV))"
+
+demo: $(VENV)/.installed
+	$(BIN)/thermohyd fit data/seed_valve --out demo-report
+	@echo "The report is in demo-report/report.html: open it in a browser."
+
+test: lint typecheck pytest
+
+lint: $(VENV)/.installed-dev
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+
+# The source tree has identify/ and data/ beside thermohyd/, the installed package has them inside. Pyright reads a copy
+# of the installed package, where imports mean what they mean to a user; file names are turned back for the reader.
+typecheck: $(VENV)/.installed-dev
+	@rm -rf build/typecheck && mkdir -p build/typecheck
+	@cp -RL "$$($(BIN)/python -P -c 'import os, thermohyd; print(os.path.dirname(thermohyd.__file__))')" \
+		tests benchmarks pyproject.toml build/typecheck/
+	@set -o pipefail; cd build/typecheck && ../../$(BIN)/pyright --pythonpath ../../$(BIN)/python \
+		| sed -e 's|$(CURDIR)/build/typecheck/||' -e 's,thermohyd/\(identify\|data\)/,\1/,'
+
+pytest: $(VENV)/.installed-dev
+	$(BIN)/pytest
+
+bench: $(VENV)/.installed-dev
+	@for script in benchmarks/[a-z]*.py; do echo "== $$script"; $(BIN)/python $$script || exit 1; done
+
+clean:
+	rm -rf build dist *.egg-info demo-report .pytest_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -not -path './$(VENV)/*' -exec rm -rf {} +
+
+$(BIN)/python:
+	@test -n "$(PYTHON)" || { echo "thermohyd needs Python 3.11 or newer: make PYTHON=/path/to/python3.11 ..."; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+
+# Old build folders would put deleted modules into the wheel, and an old package folder may be links into this tree.
+$(VENV)/.installed: $(SOURCES) | $(BIN)/python
+	@rm -rf build *.egg-info $(VENV)/lib/python3*/site-packages/thermohyd
+	$(INSTALL) .
+	@rm -rf build *.egg-info && touch $@
+
+$(VENV)/.installed-dev: $(SOURCES) | $(BIN)/python
+	@rm -rf build *.egg-info $(VENV)/lib/python3*/site-packages/thermohyd
+	$(INSTALL) '.[dev]'
+	@rm -rf build *.egg-info && touch $@ $(VENV)/.installed
+
+SHELL := /bin/bash

@@ -1,0 +1,88 @@
+"""Imports run one way: oil -> edge -> valve -> static tests -> identify -> command line."""
+
+import ast
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+
+CHAIN = ("thermohyd.oil", "thermohyd.edge", "thermohyd.valve", "thermohyd.static_tests", "thermohyd.identify.fit")
+TOP = "thermohyd.identify.command_line"
+
+
+@cache
+def modules() -> dict[str, Path]:
+    """{dotted name: file} of the installed package, without the `__init__` files: those only re-export."""
+    found = {}
+    for package in ("thermohyd", "thermohyd.identify"):
+        folder = Path(str(import_module(package).__file__)).parent
+        found |= {f"{package}.{file.stem}": file for file in sorted(folder.glob("*.py")) if file.stem != "__init__"}
+    return found
+
+
+@cache
+def imports(name: str) -> frozenset[str]:
+    """Dotted names of everything that a module imports, inside functions too."""
+    found = set()
+    for node in ast.walk(ast.parse(modules()[name].read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            parents = name.split(".")[: -node.level] if node.level else []
+            base = ".".join([*parents, *([node.module] if node.module else [])])
+            found |= {f"{base}.{alias.name}" if f"{base}.{alias.name}" in modules() else base for alias in node.names}
+    return frozenset(found)
+
+
+@cache
+def reachable(name: str) -> frozenset[str]:
+    """Every module of the project that a module leads to, itself left out unless it stands in a circle."""
+    seen: set[str] = set()
+    open_ = [m for m in imports(name) if m in modules()]
+    while open_:
+        module = open_.pop()
+        if module not in seen:
+            seen.add(module)
+            open_ += [m for m in imports(module) if m in modules()]
+    return frozenset(seen)
+
+
+@pytest.mark.parametrize("name", modules())
+def test_no_circles(name):
+    assert name not in reachable(name)
+
+
+@pytest.mark.parametrize("level", range(len(CHAIN)))
+def test_lower_never_leads_to_higher(level):
+    assert not reachable(CHAIN[level]) & set(CHAIN[level + 1 :])
+
+
+def test_the_chain_is_connected():
+    assert set(CHAIN[:-1]) <= reachable(CHAIN[-1])
+
+
+@pytest.mark.parametrize("name", [name for name in modules() if not name.startswith("thermohyd.identify.")])
+def test_simulator_knows_nothing_of_benches(name):
+    outside = {"pandas", "pint", "matplotlib", "rich", "typer", "jinja2", "platformdirs"}
+    assert not {module.split(".")[0] for module in imports(name)} & outside
+    assert not any(module.startswith(("thermohyd.identify", "thermohyd.data")) for module in imports(name))
+
+
+@pytest.mark.parametrize("name", [name for name in modules() if name != TOP])
+def test_nothing_imports_the_command_line(name):
+    assert TOP not in imports(name)
+
+
+@pytest.mark.parametrize("name", modules())
+def test_siblings_are_imported_where_they_live(name):
+    assert "thermohyd" not in imports(name), "import from the module that defines the name, not from the package"
+
+
+def test_reference_never_imports_what_it_checks():
+    for file in sorted((Path(__file__).parent / "reference").glob("*.py")):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            names += [node.module or ""] if isinstance(node, ast.ImportFrom) and not node.level else []
+            assert not any(module.split(".")[0] in ("thermohyd", "jax") for module in names), file.name
