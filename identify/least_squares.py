@@ -20,7 +20,7 @@ from .trust_region import BoxedLevenbergMarquardt
 Residual = Callable[[jax.Array, Any], jax.Array]
 
 # Relative offset (Bates and Watts 1981): distance from the optimum in units of the parameters' own standard errors.
-STOP_AT = 1e-6
+STOP_AT = 1e-7
 BELIEVE_BELOW = 1e-3  # their criterion: an optimum missed by a thousandth of its standard error
 # A column that shrank by this much between its largest and its last value: the search left the region where it acts.
 VANISHED = 1e-7
@@ -71,7 +71,7 @@ def solve(
     start: Sequence[float] | np.ndarray | None = None,
     *,
     tolerance: float = STOP_AT,
-    max_steps: int = 200,
+    max_steps: int = 500,
 ) -> LeastSquaresResult:
     """Minimise sum(residual(p, args)**2) over the box, from `start` (n,) or the boxes' own starts.
 
@@ -92,6 +92,8 @@ def solve(
     cost = float(np.sum(values**2))
     jacobian = (columns / slope[:, None]).T
     message = trouble or f"converged in {steps} steps"
+    if not trouble and offset > BELIEVE_BELOW:
+        message += "; the model meets the readings to rounding, so their scatter says nothing about errors"
     return LeastSquaresResult(p, z, cost, values, jacobian, active, not trouble, message, steps, offset)
 
 

@@ -126,10 +126,12 @@ class BoxedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
     `options` holds the limits `lower` and `upper` (n,) and the relative offset `tolerance` at which to stop.
     """
 
-    rtol: float = 1e-10  # of z: for data that the model meets exactly, where the offset has no meaning
-    atol: float = 1e-10
+    rtol: float = 1e-12  # of z: for data that the model meets exactly, where the offset has no meaning
+    atol: float = 1e-12
     norm: Callable[[PyTree], Scalar] = optx.max_norm
-    first_radius: float = 10.0  # times |D z|
+    # Times |D z|. The low end of Moré's range: with 1 to 100 two of NIST's 54 starts run away from the optimum. Shrinking
+    # by a half and doubling likewise solved more of them, in fewer steps, than a quarter or fourfold.
+    first_radius: float = 0.1
 
     def init(self, fn: Any, y: Any, args: Any, options: Any, f_struct: Any, aux_struct: Any, tags: Any) -> State:
         n, m, kind = y.size, f_struct.size, y.dtype
@@ -177,7 +179,7 @@ class BoxedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         moved = jnp.sqrt(jnp.sum((used * (state.trial - y)) ** 2))
         reach = jnp.sqrt(jnp.sum((used * z) ** 2))
         start_radius = self.first_radius * jnp.where(reach > 0.0, reach, 1.0)
-        radius = jnp.where(ratio < 0.25, 0.25 * jnp.minimum(moved, state.radius), state.radius)
+        radius = jnp.where(ratio < 0.25, 0.5 * jnp.minimum(moved, state.radius), state.radius)
         radius = jnp.where(ratio > 0.75, jnp.maximum(2.0 * moved, state.radius), radius)
         radius = jnp.where(state.first, start_radius, radius)
 
@@ -186,8 +188,8 @@ class BoxedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         held = ((z <= lower) & (gradient >= 0.0)) | ((z >= upper) & (gradient <= 0.0))
         offset, newton = offset_and_step(at, held, used)
         small = jnp.all(jnp.abs(newton) <= self.atol + self.rtol * jnp.abs(z))
-        # Once the costs are blind an offset that no longer halves is all that rounding allows.
-        stuck = accept & blind & ~state.first & (offset > 0.5 * state.offset)
+        # Once the costs are blind, an offset that no longer falls is all that rounding allows.
+        stuck = accept & blind & ~state.first & (offset >= state.offset)
         lost = radius <= 1e-14 * reach
         step = boxed_step(z, at, used, radius, lower, upper, held)
         after = at.triangle @ step + at.projection
