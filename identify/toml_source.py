@@ -1,0 +1,148 @@
+"""A TOML file with the line of each key, which the standard parser does not keep: messages need it."""
+
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from .errors import BenchInputError, one_line, quoted, suggestion
+from .units import KINDS, UnitError, expected, parse_quantity
+
+
+LARGEST = 1_000_000  # bytes; a bench.toml is a page
+HEADER = re.compile(r"\s*\[\[?([^\]]*)\]")
+KEY = re.compile(r"""\s*((?:[\w-]+|"[^"]*"|'[^']*')(?:\s*\.\s*(?:[\w-]+|"[^"]*"|'[^']*'))*)\s*=""")
+
+
+class TomlSource:
+    """The parsed file (`root`) and where its keys stand. Raises BenchInputError where it is not TOML."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        try:
+            raw = path.read_bytes()
+        except (OSError, ValueError) as error:
+            reason = getattr(error, "strerror", None) or str(error)
+            raise BenchInputError(f"cannot be read ({reason})", file=path) from None
+        if len(raw) > LARGEST:
+            raise BenchInputError(f"is larger than {LARGEST:,} bytes: not a bench.toml", file=path)
+        try:
+            text = raw.decode("utf-8-sig")
+        except UnicodeDecodeError as error:
+            line = raw[: error.start].count(b"\n") + 1
+            raise BenchInputError("is not UTF-8 text; save the file as UTF-8", file=path, line=line) from None
+        self._lines = text.replace("\r\n", "\n").split("\n")
+        try:
+            self._root = tomllib.loads("\n".join(self._lines))
+        except RecursionError:
+            raise BenchInputError("is nested too deeply to be a bench.toml", file=path) from None
+        except ValueError as error:  # TOMLDecodeError is one; so is an integer of thousands of digits
+            where = re.search(r"\(at line (\d+), column (\d+)\)", str(error))
+            what = re.sub(r"\s*\(at .*\)$", "", str(error), flags=re.DOTALL)
+            line = int(where[1]) if where else len(self._lines)
+            raise BenchInputError(
+                f"is not valid TOML: {what[:1].lower()}{what[1:]}; texts and quantities are written in quotes",
+                file=path,
+                line=line,
+            ) from None
+
+    @property
+    def root(self) -> "TomlTable":
+        return TomlTable(self, (), self._root)
+
+    def line_of(self, path: tuple[str, ...]) -> int | None:
+        """Line of a key, or of the nearest table around it that has a line of its own."""
+        best, best_depth = None, 0
+        table: tuple[str, ...] = ()
+        for number, line in enumerate(self._lines, start=1):
+            if header := HEADER.match(line):
+                table = found = _split(header[1])
+            elif key := KEY.match(line):
+                found = table + _split(key[1])
+            else:
+                continue
+            if len(found) > best_depth and path[: len(found)] == found:
+                best, best_depth = number, len(found)
+        return best
+
+
+def _split(dotted: str) -> tuple[str, ...]:
+    return tuple(part.strip().strip("\"'") for part in dotted.split("."))
+
+
+class TomlTable:
+    """One table of the file: its values checked as they are taken, with messages that say where they stand."""
+
+    def __init__(self, source: TomlSource, path: tuple[str, ...], data: dict[str, Any]) -> None:
+        self.source = source
+        self.path = path
+        self.data = data
+
+    def __contains__(self, key: str) -> bool:
+        return key in self.data
+
+    def error(self, message: str, key: str | None = None) -> BenchInputError:
+        path = self.path if key is None else (*self.path, key)
+        if len(path) > 1 and (key is None or len(path) > 2):
+            name = f"[{'.'.join(path[:-1])}] {path[-1]}" if key is not None else f"[{'.'.join(path)}]"
+        else:
+            name = f"[{path[0]}] {path[1]}" if len(path) > 1 else f"[{path[0]}]" if path else None
+        return BenchInputError(message, file=self.source.path, line=self.source.line_of(path), key=name)
+
+    def table_error(self, key: str, message: str) -> BenchInputError:
+        """An error about a table inside this one, which may be missing."""
+        return TomlTable(self.source, (*self.path, key), {}).error(message)
+
+    def refuse_unknown(self, known: tuple[str, ...], what: str = "key") -> None:
+        for key in self.data:
+            if key not in known:
+                raise self.error(f"unknown {what} {quoted(key)}; {suggestion(key, known)}", key)
+
+    def table(self, key: str) -> "TomlTable | None":
+        """A table inside this one, or None where it is missing."""
+        if key not in self.data:
+            return None
+        value = self.data[key]
+        if not isinstance(value, dict):
+            name = ".".join((*self.path, key))
+            raise self.error(f"must be a table: [{name}] on a line of its own, then its keys", key)
+        return TomlTable(self.source, (*self.path, key), value)
+
+    def quantity(self, key: str, kind: str, *, full_scale: float | None = None, sign: str = "") -> float | None:
+        """A quantity in SI, None where the key is missing. `sign`: "" any, "positive", or "not negative"."""
+        if key not in self.data:
+            return None
+        return self.as_quantity(key, self.data[key], kind, full_scale=full_scale, sign=sign)
+
+    def as_quantity(
+        self, key: str, value: object, kind: str, *, full_scale: float | None = None, sign: str = ""
+    ) -> float:
+        """A value found under a key (itself, or inside an array) as a quantity in SI."""
+        if isinstance(value, (int, float)) and not isinstance(value, bool):
+            if kind != "plain number":
+                raise self.error(f'{quoted(value)} has no unit; write it as "... {KINDS[kind]}", in quotes', key)
+            value = str(quoted(value))[1:-1]
+        if not isinstance(value, str):
+            raise self.error(f"{quoted(value)} is not a quantity; expected {expected(kind)}", key)
+        try:
+            number = parse_quantity(value, kind, full_scale)
+        except UnitError as error:
+            raise self.error(str(error), key) from None
+        if (sign == "positive" and not number > 0.0) or (sign == "not negative" and number < 0.0):
+            raise self.error(f"{quoted(value)} must be {sign if sign == 'positive' else 'zero or more'}", key)
+        return number
+
+    def text(self, key: str) -> str | None:
+        """A text that is not empty, None where the key is missing."""
+        value = self.data.get(key)
+        if value is None:
+            return None
+        if not isinstance(value, str) or not value.strip():
+            raise self.error(f"{quoted(value)} is not a text; write it in quotes", key)
+        return one_line(value.strip())
+
+    def flag(self, key: str, default: bool = False) -> bool:
+        value = self.data.get(key, default)
+        if not isinstance(value, bool):
+            raise self.error(f"{quoted(value)} is neither true nor false (without quotes)", key)
+        return value

@@ -1,0 +1,191 @@
+"""Bench units to SI and back, by one pint registry that is built when the first unit is read (it takes 0.2 s)."""
+
+import functools
+import math
+import re
+import warnings
+from dataclasses import dataclass
+from typing import Any, overload
+
+import numpy as np
+
+from .errors import quoted, suggestion
+
+
+# Each kind of quantity with a bench unit that an error message can propose.
+KINDS = {
+    "length": "um",
+    "flow": "l/min",
+    "pressure": "bar",
+    "temperature": "degC",
+    "current": "mA",
+    "time": "s",
+    "kinematic viscosity": "cSt",
+    "density": "kg/m^3",
+    "specific heat": "J/(kg K)",
+    "compressibility": "1/Pa",
+    "thermal expansion": "1/K",
+    "area": "cm^2",
+    "volume": "cm^3",
+    "mass": "kg",
+    "force": "N",
+    "velocity": "mm/s",
+    "viscous friction": "N s/m",
+    "leakage conductance": "m^3/s/Pa",
+    "frequency": "Hz",
+    "amplifier gain": "A/V",
+    "sensor gain": "V/m",
+    "plain number": "1",
+    "angle": "deg",
+}
+# What engineers write and pint does not know. Gauge pressures: all pressures of a record are gauge.
+DEFINITIONS = ("gpm = gallon / minute", "lpm = liter / minute", "barg = bar", "psig = psi", "psid = psi", "cc = cm**3")
+ABSOLUTE = {"psia", "bara", "bar_a", "psi_a"}  # refused: a record's pressures are gauge
+COMMON = tuple(
+    [
+        "um",
+        "mm",
+        "inch",
+        "thou",
+        "l/min",
+        "gal/min",
+        "m^3/s",
+        "bar",
+        "psi",
+        "MPa",
+        "degC",
+        "degF",
+        "K",
+        "mA",
+        "A",
+        "s",
+        "cSt",
+        "%",
+    ]
+)
+# Names, single-digit powers, products, quotients. Anything else, towers of powers first of all, never reaches pint.
+SAFE = re.compile(
+    r"(?:1(?=\s*/)|[^\W\d]\w*|[°%]|(?:\^|\*\*)\s*-?\d(?!\s*(?:[\d.^]|\*\*))|(?<=[\w)%])\*(?=[\s\w(])|[/()]|\s)+"
+)
+NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)(?![\d.,])\s*(.*)", re.DOTALL)
+SUPERSCRIPTS = {"²": "^2", "³": "^3", "⁻¹": "^-1", "·": "*", "⋅": "*", "×": "*"}
+
+
+class UnitError(ValueError):
+    """A unit or quantity that cannot be used; the message is one sentence that says what would be right."""
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A linear unit: SI value = scale * value + offset (the offset is that of degC and degF)."""
+
+    text: str
+    scale: float
+    offset: float
+
+    def to_si(self, values: np.ndarray) -> np.ndarray:
+        return self.scale * values + self.offset
+
+
+def expected(kind: str) -> str:
+    """ "a flow such as l/min": how messages name what would be right."""
+    return f"{_article(kind)} such as {KINDS[kind]}"
+
+
+def _article(kind: str) -> str:
+    return f"an {kind}" if kind[0] in "aeiou" else f"a {kind}"
+
+
+@functools.cache
+def _registry() -> Any:
+    import pint
+
+    registry = pint.UnitRegistry(autoconvert_offset_to_baseunit=True)
+    for definition in DEFINITIONS:
+        registry.define(definition)
+    return registry
+
+
+@functools.lru_cache(maxsize=512)
+def _linear(text: str) -> tuple[float, float, frozenset]:
+    """(scale, offset, dimension) of a unit against coherent SI."""
+    plain = text.strip()
+    for sign, meaning in SUPERSCRIPTS.items():
+        plain = plain.replace(sign, meaning)
+    plain = re.sub(r"\s*(\*\*|[*/^])\s*", r"\1", plain)
+    plain = re.sub(r"(?<=[A-Za-z])([23])(?![\w^])", r"^\1", plain)  # cm2 as loggers write it
+    if plain in ABSOLUTE:
+        raise UnitError(f"{quoted(text)} is an absolute pressure, but the pressures of a record are gauge")
+    if plain in ("1", "-"):
+        return 1.0, 0.0, frozenset()
+    if len(plain) > 40 or not SAFE.fullmatch(plain) or re.search(r"\)\s*(?:\^|\*\*)", plain):
+        raise UnitError(f"{quoted(text)} is not a unit")
+    registry = _registry()
+    try:
+        unit = registry.parse_units(plain)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # a logarithmic unit overflows at the third point
+            # Three points: far apart, so that an offset unit's scale keeps its digits, and to see that it is linear.
+            zero, one, large = (float(registry.Quantity(v, unit).to_base_units().magnitude) for v in (0.0, 1.0, 1e6))
+        dimension = frozenset((str(name), float(power)) for name, power in unit.dimensionality.items())
+    except Exception:  # pint raises whatever its parser trips over; every one of them means the same to a user
+        raise UnitError(f"{quoted(text)} is not a unit") from None
+    scale = (large - zero) / 1e6 if zero else one
+    if not (math.isfinite(large) and scale > 0.0 and math.isclose(large - zero, 1e6 * (one - zero), rel_tol=1e-9)):
+        raise UnitError(f"{quoted(text)} is not a linear unit")
+    return scale, zero, dimension
+
+
+def parse_unit(text: str, kind: str, full_scale: float | None = None) -> Unit:
+    """The unit of a column or quantity, which must be of the given kind (a key of KINDS).
+
+    `full_scale` (SI) is what `%` stands for, where percent are allowed. Raises UnitError.
+    """
+    if text.strip() in ("%", "percent") and full_scale is not None:
+        return Unit(text, 0.01 * full_scale, 0.0)
+    if not text.strip():
+        raise UnitError(f"the unit is missing; expected {expected(kind)}")
+    try:
+        scale, offset, dimension = _linear(text)
+    except UnitError as error:
+        close = suggestion(text, COMMON)
+        raise UnitError(f"{error}; {close if close.endswith('?') else f'expected {expected(kind)}'}") from None
+    if dimension != _linear(KINDS[kind])[2]:
+        same = (_article(name) for name, example in KINDS.items() if _linear(example)[2] == dimension)
+        raise UnitError(f"{quoted(text)} is {next(same, 'of another dimension')}; expected {expected(kind)}")
+    return Unit(text, scale, offset)
+
+
+def parse_quantity(text: str, kind: str, full_scale: float | None = None) -> float:
+    """ "213 um" as a number in SI. Raises UnitError."""
+    match = NUMBER.match(text)
+    if match is None:
+        raise UnitError(f'{quoted(text)} is not a quantity; expected a number with a unit, such as "1.5 {KINDS[kind]}"')
+    if kind == "plain number" and not match[2].strip():
+        unit = Unit("1", 1.0, 0.0)
+    else:
+        unit = parse_unit(match[2], kind, full_scale)
+    value = unit.scale * float(match[1]) + unit.offset
+    if not math.isfinite(value):
+        raise UnitError(f"{quoted(text)} is not finite")
+    return value
+
+
+@overload
+def to_si(values: float, unit: str) -> float: ...
+@overload
+def to_si(values: np.ndarray, unit: str) -> np.ndarray: ...
+def to_si(values: float | np.ndarray, unit: str) -> float | np.ndarray:
+    """Values in a bench unit as SI."""
+    scale, offset, _ = _linear(unit)
+    return scale * values + offset
+
+
+@overload
+def from_si(values: float, unit: str) -> float: ...
+@overload
+def from_si(values: np.ndarray, unit: str) -> np.ndarray: ...
+def from_si(values: float | np.ndarray, unit: str) -> float | np.ndarray:
+    """SI values in a bench unit, the inverse of `to_si`."""
+    scale, offset, _ = _linear(unit)
+    return (values - offset) / scale
