@@ -1,5 +1,7 @@
 # `make demo` for a first look, `make test` before every commit. Both make .venv and install there what they need.
 
+SHELL := /bin/bash
+
 # A python3 of 3.11 or newer; say `make PYTHON=/path/to/python3.12 demo` for another.
 PYTHON ?= $(shell for p in python3 python3.13 python3.12 python3.11; do \
 	$$p -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && { echo $$p; break; }; done)
@@ -31,7 +33,7 @@ lint: $(VENV)/.installed-dev
 typecheck: $(VENV)/.installed-dev
 	@rm -rf build/typecheck && mkdir -p build/typecheck
 	@cp -RL "$$($(BIN)/python -P -c 'import os, thermohyd; print(os.path.dirname(thermohyd.__file__))')" \
-		tests benchmarks pyproject.toml build/typecheck/
+		tests $(wildcard benchmarks) pyproject.toml build/typecheck/
 	@set -o pipefail; cd build/typecheck && ../../$(BIN)/pyright --pythonpath ../../$(BIN)/python \
 		| sed -e 's|$(CURDIR)/build/typecheck/||' -e 's,thermohyd/\(identify\|data\)/,\1/,'
 
@@ -59,5 +61,3 @@ $(VENV)/.installed-dev: $(SOURCES) | $(BIN)/python
 	@rm -rf build *.egg-info $(VENV)/lib/python3*/site-packages/thermohyd
 	$(INSTALL) '.[dev]'
 	@rm -rf build *.egg-info && touch $@ $(VENV)/.installed
-
-SHELL := /bin/bash
