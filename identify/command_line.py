@@ -109,7 +109,7 @@ def simulate_command(
         console = _console()
         with progress_on(console) as progress:
             progress(f"reading {bench}")
-            record = read_record(bench)
+            record = read_record(bench, readings_required=False)
             chosen = nominal_model(record) if model is None else load_model(model)
             progress("starting JAX")
             _set_up_jax()

@@ -8,6 +8,8 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
+from .display_units import significant
+
 
 def simulation_files(tables: dict[str, pd.DataFrame]) -> dict[str, bytes | str]:
     """{"<test>.csv": text}; nine significant digits, far beyond what a bench reads."""
@@ -24,18 +26,17 @@ def simulation_json(tables: dict[str, pd.DataFrame]) -> dict[str, Any]:
 
 def simulation_table(tables: dict[str, pd.DataFrame]) -> Table:
     """The range of each prediction and its largest standard deviation."""
-    summary = Table(box=box.SIMPLE_HEAD, header_style="bold", pad_edge=False)
-    for title in ("test", "prediction", "rows", "least", "greatest", "largest std"):
-        summary.add_column(title, justify="left" if title in ("test", "prediction") else "right")
+    summary = Table(box=box.SIMPLE_HEAD, header_style="bold", pad_edge=False, show_edge=False)
+    for title in ("test", "reading", "unit", "rows", "least", "greatest", "std up to"):
+        side = "left" if title in ("test", "reading", "unit") else "right"
+        summary.add_column(title, justify=side, no_wrap=True)
     for test, table in tables.items():
         for name in (str(column) for column in table.columns):
-            if "_predicted [" not in name:
-                continue
-            values = table[name].to_numpy(dtype=float)
-            spread = table[name.replace("_predicted [", "_predicted_std [")].to_numpy(dtype=float)
-            figures = [
-                f"{f(v):.4g}" if v.size else "" for f, v in ((np.min, values), (np.max, values), (np.max, spread))
-            ]
-            cells = (test, name.replace("_predicted", ""), f"{len(table):,}", *figures)
-            summary.add_row(*[Text(cell) for cell in cells])
+            reading, found, unit = name.partition("_predicted [")
+            if found:
+                values = table[name].to_numpy(dtype=float)
+                spread = table[f"{reading}_predicted_std [{unit}"].to_numpy(dtype=float)
+                figures = ((np.min, values), (np.max, values), (np.max, spread))
+                shown = [significant(float(f(v))) if v.size else "" for f, v in figures]
+                summary.add_row(*[Text(cell) for cell in (test, reading, unit.rstrip("]"), f"{len(table):,}", *shown)])
     return summary

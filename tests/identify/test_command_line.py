@@ -37,7 +37,7 @@ def bench(monkeypatch):
     monkeypatch.setenv("COLUMNS", "100")
     monkeypatch.delenv("THERMOHYD_DEBUG", raising=False)
     result = fake_fit()
-    stand_in(monkeypatch, "read_record", read_record=lambda folder: result.record)
+    stand_in(monkeypatch, "read_record", read_record=lambda folder, readings_required=True: result.record)
     stand_in(monkeypatch, "fit", fit=lambda record, progress=None: result)
     return lambda *arguments: CliRunner().invoke(app, [str(a) for a in arguments])
 
