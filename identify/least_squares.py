@@ -12,18 +12,17 @@ import optimistix as optx
 
 from thermohyd.precision import require_float64
 
+from .optimality import BELIEVE_BELOW, relative_offset, why_not_optimal
+from .start_points import screened_starts
 from .transforms import Box, Boxes, free_values
 from .trust_region import BoxedLevenbergMarquardt
 
 
-# residual(p, args) -> (m,) whitened residuals; p (n,) physical values in the order of the boxes, args a pytree of arrays.
+# residual(p, args) -> (m,) whitened residuals; p (n,) physical values in the boxes' order, args a pytree of arrays.
 Residual = Callable[[jax.Array, Any], jax.Array]
 
-# Relative offset (Bates and Watts 1981): distance from the optimum in units of the parameters' own standard errors.
+# Relative offset at which a solve stops; BELIEVE_BELOW is what the verdict demands.
 STOP_AT = 1e-7
-BELIEVE_BELOW = 1e-3  # their criterion: an optimum missed by a thousandth of its standard error
-# A column that shrank by this much between its largest and its last value: the search left the region where it acts.
-VANISHED = 1e-7
 
 
 @dataclass(frozen=True)
@@ -36,6 +35,7 @@ class LeastSquaresResult:
 
     p: np.ndarray
     z: np.ndarray
+    start: np.ndarray  # p where the search began
     cost: float  # sum of squared residuals
     residual: np.ndarray
     jacobian: np.ndarray  # (m, n), with respect to p
@@ -60,7 +60,7 @@ def _compiled(residual: Residual, boxes: Boxes, z: jax.Array, args: Any, toleran
     )
     state = solution.state
     physical, slope = boxes.physical(solution.value), boxes.slope(solution.value)
-    small = jnp.stack([solution.value, physical, slope, state.size, state.held.astype(slope.dtype)])
+    small = jnp.stack([solution.value, physical, slope, state.size])
     return small, state.at.residual, state.at.columns, state.evaluations, state.done
 
 
@@ -81,73 +81,63 @@ def solve(
     """
     require_float64("a fit")
     names = [box.name for box in boxes]
-    z = free_values(boxes, [box.start for box in boxes] if start is None else start)
-    out = _compiled(residual, Boxes.of(boxes), jnp.asarray(z), args, jnp.asarray(tolerance), max_steps)
+    began = np.array([box.start for box in boxes] if start is None else start, dtype=float)
+    out = _compiled(residual, Boxes.of(boxes), free_values(boxes, began), args, np.asarray(tolerance), max_steps)
     small, values, columns, evaluations, done = jax.device_get(out)
-    z, p, slope, size, held = small
+    z, p, slope, size = small
     steps = int(evaluations) - 1
-    active = np.where(held > 0, np.where(z >= [box.free(box.upper) for box in boxes], 1, -1), 0)
+    active = _limits_pressed(boxes, z, columns, values)
     offset, step = relative_offset(columns, values, active == 0)
-    trouble = _trouble(names, z, values, columns, size, offset, step, bool(done), steps)
+    trouble = why_not_optimal(names, z, values, columns, size, offset, step, bool(done), steps)
     cost = float(np.sum(values**2))
     jacobian = (columns / slope[:, None]).T
     message = trouble or f"converged in {steps} steps"
     if not trouble and offset > BELIEVE_BELOW:
         message += "; the model meets the readings to rounding, so their scatter says nothing about errors"
-    return LeastSquaresResult(p, z, cost, values, jacobian, active, not trouble, message, steps, offset)
+    return LeastSquaresResult(p, z, began, cost, values, jacobian, active, not trouble, message, steps, offset)
 
 
-def relative_offset(columns: np.ndarray, residual: np.ndarray, free: np.ndarray) -> tuple[float, np.ndarray]:
-    """Bates and Watts' relative offset over the `free` rows of `columns` (n, m), and the Gauss-Newton step (n,), float64.
+def _limits_pressed(boxes: Sequence[Box], z: np.ndarray, columns: np.ndarray, residual: np.ndarray) -> np.ndarray:
+    """-1 or +1 where z sits on its lower or upper limit and the cost would fall beyond it, else 0."""
+    slope = np.einsum("im,m->i", columns, residual)
+    low = (z <= [box.free(box.lower) for box in boxes]) & (slope > 0.0)
+    high = (z >= [box.free(box.upper) for box in boxes]) & (slope < 0.0)
+    return high.astype(int) - low.astype(int)
 
-    Modified Gram-Schmidt of [J r] once more, in NumPy: an independent look at what the compiled solver reports.
+
+def multi_start(
+    residual: Residual,
+    boxes: Sequence[Box],
+    args: Any = None,
+    starts: Sequence[np.ndarray] = (),
+    *,
+    count: int = 4,
+    candidates: int = 16,
+    tolerance: float | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> list[LeastSquaresResult]:
+    """Solve from `starts` (default: the boxes' own) and from the best screened candidates, `count` solves in all.
+
+    All outcomes, the best first: converged before not converged, then by cost. One compiled solve in a Python loop, so
+    that one bad start cannot spoil the others and each can be reported. Candidates are a Latin hypercube with a fixed
+    seed, ranked by one evaluation of their cost; those without a finite cost are dropped.
     """
-    n, m = columns.shape
-    lengths = np.sqrt(np.sum(columns**2, axis=1))
-    chosen = np.flatnonzero(free & (lengths > 0.0))
-    rest = np.vstack([columns[chosen] / lengths[chosen, None], residual[None, :]])
-    count = len(chosen)
-    triangle = np.zeros((count, count + 1))
-    for k in range(count):
-        length = np.sqrt(np.sum(rest[k] ** 2))
-        unit = rest[k] / (length if length > 0.0 else 1.0)
-        triangle[k, k:] = np.einsum("im,m->i", rest[k:], unit)
-        rest[k:] -= triangle[k, k:, None] * unit
-    step = np.zeros(n)
-    if not count or not np.all(np.isfinite(triangle)):
-        return (0.0 if not count else np.inf), step
-    left, values, right = np.linalg.svd(triangle[:, :count])
-    alive = values > count * np.finfo(float).eps * values[0]
-    loads = left.T[alive] @ triangle[:, count]
-    step[chosen] = -(right[alive].T @ (loads / values[alive])) / lengths[chosen]
-    spread = np.sum(rest[-1] ** 2) / max(m - count, 1)
-    return float(np.sqrt(np.sum(loads**2) / max(int(alive.sum()), 1) / max(spread, 1e-300))), step
+    require_float64("a fit")
+    begin = list(starts) or [np.array([box.start for box in boxes])]
+    missing = count - len(begin)
+    if missing > 0:
+        begin += screened_starts(residual, boxes, args, begin[0], candidates)[:missing]
+    outcomes = []
+    for number, start in enumerate(begin[: max(count, 1)], start=1):
+        if progress is not None:
+            progress(f"start {number} of {min(len(begin), max(count, 1))}")
+        extra = {} if tolerance is None else {"tolerance": tolerance}
+        outcomes.append(solve(residual, boxes, args, start, **extra))
+    return sorted(outcomes, key=lambda o: (not o.converged, o.cost if np.isfinite(o.cost) else np.inf))
 
 
-def _trouble(
-    names: list[str],
-    z: np.ndarray,
-    residual: np.ndarray,
-    columns: np.ndarray,
-    size: np.ndarray,
-    offset: float,
-    step: np.ndarray,
-    done: bool,
-    steps: int,
-) -> str:
-    """Why this end is no optimum, in words; empty where it is one."""
-    if not np.all(np.isfinite(residual)):
-        bad = int(np.sum(~np.isfinite(residual)))
-        return f"the model gives no finite value at the start for {bad} of {len(residual)} readings"
-    rough = [name for name, column in zip(names, columns, strict=True) if not np.all(np.isfinite(column))]
-    if rough:
-        return f"the model has no finite derivative at the start for {', '.join(rough)}"
-    lengths = np.sqrt(np.sum(columns**2, axis=1))
-    lost = [name for name, now, most in zip(names, lengths, size, strict=True) if most > 0 and now < VANISHED * most]
-    if lost:
-        return f"the search ended where the readings no longer depend on {', '.join(lost)}"
-    # Where the model meets the data exactly, only rounding is left to be orthogonal: the step then decides.
-    if offset <= BELIEVE_BELOW or np.all(np.abs(step) <= 1e-8 * (1.0 + np.abs(z))):
-        return ""
-    ending = "it cannot get any lower" if done else f"the limit of {steps} steps was reached"
-    return f"{ending}, yet the slope is not zero (still {offset:.2g} standard errors from an optimum)"
+def near_best(outcomes: Sequence[LeastSquaresResult], difference: float = 0.1) -> list[LeastSquaresResult]:
+    """The converged outcomes whose cost lies within `difference` (in chi-square) of the best one's."""
+    ended = [outcome for outcome in outcomes if outcome.converged]
+    lowest = min((outcome.cost for outcome in ended), default=np.inf)
+    return [outcome for outcome in ended if outcome.cost <= lowest + difference]

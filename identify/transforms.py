@@ -33,7 +33,9 @@ class Box:
         if not (isfinite(self.scale) and self.scale > 0.0):
             raise ValueError(f"the scale of {self.name} must be positive, not {self.scale:g}")
         if self.logarithmic and self.lower <= 0.0:
-            raise ValueError(f"{self.name} cannot be fitted by its logarithm: its lower limit {self.lower:g} is not positive")
+            raise ValueError(
+                f"{self.name} cannot be fitted by its logarithm: its lower limit {self.lower:g} is not positive"
+            )
 
     def free(self, value: float) -> float:
         """z of a physical value."""
@@ -49,19 +51,20 @@ class Boxes(eqx.Module):
     exactly, whereas a logistic or arcsine map would run after it for ever (its derivative vanishes there).
     """
 
-    scale: Float[Array, " n"]
-    lower: Float[Array, " n"]  # in z
-    upper: Float[Array, " n"]  # in z
-    logarithmic: Bool[Array, " n"]
+    # NumPy until they enter a compiled solve: making JAX arrays one by one costs more than a step of the solve.
+    scale: Float[Array | np.ndarray, " n"]
+    lower: Float[Array | np.ndarray, " n"]  # in z
+    upper: Float[Array | np.ndarray, " n"]  # in z
+    logarithmic: Bool[Array | np.ndarray, " n"]
 
     @classmethod
     def of(cls, boxes: Sequence[Box]) -> "Boxes":
         """Gather the boxes, in order."""
         return cls(
-            scale=jnp.array([box.scale for box in boxes], dtype=float),
-            lower=jnp.array([box.free(box.lower) for box in boxes], dtype=float),
-            upper=jnp.array([box.free(box.upper) for box in boxes], dtype=float),
-            logarithmic=jnp.array([box.logarithmic for box in boxes], dtype=bool),
+            scale=np.array([box.scale for box in boxes], dtype=float),
+            lower=np.array([box.free(box.lower) for box in boxes], dtype=float),
+            upper=np.array([box.free(box.upper) for box in boxes], dtype=float),
+            logarithmic=np.array([box.logarithmic for box in boxes], dtype=bool),
         )
 
     def physical(self, z: Float[Array, " n"]) -> Float[Array, " n"]:
