@@ -1,13 +1,14 @@
 """Moré's Levenberg-Marquardt inside a box, as an optimistix solver.
 
 optimistix's own LevenbergMarquardt starts from a damping of one without Marquardt's scaling, knows no bounds and stops
-on small steps only. What a fit of weakly determined parameters needs instead: a trust region in column-scaled variables,
-so that the weak directions take full Gauss-Newton steps at once; bounds that are reached exactly and left again when
-the gradient says so; an end that is judged by orthogonality of residual and Jacobian.
+on small steps only. What a fit of weakly determined parameters needs instead: a trust region in column-scaled
+variables, so that the weak directions take full Gauss-Newton steps at once; bounds that are reached exactly and left
+again when the gradient says so; an end that is judged by orthogonality of residual and Jacobian.
 
 Moré, "The Levenberg-Marquardt algorithm: implementation and theory", 1978 (scaling, trust region, update rules).
-Bates and Watts, "A relative offset orthogonality convergence criterion for nonlinear least squares", Technometrics 23, 1981.
-Björck, "Solving linear least squares problems by Gram-Schmidt orthogonalization", BIT 7, 1967 (augmented MGS is stable).
+Bates and Watts, "A relative offset orthogonality convergence criterion for nonlinear least squares",
+Technometrics 23, 1981.
+Björck, "Solving linear least squares problems by Gram-Schmidt orthogonalization", BIT 7, 1967: of [J r] it is stable.
 """
 
 from collections.abc import Callable
@@ -71,7 +72,7 @@ def damped_step(triangle: Array, projection: Array, size: Array, radius: Array) 
 def boxed_step(
     z: Array, at: Linearisation, size: Array, radius: Array, lower: Array, upper: Array, held: Array
 ) -> Array:
-    """A damped step of the free variables; one that would leave the box stops on its wall and the rest are solved again."""
+    """A damped step; a variable that would leave the box stops on its wall and the others are solved again."""
     fixed = jnp.where(held, 0.0, jnp.nan)
 
     def solve(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
@@ -120,8 +121,8 @@ class State(eqx.Module):
 
 
 class BoxedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
-    """Each step is one evaluation of residual and Jacobian together: nine trials of ten are accepted, so evaluating them
-    apart would cost more, and would compile the model twice.
+    """Each step is one evaluation of residual and Jacobian together: nine trials of ten are accepted, so evaluating
+    them apart would cost more, and would compile the model twice.
 
     `options` holds the limits `lower` and `upper` (n,) and the relative offset `tolerance` at which to stop.
     """
@@ -129,8 +130,8 @@ class BoxedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
     rtol: float = 1e-12  # of z: for data that the model meets exactly, where the offset has no meaning
     atol: float = 1e-12
     norm: Callable[[PyTree], Scalar] = optx.max_norm
-    # Times |D z|. The low end of Moré's range: with 1 to 100 two of NIST's 54 starts run away from the optimum. Shrinking
-    # by a half and doubling likewise solved more of them, in fewer steps, than a quarter or fourfold.
+    # Times |D z|. The low end of Moré's range: with 1 to 100 two of NIST's 54 starts run away from the optimum.
+    # Shrinking by a half and doubling likewise solved more of them, in fewer steps, than a quarter or fourfold.
     first_radius: float = 0.1
 
     def init(self, fn: Any, y: Any, args: Any, options: Any, f_struct: Any, aux_struct: Any, tags: Any) -> State:
