@@ -103,7 +103,7 @@ def _sweeps(fit: ChannelFit) -> list[_Sweep]:
     colours = look.temperature_colours(len(temperatures))
     step = -(-len(fit.measured) // MOST_POINTS)
     sweeps = []
-    keys = np.stack([t_group, p_group, fit.run, fit.direction], axis=1)
+    keys = np.stack([t_group, p_group, fit.run, np.sign(fit.direction)], axis=1).astype(int)
     for key in np.unique(keys, axis=0):
         rows = np.flatnonzero((keys == key).all(axis=1))
         rows = rows[np.argsort(fit.position[rows], kind="stable")][::step]
@@ -192,7 +192,7 @@ def _legend(figure: Figure, fit: ChannelFit) -> None:
         return Line2D([], [], linestyle="none", marker=marker, color=look.INK, markerfacecolor=face, label=words)
 
     conditions = [
-        Line2D([], [], color=colour, linewidth=3.0, label=f"{celsius:.0f} degC")
+        Line2D([], [], color=colour, linewidth=3.0, label=f"{round(celsius)} degC")
         for colour, celsius in zip(colours, temperatures, strict=True)
     ]
     conditions += [dot(m, look.INK, f"{bar:.0f} bar") for m, bar in zip(look.MARKERS, pressures, strict=False)]
