@@ -1,0 +1,147 @@
+"""Which rows of a raw log go into one point? Narrow bins where the curve is steep or bends, wide ones where it rests. Plain NumPy."""
+
+import numpy as np
+
+from .abscissa import Abscissa
+from .legs import piece_bounds
+from .noise import LogCorrelation
+
+
+CELLS = 400  # per leg: the resolution at which the curve's shape is judged
+SMALLEST_BIN = 8  # rows
+FEWEST_BINS = 30  # per leg
+SHARES = {
+    "width": 0.35,
+    "rise": 0.30,
+    "bend": 0.35,
+}  # of the points: even along the sweep, along the reading, at its bends
+
+
+def bin_starts(
+    abscissa: Abscissa,
+    readings: list[np.ndarray],
+    legs: np.ndarray,
+    max_points: int,
+    correlations: list[LogCorrelation] | None = None,
+) -> np.ndarray:
+    """First row of every bin, ascending, so that about `max_points` bins cover the log and none crosses a leg's end.
+
+    Bins hold equal parts of a density that grows with the sweep, the rise of the readings and, as the 2/5th power, their
+    curvature: the power at which the bias of a bin's mean is the same share of its noise everywhere. Where the rows' `correlations`
+    are known (one per reading, from a first pass), no bin is much shorter than the noise's memory unless the curve's bends ask for it.
+    """
+    rows = len(legs)
+    width = np.abs(_steps(abscissa.position, legs))
+    rise, bend, most = np.zeros(rows), np.zeros(rows), np.zeros(rows)
+    for reading, correlation in zip(readings, correlations or [LogCorrelation()] * len(readings), strict=True):
+        slope, curvature, scatter = _shape(reading, legs, correlation)
+        rise += _share(np.abs(slope))
+        bend += _share(np.abs(curvature) ** 0.4)
+        most = np.maximum(most, _finest(slope, curvature, scatter, correlation.rows_per_reading()))
+    parts = {"width": _share(width), "rise": _share(rise), "bend": _share(bend)}
+    density = sum(SHARES[name] * part for name, part in parts.items()) + 0.02 / rows
+    density *= max_points / density.sum()
+    starts: list[np.ndarray] = []
+    for start, stop in piece_bounds(legs):
+        starts.append(
+            start
+            + _cut(
+                density[start:stop],
+                most[start:stop],
+                abscissa.position[start:stop] if abscissa.staircase[start] else None,
+            )
+        )
+    return np.concatenate(starts)
+
+
+def _cut(density: np.ndarray, most: np.ndarray, stairs: np.ndarray | None) -> np.ndarray:
+    """Starts of the bins of one leg: equal parts of the density, nowhere denser than `most`, on the steps of a staircase."""
+    rows = len(density)
+    most = np.clip(most, min(FEWEST_BINS / rows, 1.0 / SMALLEST_BIN), 1.0 / SMALLEST_BIN)
+    bins = max(1, round(min(max(float(density.sum()), FEWEST_BINS), float(most.sum()))))
+    for _ in range(20):  # what the cap takes goes to the rest
+        density = density * (bins / density.sum())
+        if np.all(density <= 1.001 * most):
+            break
+        density = np.minimum(density, most)
+    edge = np.searchsorted(np.cumsum(density) * (bins / density.sum()), np.arange(1, bins) - 1e-9)
+    starts = np.unique(np.append(0, edge))
+    if stairs is not None:
+        treads = np.append(0, 1 + np.flatnonzero(np.diff(stairs)))
+        starts = np.unique(treads[np.searchsorted(treads, starts, side="right") - 1])
+    return starts
+
+
+def _finest(slope: np.ndarray, curvature: np.ndarray, scatter: np.ndarray, memory: float) -> np.ndarray:
+    """Bins per row beyond which nothing is gained: means two standard deviations apart, or biased by 0.4 of their own.
+
+    The mean of n rows is known to scatter/sqrt(n), moves by slope*n from bin to bin and is biased by curvature*n^2/24.
+    """
+    tiny = 1e-300
+    by_rise = (np.abs(slope) / (2.0 * scatter + tiny)) ** (2.0 / 3.0)
+    by_bend = (np.abs(curvature) / (10.0 * scatter + tiny)) ** 0.4
+    return np.maximum(np.minimum(by_rise, 1.0 / (1.5 * memory)), by_bend)
+
+
+def _shape(
+    reading: np.ndarray, legs: np.ndarray, correlation: LogCorrelation
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Slope and curvature per row of the smoothed reading, leg by leg, and the scatter of a row about it (white equivalent)."""
+    slope, curvature, scatter = np.zeros(len(reading)), np.zeros(len(reading)), np.zeros(len(reading))
+    for start, stop in piece_bounds(legs):
+        n = stop - start
+        size = max(1, n // CELLS)
+        count = n // size
+        if count < 20:
+            slope[start:stop] = (reading[stop - 1] - reading[start]) / n
+            continue
+        cells = reading[start : start + count * size].reshape(count, size).mean(axis=1)
+        half = _best_half(cells)
+        smooth, first, second = local_parabola(cells, half)
+        cell = np.minimum(np.arange(n) // size, count - 1)
+        slope[start:stop], curvature[start:stop] = first[cell] / size, second[cell] / size**2
+        white = np.sqrt(correlation.rows_per_reading() / correlation.rows_per_reading(size))
+        scatter[start:stop] = white * np.sqrt(
+            np.median((cells - smooth) ** 2) / 0.4549 * size * (2 * half + 1) / (2 * half - 2 + 1e-9)
+        )
+    return slope, curvature, scatter
+
+
+def local_parabola(values: np.ndarray, half: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Value, first and second derivative per entry of parabolas over `half` entries on either side (one-sided at the ends)."""
+    t = np.arange(-half, half + 1.0)
+    fit = np.linalg.pinv(np.stack([np.ones_like(t), t, t**2], axis=1))
+    windows = np.lib.stride_tricks.sliding_window_view(values, 2 * half + 1)
+    a, b, c = fit @ windows.T
+    row = np.arange(len(values))
+    at = np.clip(row, half, len(values) - 1 - half)
+    off = row - at
+    a, b, c = a[at - half], b[at - half], c[at - half]
+    return a + b * off + c * off**2, b + 2 * c * off, 2 * c
+
+
+def _best_half(cells: np.ndarray) -> int:
+    """Half window whose parabolas predict left-out cells best."""
+    best, least = 2, np.inf
+    for half in (2, 3, 5, 8, 12, 20):
+        if 2 * half + 1 > len(cells) // 3:
+            break
+        value, _, _ = local_parabola(cells, half)
+        t = np.arange(-half, half + 1.0)
+        own = np.linalg.pinv(np.stack([np.ones_like(t), t, t**2], axis=1))[0, half]
+        inside = slice(half, len(cells) - half)
+        error = float(np.mean(((cells - value)[inside] / (1.0 - own)) ** 2))
+        if error < least:
+            best, least = half, error
+    return best
+
+
+def _steps(values: np.ndarray, legs: np.ndarray) -> np.ndarray:
+    change = np.diff(values, prepend=values[0])
+    change[np.append(False, legs[1:] != legs[:-1])] = 0.0
+    return change
+
+
+def _share(density: np.ndarray) -> np.ndarray:
+    total = float(density.sum())
+    return density / total if total > 0 else np.zeros_like(density)

@@ -1,0 +1,147 @@
+"""How well is the mean of a bin of log rows known? Scatter, correlation, rounding of reading and position, in one figure. NumPy."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .abscissa import Abscissa
+from .noise import LogCorrelation, log_correlation, log_scatter
+from .record import Channel
+from .rounding import local_steps, rounding_error, scatter_before_rounding
+
+
+POOLED_BINS = 4  # on either side, for bins with few rows
+POOLED_ROWS = 40.0  # a bin of so many rows stands half for itself, half for its neighbours
+
+
+@dataclass(frozen=True)
+class Points:
+    """The means of one reading over bins, with standard errors; one entry per bin (SI).
+
+    value: at the bin's mean position, corrected for the curve's bend within the bin; std: standard error of it.
+    step: rounding step of the log; correlation: of the log's rows; row_std: typical scatter of one row; floored: where the
+    rounding makes more than half of the variance; stuck: how many neighbouring bins share one unchanging reading (1: none).
+    """
+
+    value: np.ndarray
+    std: np.ndarray
+    step: np.ndarray
+    correlation: LogCorrelation
+    row_std: float
+    floored: np.ndarray
+    stuck: np.ndarray
+
+
+def points_of(channel: Channel, starts: np.ndarray, legs: np.ndarray, abscissa: Abscissa) -> Points:
+    """Means and standard errors of a channel's readings over the bins of a log that begin at rows `starts`."""
+    y = channel.value
+    rows = np.diff(np.append(starts, len(y)))
+    mean = lambda values: np.add.reduceat(values, starts) / rows
+    value, position, leg = mean(y), mean(abscissa.position), legs[starts]
+    step = _known_steps(y, starts)
+    ramp, slope = _slopes(value, position, leg)
+    bin_rows = int(np.median(rows))
+    lag = int(np.clip(np.quantile(rows, 0.1) // 3, 1, 10))
+    seen = np.sqrt(_pooled(mean(log_scatter(y, legs, lag)), rows, leg))
+    before = scatter_before_rounding(seen, step, ramp)
+    coarse = before < 0.3 * step  # the log shows its own rounding rather than the noise
+    local = np.repeat(np.where(coarse, 0.0, seen**2), rows)
+    correlation = log_correlation(y, local, legs, bin_rows)
+    square = np.maximum(seen, before) ** 2 * correlation.of_mean(rows)
+    if channel.std is not None:  # declared for one row
+        square = mean(channel.std**2) / correlation.effective_rows(rows)
+    stuck = np.where(coarse, _stuck(y, starts), 1.0)
+    rounding = rounding_error(step, before, ramp) * np.sqrt(stuck)
+    square_x = slope**2 * (mean(abscissa.scatter**2) / rows + mean(abscissa.rounding**2))
+    bend = _bend(value, rows, leg)
+    least = 1e-6 * max(float(np.ptp(y)), float(np.max(np.abs(y), initial=0.0)))
+    total = square + rounding**2 + square_x + (0.15 * bend) ** 2
+    typical = seen[~coarse] * np.sqrt(correlation.row_variance)
+    return Points(
+        value=value - bend,
+        std=np.maximum(np.sqrt(total), least),
+        step=step,
+        correlation=correlation,
+        row_std=float(np.median(typical)) if len(typical) else 0.0,
+        floored=rounding**2 > 0.5 * total,
+        stuck=stuck,
+    )
+
+
+def _pooled(scatter: np.ndarray, rows: np.ndarray, leg: np.ndarray) -> np.ndarray:
+    """Scatter of each bin, leaning on the median of its neighbours where it has few rows."""
+    neighbours = np.empty_like(scatter)
+    for one in np.unique(leg):
+        at = np.flatnonzero(leg == one)
+        reach = min(POOLED_BINS, (len(at) - 1) // 2)
+        padded = np.pad(scatter[at], reach, mode="reflect") if reach else scatter[at]
+        neighbours[at] = np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1), axis=1)
+    return (rows * scatter + POOLED_ROWS * neighbours) / (rows + POOLED_ROWS)
+
+
+def _slopes(value: np.ndarray, position: np.ndarray, leg: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """How far the reading moves across each bin, and its slope along the position."""
+    before = np.maximum(np.arange(len(leg)) - 1, 0)
+    after = np.minimum(np.arange(len(leg)) + 1, len(leg) - 1)
+    before = np.where(leg[before] == leg, before, np.arange(len(leg)))
+    after = np.where(leg[after] == leg, after, np.arange(len(leg)))
+    rise, run = value[after] - value[before], position[after] - position[before]
+    # Over one bin the steps of a rounded reading look like a ramp that is not there; over several bins less so.
+    ramp = np.abs(rise) / np.maximum(after - before, 1)
+    index = np.arange(len(leg))
+    for reach in (2, 4, 8):
+        low, high = np.maximum(index - reach, 0), np.minimum(index + reach, len(leg) - 1)
+        inside = (leg[low] == leg) & (leg[high] == leg)
+        ramp = np.where(inside, np.minimum(ramp, np.abs(value[high] - value[low]) / np.maximum(high - low, 1)), ramp)
+    return ramp, np.where(run != 0, rise / np.where(run != 0, run, 1.0), 0.0)
+
+
+def _bend(value: np.ndarray, rows: np.ndarray, leg: np.ndarray) -> np.ndarray:
+    """By how much a bin's mean lies off the curve at the bin's middle: half the curvature times the spread of its rows.
+
+    The curvature is that of a parabola through the bin and two neighbours on either side, over row numbers.
+    """
+    bend = np.zeros(len(value))
+    middle = np.cumsum(rows) - rows / 2.0
+    for one in np.unique(leg):
+        at = np.flatnonzero(leg == one)
+        if len(at) < 5:
+            continue
+        first = np.clip(np.arange(len(at)) - 2, 0, len(at) - 5)
+        group = at[first[:, None] + np.arange(5)]
+        t = (middle[group] - middle[at][:, None]) / rows[at][:, None]
+        within = (rows[group] / rows[at][:, None]) ** 2 / 12.0  # a mean over a bin sees t^2 plus its variance
+        design = np.stack([np.ones_like(t), t, t**2 + within], axis=-1)
+        weight = np.sqrt(rows[group].astype(float))[..., None]
+        curvature = np.linalg.pinv(design * weight)[:, 2, :] * weight[..., 0]
+        bend[at] = np.sum(curvature * value[group], axis=1) * (1.0 - 1.0 / rows[at] ** 2) / 12.0
+    return bend
+
+
+def _known_steps(y: np.ndarray, starts: np.ndarray) -> np.ndarray:
+    """Rounding step per bin (the largest of its rows); a bin whose readings never change takes the distance to the next reading."""
+    step = np.maximum.reduceat(local_steps(y), starts)
+    constant = np.maximum.reduceat(y, starts) == np.minimum.reduceat(y, starts)
+    if (constant & (step == 0)).any():
+        distinct = np.unique(y)
+        if len(distinct) > 1:
+            gap = np.diff(distinct)
+            nearest = np.minimum(np.append(np.inf, gap), np.append(gap, np.inf))
+            step = np.where(constant & (step == 0), nearest[np.searchsorted(distinct, y[starts])], step)
+    return step
+
+
+def _stuck(y: np.ndarray, starts: np.ndarray) -> np.ndarray:
+    """How many neighbouring bins stand on one reading (by their medians) that the curve does not cross.
+
+    Their rounding error is one and the same, so together they must not count for more than one reading. Where the reading
+    passes through the level, from below to above, the error changes sign along the level and nothing needs be done.
+    """
+    level = np.array([np.median(part[: len(part) | 1]) for part in np.split(y, starts[1:])])
+    group = np.cumsum(np.append(False, level[1:] != level[:-1]))
+    count = np.bincount(group)
+    levels = level[np.searchsorted(group, np.arange(group[-1] + 1))]
+    rise = np.diff(levels)
+    crossed = np.zeros(len(levels), bool)
+    crossed[1:-1] = rise[1:] * rise[:-1] > 0
+    return np.where(crossed, 1, count)[group].astype(float)
