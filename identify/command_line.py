@@ -2,7 +2,7 @@
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -78,9 +78,9 @@ def fit_command(bench: Bench, out: Out = None, json: Json = False) -> None:
         if out is not None:
             _say_where(console, out, "report.html")
         if json:
-            from .fit_json import fit_json, json_text
+            from .fit_json import fit_json
 
-            sys.stdout.write(json_text(fit_json(result)))
+            _print_json(fit_json(result))
         if not result.converged:
             fail(f"the fit did not converge: {result.message}")
 
@@ -125,9 +125,7 @@ def simulate_command(
         if out is not None:
             _say_where(console, out, *(f"{test}.csv" for test in tables))
         if json:
-            from .fit_json import json_text
-
-            sys.stdout.write(json_text(simulation_json(tables)))
+            _print_json(simulation_json(tables))
 
 
 @app.command("new")
@@ -146,6 +144,13 @@ def _console() -> "Console":
     from rich.console import Console
 
     return Console(stderr=True, highlight=False)
+
+
+def _print_json(content: dict[str, Any]) -> None:
+    from .fit_json import json_text
+
+    sys.stdout.write(json_text(content))
+    sys.stdout.flush()  # here a full disk or a closed pipe still gets its sentence
 
 
 def _say_where(console: "Console", folder: Path, *names: str) -> None:
