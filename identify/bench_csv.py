@@ -113,8 +113,8 @@ def _recognise(
         elif name in known:
             spare.append(i)
         else:
-            extra = "extra columns start with _ or stand in the test's ignore = [...]"
-            raise error(i, f"unknown column {quoted(name)}; {suggestion(name, used)} ({extra})")
+            extra = "(extra columns: start the name with _ or list it in ignore)"
+            raise error(i, f"unknown column {quoted(name)}; {suggestion(name, used)} {extra}")
     if "spool_position" in columns and "current" in columns:
         spare.append(columns.pop("current"))
     return columns, spare

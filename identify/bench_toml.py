@@ -75,7 +75,7 @@ def _needed(root: TomlTable, name: str) -> TomlTable:
     table = root.table(name)
     if table is None:
         holds = {
-            "valve": "its stroke and slot_width",
+            "valve": "stroke and slot_width",
             "oil": "a preset or viscosity points",
             "tests": "[tests.leakage]",
         }

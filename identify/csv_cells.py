@@ -89,7 +89,7 @@ class CsvCells:
             return "the cell is empty; expected a number (leave out rows without a reading)"
         if cell.lower() in ("nan", "na", "n/a", "null", "none", "-", "#n/a", "1.#qnan", "-1.#ind"):
             return f"{quoted(cell)} is not a finite number; leave the row out"
-        hint = ""
+        hint = "; expected a number such as 1.5"
         if "," in cell and self.source.separator == ",":
             hint = "; decimal commas need semicolons or tabs between the columns"
         return f"{quoted(cell)} is not a number{hint}"

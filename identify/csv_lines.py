@@ -40,7 +40,7 @@ def read_csv_lines(path: Path) -> CsvLines:
     header_line, first = numbered[0]
     separator = _separator(first)
     header = [cell.strip() for cell in split_cells(first, separator, path, header_line)]
-    if header and all(_is_number(cell) for cell in header):
+    if any(_is_number(cell) for cell in header):
         raise BenchInputError(
             "the headers are missing; the first line must name the columns, such as spool_position [um]",
             file=path,

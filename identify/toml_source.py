@@ -36,7 +36,7 @@ class TomlSource:
             self._root = tomllib.loads("\n".join(self._lines))
         except RecursionError:
             raise BenchInputError("is nested too deeply to be a bench.toml", file=path) from None
-        except ValueError as error:  # TOMLDecodeError is one; so is an integer of thousands of digits
+        except tomllib.TOMLDecodeError as error:
             where = re.search(r"\(at line (\d+), column (\d+)\)", str(error))
             what = re.sub(r"\s*\(at .*\)$", "", str(error), flags=re.DOTALL)
             line = int(where[1]) if where else len(self._lines)
@@ -45,6 +45,8 @@ class TomlSource:
                 file=path,
                 line=line,
             ) from None
+        except ValueError:  # Python's limit on the digits of an integer
+            raise BenchInputError("holds a number of thousands of digits", file=path) from None
 
     @property
     def root(self) -> "TomlTable":
@@ -63,6 +65,8 @@ class TomlSource:
                 continue
             if len(found) > best_depth and path[: len(found)] == found:
                 best, best_depth = number, len(found)
+            elif best is None and found[: len(path)] == path:  # [tests.step] also opens [tests]
+                best = number
         return best
 
 
@@ -120,7 +124,7 @@ class TomlTable:
         """A value found under a key (itself, or inside an array) as a quantity in SI."""
         if isinstance(value, (int, float)) and not isinstance(value, bool):
             if kind != "plain number":
-                raise self.error(f'{quoted(value)} has no unit; write it as "... {KINDS[kind]}", in quotes', key)
+                raise self.error(f'{quoted(value)} has no unit; write it in quotes, such as "1.5 {KINDS[kind]}"', key)
             value = str(quoted(value))[1:-1]
         if not isinstance(value, str):
             raise self.error(f"{quoted(value)} is not a quantity; expected {expected(kind)}", key)
