@@ -62,47 +62,61 @@ def gap(
     return jnp.sqrt(jnp.square(jnp.maximum(opening, 0.0)) + jnp.square(clearance + 2.0 * radius)) - 2.0 * radius
 
 
-def conductance(
-    edge: MeteringEdge,
-    opening: Float[Array, "..."],
-    oil: OilAtTemperature,
-    drop: Float[Array, "..."],
-    mean_pressure: Float[Array, "..."],
-    rho: Float[Array, "..."],
-) -> Float[Array, "..."]:
-    """Volume flow per pressure drop, Q = G dp [m3/(s Pa)], of an orifice in series with its overlapped land.
+class Restriction(eqx.Module):
+    """An edge at its openings: what of the conductance depends neither on the oil nor on the pressures.
 
-    opening u [m]; drop dp [Pa], of either sign; rho [kg/m3] at the upstream temperature and the mean pressure.
-    C_q = C_qmax tanh(2 lambda/lambda_c) with lambda = (2h/nu) sqrt(2|dp|/rho), written so that it is linear in |dp|:
-    y = (2 lambda/lambda_c)^2 = 32 h^2 rho |dp| / (mu lambda_c)^2, as nu = mu/rho.
+    orifice 8 C_qmax w h^2/lambda_c [m3]; turbulence 32 h^2/lambda_c^2 [m2]; land 12 L/(w c^3) [1/m3]; parallel [m3].
     """
-    mu = viscosity_at(oil, mean_pressure)
-    c = edge.clearance
-    if edge.clearance_per_pressure is not None:
-        c = c + edge.clearance_per_pressure * mean_pressure
-    h2 = jnp.square(gap(opening, c, edge.radius))
-    y = 32.0 * h2 / jnp.square(edge.transition_number * mu) * rho * jnp.abs(drop)
-    orifice = 8.0 * edge.discharge_coefficient * edge.slot_width * h2 / edge.transition_number * tanhc(y)  # times 1/mu
-    resistance = 12.0 * jnp.maximum(-opening, 0.0) / (edge.slot_width * c**3)  # of the land, times mu
-    if edge.land_factor is not None:
-        resistance = resistance / edge.land_factor
-    total = orifice / (1.0 + orifice * resistance)
-    if edge.land_leakage is not None:
-        total = total + edge.land_leakage * c**3 / 12.0
-    return total / mu
+
+    orifice: Float[Array, "..."]
+    turbulence: Float[Array, "..."]
+    land: Float[Array, "..."]
+    parallel: Float[Array, "..."] | None
+
+
+class OpenEdge(eqx.Module):
+    """An edge at its openings u [m], ready for any pressures; `fixed` is None where the clearance follows the pressure."""
+
+    edge: MeteringEdge
+    opening: Float[Array, "..."]
+    fixed: Restriction | None
+
+
+def _restriction(edge: MeteringEdge, opening: Float[Array, "..."], clearance: Float[Array, "..."]) -> Restriction:
+    h2 = jnp.square(gap(opening, clearance, edge.radius))
+    land = 12.0 * jnp.maximum(-opening, 0.0) / (edge.slot_width * clearance**3)
+    return Restriction(
+        orifice=8.0 * edge.discharge_coefficient * edge.slot_width * h2 / edge.transition_number,
+        turbulence=32.0 * h2 / jnp.square(edge.transition_number),
+        land=land if edge.land_factor is None else land / edge.land_factor,
+        parallel=None if edge.land_leakage is None else edge.land_leakage * clearance**3 / 12.0,
+    )
+
+
+def at_opening(edge: MeteringEdge, opening: Float[Array, "..."]) -> OpenEdge:
+    """The edge at openings u [m]; what no pressure changes is computed here, once, and not in every balance step."""
+    fixed = _restriction(edge, opening, edge.clearance) if edge.clearance_per_pressure is None else None
+    return OpenEdge(edge, opening, fixed)
 
 
 def mass_flow(
-    edge: MeteringEdge,
-    opening: Float[Array, "..."],
-    oil: OilAtTemperature,
-    drop: Float[Array, "..."],
-    mean_pressure: Float[Array, "..."],
+    at: OpenEdge, oil: OilAtTemperature, drop: Float[Array, "..."], mean_pressure: Float[Array, "..."]
 ) -> Float[Array, "..."]:
-    """Mass flow through an edge [kg/s], positive along a positive drop; `oil` at the upstream temperature.
+    """Mass flow through an edge [kg/s], positive along a positive drop dp [Pa]; `oil` at the upstream temperature.
 
     The drop and the mean of both pressures are given, not the two pressures: near a fully open edge the drop is a small
-    difference that subtracting pressures would lose.
+    difference that subtracting pressures would lose. An orifice in series with its overlapped land, Q = G dp:
+    C_q = C_qmax tanh(2 lambda/lambda_c) with lambda = (2h/nu) sqrt(2|dp|/rho), written so that it is linear in |dp|:
+    y = (2 lambda/lambda_c)^2 = 32 h^2 rho |dp| / (mu lambda_c)^2, as nu = mu/rho.
     """
-    rho = density_at(oil, mean_pressure)
-    return rho * conductance(edge, opening, oil, drop, mean_pressure, rho) * drop
+    rho, mu = density_at(oil, mean_pressure), viscosity_at(oil, mean_pressure)
+    through = at.fixed
+    if through is None:
+        assert at.edge.clearance_per_pressure is not None
+        through = _restriction(at.edge, at.opening, at.edge.clearance + at.edge.clearance_per_pressure * mean_pressure)
+    y = through.turbulence * rho * jnp.abs(drop) / jnp.square(mu)
+    orifice = through.orifice * tanhc(y)
+    total = orifice / (1.0 + orifice * through.land)  # G mu
+    if through.parallel is not None:
+        total = total + through.parallel
+    return rho * total * drop / mu

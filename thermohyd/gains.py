@@ -34,7 +34,10 @@ def flow_pressure_gain(valve: Valve, conditions: Conditions) -> Float[Array, " r
     """K_QP = -dQ/dp_L of the load flow [m3/(s Pa)], at `conditions.load_pressure` (0 where there is none)."""
     if conditions.load_pressure is None:
         conditions = eqx.tree_at(
-            lambda c: c.load_pressure, conditions, jnp.zeros_like(conditions.position), is_leaf=lambda leaf: leaf is None
+            lambda c: c.load_pressure,
+            conditions,
+            jnp.zeros_like(conditions.position),
+            is_leaf=lambda leaf: leaf is None,
         )
     return -_slope(load_flow, valve, conditions, "load_pressure")
 

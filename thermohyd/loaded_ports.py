@@ -5,7 +5,7 @@ from jaxtyping import Array, Float
 
 from .balance import falling_root
 from .conditions import Conditions
-from .edge import mass_flow
+from .edge import at_opening, mass_flow
 from .effect import Edges
 from .oil import Oil, at_temperature, throttling_rise
 from .ports import Ports, openings
@@ -22,7 +22,7 @@ def _positive(flow: Float[Array, "..."]) -> Float[Array, "..."]:
 def loaded_ports(
     edges: Edges,
     oil: Oil,
-    heat_retention: Float[Array, ""] | None,
+    heat_retention: Float[Array, "..."] | None,
     conditions: Conditions,
     load: Float[Array, " rows"],
 ) -> Ports:
@@ -37,6 +37,7 @@ def loaded_ports(
     span = c.supply_pressure - c.return_pressure + jnp.abs(load)
     offset = jnp.stack([0.5 * load, -0.5 * load])
     supply_opening, return_opening = openings(edges, c)
+    supply, return_ = at_opening(edges.supply, supply_opening), at_opening(edges.return_, return_opening)
     fresh = at_temperature(oil, c.temperature)
 
     def state(q: Float[Array, " rows"]) -> Ports:
@@ -45,17 +46,17 @@ def loaded_ports(
         supply_mean, return_mean = pressure + 0.5 * supply_drop, pressure - 0.5 * return_drop
 
         def inflow(warm: Float[Array, "2 rows"] | None) -> Float[Array, "2 rows"]:
-            forward = mass_flow(edges.supply, supply_opening, fresh, supply_drop, supply_mean)
+            forward = mass_flow(supply, fresh, supply_drop, supply_mean)
             if warm is None:
                 return forward
-            back = mass_flow(edges.supply, supply_opening, at_temperature(oil, warm), supply_drop, supply_mean)
+            back = mass_flow(supply, at_temperature(oil, warm), supply_drop, supply_mean)
             return jnp.where(supply_drop < 0.0, back, forward)
 
         def outflow(warm: Float[Array, "2 rows"] | None) -> Float[Array, "2 rows"]:
-            back = mass_flow(edges.return_, return_opening, fresh, return_drop, return_mean)
+            back = mass_flow(return_, fresh, return_drop, return_mean)
             if warm is None:
                 return back
-            forward = mass_flow(edges.return_, return_opening, at_temperature(oil, warm), return_drop, return_mean)
+            forward = mass_flow(return_, at_temperature(oil, warm), return_drop, return_mean)
             return jnp.where(return_drop < 0.0, back, forward)
 
         if heat_retention is None:

@@ -89,7 +89,8 @@ def at_temperature(oil: Oil, temperature: Float[Array, "..."]) -> OilAtTemperatu
 def density_at(state: OilAtTemperature, pressure: Float[Array, "..."]) -> Float[Array, "..."]:
     """rho(p) [kg/m3] at the state's temperature, Tait: rho(0) / (1 - ln(1 + (1 + K') p / K0) / (1 + K'))."""
     stiffening = 1.0 + state.tait_slope
-    return state.density / (1.0 - jnp.log1p(stiffening * pressure / state.bulk_modulus) / stiffening)
+    # Not log1p: its rounding is finer than the density can show, and it is the dearest function of the whole balance.
+    return state.density / (1.0 - jnp.log(1.0 + stiffening * pressure / state.bulk_modulus) / stiffening)
 
 
 def viscosity_at(state: OilAtTemperature, pressure: Float[Array, "..."]) -> Float[Array, "..."]:

@@ -11,11 +11,13 @@ from jaxtyping import Array, Float
 
 from .balance import falling_root
 from .conditions import Conditions
-from .edge import mass_flow
+from .edge import OpenEdge, at_opening, mass_flow
 from .effect import Edges
-from .oil import Oil, at_temperature, throttling_rise
+from .oil import Oil, OilAtTemperature, at_temperature, throttling_rise
 
 
+# Connected ports sit near the middle between supply and return: 4 Newton steps leave rounding only, the fifth is reserve.
+CONNECTED_STEPS = 5
 MIRROR = np.array([[1.0], [-1.0]])
 
 
@@ -52,16 +54,15 @@ def openings(edges: Edges, conditions: Conditions) -> tuple[Float[Array, "2 rows
 class _PortFlows(eqx.Module):
     """Mass flows in and out of port volumes at given drops, with the heat that the oil keeps on its way."""
 
-    edges: Edges
+    supply: OpenEdge
+    return_: OpenEdge
     oil: Oil
-    heat_retention: Float[Array, ""] | None
+    fresh: OilAtTemperature  # at the supply's temperature
+    heat_retention: Float[Array, "..."] | None
     conditions: Conditions
 
     def inflow(self, drop: Float[Array, "..."]) -> Float[Array, "..."]:
-        c = self.conditions
-        opening, _ = openings(self.edges, c)
-        oil = at_temperature(self.oil, c.temperature)
-        return mass_flow(self.edges.supply, opening, oil, drop, c.supply_pressure - 0.5 * drop)
+        return mass_flow(self.supply, self.fresh, drop, self.conditions.supply_pressure - 0.5 * drop)
 
     def port_temperature(self, supply_drop: Float[Array, "..."]) -> Float[Array, "..."]:
         """T_s + eta times the throttling rise of the inflow; plain T_s where no heat is kept."""
@@ -72,10 +73,22 @@ class _PortFlows(eqx.Module):
         return c.temperature + self.heat_retention * rise
 
     def outflow(self, drop: Float[Array, "..."], temperature: Float[Array, "..."]) -> Float[Array, "..."]:
-        c = self.conditions
-        _, opening = openings(self.edges, c)
-        oil = at_temperature(self.oil, temperature)
-        return mass_flow(self.edges.return_, opening, oil, drop, c.return_pressure + 0.5 * drop)
+        oil = self.fresh if self.heat_retention is None else at_temperature(self.oil, temperature)
+        return mass_flow(self.return_, oil, drop, self.conditions.return_pressure + 0.5 * drop)
+
+
+def _port_flows(
+    edges: Edges, oil: Oil, heat_retention: Float[Array, "..."] | None, conditions: Conditions
+) -> _PortFlows:
+    supply, return_ = openings(edges, conditions)
+    return _PortFlows(
+        supply=at_opening(edges.supply, supply),
+        return_=at_opening(edges.return_, return_),
+        oil=oil,
+        fresh=at_temperature(oil, conditions.temperature),
+        heat_retention=heat_retention,
+        conditions=conditions,
+    )
 
 
 def _ports(flows: _PortFlows, drops: _Between) -> Ports:
@@ -89,11 +102,9 @@ def _ports(flows: _PortFlows, drops: _Between) -> Ports:
     )
 
 
-def blocked_ports(
-    edges: Edges, oil: Oil, heat_retention: Float[Array, ""] | None, conditions: Conditions
-) -> Ports:
+def blocked_ports(edges: Edges, oil: Oil, heat_retention: Float[Array, "..."] | None, conditions: Conditions) -> Ports:
     """Both ports closed: each port's inflow equals its outflow, ln(in/out) = 0 (MODEL section 4)."""
-    flows = _PortFlows(edges, oil, heat_retention, conditions)
+    flows = _port_flows(edges, oil, heat_retention, conditions)
 
     def log_ratio(q: Float[Array, "2 rows"]) -> Float[Array, "2 rows"]:
         drops = _between(q, conditions)
@@ -105,10 +116,10 @@ def blocked_ports(
 
 
 def connected_ports(
-    edges: Edges, oil: Oil, heat_retention: Float[Array, ""] | None, conditions: Conditions
+    edges: Edges, oil: Oil, heat_retention: Float[Array, "..."] | None, conditions: Conditions
 ) -> Ports:
     """Both ports joined without loss: p_A = p_B = p_m balances the four edges (the flow-gain test)."""
-    flows = _PortFlows(edges, oil, heat_retention, conditions)
+    flows = _port_flows(edges, oil, heat_retention, conditions)
 
     def log_ratio(q: Float[Array, " rows"]) -> Float[Array, " rows"]:
         drops = _between(q, conditions)
@@ -116,5 +127,5 @@ def connected_ports(
         inflow = jnp.sum(flows.inflow(drops.supply_drop), axis=0)
         return jnp.log(inflow / jnp.sum(flows.outflow(drops.return_drop, temperature), axis=0))
 
-    q = falling_root(log_ratio, jnp.zeros(conditions.position.shape))
+    q = falling_root(log_ratio, jnp.zeros(conditions.position.shape), CONNECTED_STEPS)
     return _ports(flows, _between(q, conditions))

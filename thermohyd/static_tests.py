@@ -49,9 +49,7 @@ def load_pressure(valve: Valve, conditions: Conditions) -> Float[Array, " rows"]
     return blocked_port_readings(valve, conditions)["load_pressure"]
 
 
-def port_pressures(
-    valve: Valve, conditions: Conditions
-) -> tuple[Float[Array, " rows"], Float[Array, " rows"]]:
+def port_pressures(valve: Valve, conditions: Conditions) -> tuple[Float[Array, " rows"], Float[Array, " rows"]]:
     """Pressure-gain test with a gauge on each port: (p_A, p_B) [Pa]."""
     readings = blocked_port_readings(valve, conditions)
     return readings["pressure_a"], readings["pressure_b"]

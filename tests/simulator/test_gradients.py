@@ -7,15 +7,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from helpers.valves import STROKE, random_conditions, random_parameters, seed_oil, seed_valve, temperature_at, valve_of
 from hypothesis import given, settings, strategies as st
 
 from thermohyd.conditions import operating_points
-from thermohyd.edge import MeteringEdge, mass_flow, tanhc
+from thermohyd.edge import MeteringEdge, at_opening, mass_flow, tanhc
 from thermohyd.gains import flow_pressure_gain, pressure_gain
 from thermohyd.oil import at_temperature
 from thermohyd.static_tests import control_flow, leakage_flow, load_flow, load_pressure
-
-from helpers.valves import STROKE, random_conditions, random_parameters, seed_oil, seed_valve, temperature_at, valve_of
 
 
 TESTS = {"leakage": leakage_flow, "pressure_gain": load_pressure, "flow_gain": control_flow, "load_flow": load_flow}
@@ -79,7 +78,8 @@ def edge_of(radius=5e-6, clearance=2e-6):
 
 def flow_through(z):
     """Mass flow [kg/s] over opening [10 um] and pressure drop [bar]."""
-    return mass_flow(edge_of(), z[0] * 1e-5, at_temperature(seed_oil(), jnp.asarray(313.15)), z[1] * 1e5, jnp.asarray(1e7))
+    oil = at_temperature(seed_oil(), jnp.asarray(313.15))
+    return mass_flow(at_opening(edge_of(), z[0] * 1e-5), oil, z[1] * 1e5, jnp.asarray(1e7))
 
 
 @pytest.mark.parametrize("opening", [-2.0, -0.5, 0.5, 2.0])
@@ -134,7 +134,9 @@ def test_flow_pressure_gain_is_the_ratio_of_the_other_two_at_null():
 
     @jax.jit
     def all_gains(x):
-        slope = jax.jvp(lambda x: load_flow(valve, eqx.tree_at(lambda c: c.position, loaded, x)), (x,), (jnp.ones(1),))[1]
+        slope = jax.jvp(lambda x: load_flow(valve, eqx.tree_at(lambda c: c.position, loaded, x)), (x,), (jnp.ones(1),))[
+            1
+        ]
         return slope[0] / pressure_gain(valve, c)[0], flow_pressure_gain(valve, c)[0]
 
     ratio, gain = all_gains(c.position)

@@ -4,6 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from helpers.valves import STROKE, seed_oil, seed_valve, temperature_at
 
 from thermohyd.conditions import operating_points
 from thermohyd.edge import gap
@@ -12,8 +13,6 @@ from thermohyd.oil import kinematic_viscosity, throttling_rise
 from thermohyd.ports import blocked_ports
 from thermohyd.static_tests import control_flow, leakage_flow, port_pressures
 from thermohyd.valve import metering_edges, true_conditions
-
-from helpers.valves import STROKE, seed_oil, seed_valve, temperature_at
 
 
 BAR = 1e5
@@ -34,7 +33,13 @@ def incompressible(valve):
 
 @pytest.mark.parametrize(
     ("centistokes", "hm", "thm"),
-    [(30, 0.28388, 0.28819), (100, 0.09257, 0.09540), (300, 0.03054, 0.03190), (1000, 0.00902, 0.00957), (4000, 0.00222, 0.00241)],
+    [
+        (30, 0.28388, 0.28819),
+        (100, 0.09257, 0.09540),
+        (300, 0.03054, 0.03190),
+        (1000, 0.00902, 0.00957),
+        (4000, 0.00222, 0.00241),
+    ],
 )
 def test_null_leakage_of_an_independent_model(centistokes, hm, thm):
     at_null = operating_points(0.0, supply_pressure=70 * BAR, temperature=temperature_at(centistokes))
@@ -98,7 +103,11 @@ def test_adiabatic_model_lies_above_and_the_gap_shrinks_with_temperature():
 
 def test_small_opening_flow_gain_rises_strongly_with_temperature():
     gains = [
-        float(flow_gain(seed_valve(), operating_points(0.01 * STROKE, supply_pressure=70 * BAR, temperature=temperature_at(nu)))[0])
+        float(
+            flow_gain(
+                seed_valve(), operating_points(0.01 * STROKE, supply_pressure=70 * BAR, temperature=temperature_at(nu))
+            )[0]
+        )
         for nu in VISCOSITIES
     ]
     say("flow gain near null, 30 to 4000 cSt [m2/s]", gains)

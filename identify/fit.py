@@ -1,0 +1,150 @@
+"""The fit: parameters of a valve from its bench record, with error bars that allow for what the noise really is."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from thermohyd.precision import require_float64
+
+from .channel_noise import ChannelNoise, initial_noise, reweighted
+from .errors import BenchInputError
+from .fit_result import FitResult, StartOutcome
+from .least_squares import LeastSquaresResult, multi_start, solve
+from .outcome import fit_result
+from .parameters import ParameterPlan, plan_parameters
+from .problem import FitArgs, box_of, prior_rows, residual_of
+from .record import BenchRecord, TestRecord
+from .reduction import reduce_test
+from .starting_point import null_position
+from .static_model import base_valve, channel_slices, static_data
+
+
+# Rounds of re-estimating unknown noise from the residuals; each starts from the last optimum and costs a few steps.
+MOST_ROUNDS = 8
+SETTLED = 0.01  # relative change of every channel's noise
+STARTS = 4
+
+Progress = Callable[[str], None]
+Key = tuple[str, str]  # test, channel
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A fit before it is put into words: what was fitted, with which noise, and where the solver ended."""
+
+    record: BenchRecord
+    tests: dict[str, TestRecord]
+    plans: dict[str, ParameterPlan]
+    free: tuple[str, ...]
+    noise: dict[Key, ChannelNoise]
+    solution: LeastSquaresResult
+    starts: tuple[StartOutcome, ...]
+
+
+def fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | None = None) -> FitResult:
+    """Fit the free parameters of a record's valve to all its static tests at once.
+
+    Raises BenchInputError where the record cannot determine anything (no readings, everything held, fewer readings than
+    parameters) and RuntimeError in single precision. A fit that does not converge is returned with `converged` False.
+    """
+    require_float64("fit")
+    began = time.perf_counter()
+    fitted = run_fit(record, starts=starts, progress=progress)
+    return replace(fit_result(fitted), seconds=time.perf_counter() - began)
+
+
+def run_fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | None = None) -> Fitted:
+    """Reduce, start, solve, and settle the noise; everything but the words."""
+    say = progress or (lambda _: None)
+    tests = {}
+    for name, test in record.tests.items():
+        if not test.channels:
+            raise BenchInputError("has no reading to fit", file=test.path)
+        if test.rows > 2000:
+            say(f"reducing {name}: {test.rows:,} rows")
+        tests[name] = reduce_test(test)
+    plans = plan_parameters(record.valve, record.start)
+    free = tuple(name for name, plan in plans.items() if not plan.fixed)
+    noise = {(t.name, c.name): initial_noise(t, c) for t in tests.values() for c in t.channels}
+    readings = sum(len(n.std) for n in noise.values())
+    if not free:
+        raise BenchInputError("[start] holds every parameter fixed; free at least one", file=record.folder)
+    if readings < len(free):
+        raise BenchInputError(
+            f"{readings} readings cannot determine {len(free)} parameters; hold some in [start] or add rows",
+            file=record.folder,
+        )
+    problem = _Problem(record, tests, plans, free)
+    say(f"fitting {len(free)} parameters to {readings:,} readings")
+    outcomes = multi_start(
+        residual_of(free), problem.boxes, problem.args(noise), problem.first_starts(), count=starts, progress=say
+    )
+    solution = outcomes[0]
+    for _ in range(MOST_ROUNDS):
+        settled = problem.settle(noise, solution)
+        change = max(_change(noise[key], settled[key]) for key in noise)
+        noise = settled
+        if change < SETTLED:
+            break
+        solution = solve(residual_of(free), problem.boxes, problem.args(noise), solution.p)
+    told = tuple(problem.outcome(o) for o in outcomes)
+    return Fitted(record, tests, plans, free, noise, solution, told)
+
+
+def _change(before: ChannelNoise, after: ChannelNoise) -> float:
+    return float(np.max(np.abs(after.used / before.used - 1.0)))
+
+
+@dataclass(frozen=True)
+class _Problem:
+    """One record's least-squares problem; only the noise changes between its solves."""
+
+    record: BenchRecord
+    tests: dict[str, TestRecord]
+    plans: dict[str, ParameterPlan]
+    free: tuple[str, ...]
+
+    @property
+    def boxes(self) -> list:
+        return [box_of(self.plans[name]) for name in self.free]
+
+    def args(self, noise: dict[Key, ChannelNoise]) -> FitArgs:
+        values = {name: plan.start for name, plan in self.plans.items()}
+        valve = base_valve(self.record, values, heat="heat_retention" in self.free)
+        data = static_data(self.tests, {key: n.used for key, n in noise.items()})
+        return FitArgs(valve, data, *prior_rows([self.plans[name] for name in self.free]))
+
+    def first_starts(self) -> list[np.ndarray]:
+        """The nominal valve; and the same with its null where the curves show it, unless the user placed it."""
+        nominal = np.array([self.plans[name].start for name in self.free])
+        null = null_position(self.tests)
+        plan = self.plans["null_bias"]
+        if null is None or plan.fixed or plan.given:
+            return [nominal]
+        shifted = nominal.copy()
+        shifted[self.free.index("null_bias")] = np.clip(null, plan.lower, plan.upper)
+        return [shifted, nominal]
+
+    def settle(self, noise: dict[Key, ChannelNoise], solution: LeastSquaresResult) -> dict[Key, ChannelNoise]:
+        """Noise re-estimated from the residuals, where it is not known; each channel pays its share of the parameters."""
+        new = {}
+        jacobian = solution.jacobian * np.array([self.plans[name].info.scale for name in self.free])
+        leverage = _leverage(jacobian)
+        for key, rows in channel_slices(self.tests).items():
+            misfit = solution.residual[rows] * noise[key].used
+            freedom = max(1.0 - float(np.sum(leverage[rows])) / len(misfit), 0.05)
+            new[key] = reweighted(noise[key], misfit, freedom)
+        return new
+
+    def outcome(self, result: LeastSquaresResult) -> StartOutcome:
+        start = dict(zip(self.free, (float(v) for v in result.start), strict=True))
+        return StartOutcome(start, result.cost, result.converged, result.message, result.steps)
+
+
+def _leverage(jacobian: np.ndarray) -> np.ndarray:
+    """Diagonal of the hat matrix: how much of a parameter each reading uses up."""
+    q, r = np.linalg.qr(jacobian)
+    alive = np.abs(np.diag(r)) > 1e-12 * max(float(np.max(np.abs(np.diag(r)))), 1e-300)
+    return np.sum(q[:, alive] ** 2, axis=1)

@@ -1,0 +1,81 @@
+"""The parameters that a fit can free: their names, units, nominal values and the box in which they make sense."""
+
+from dataclasses import dataclass
+
+from .record import StartValue, ValveData
+
+
+@dataclass(frozen=True)
+class ParameterInfo:
+    """One identifiable parameter (MODEL section 5). `scale` is a natural step: what a fit thinks of as order one."""
+
+    name: str
+    unit: str
+    nominal: float
+    lower: float
+    upper: float
+    scale: float
+    meaning: str
+
+
+MICRON = 1e-6
+
+
+def identified_by_default(valve: ValveData) -> dict[str, ParameterInfo]:
+    """The six static parameters for a valve; the limits of underlap and null bias follow its stroke."""
+    half = 0.5 * valve.stroke
+    known = (
+        ParameterInfo("edge_radius", "m", 10 * MICRON, 0.0, 200 * MICRON, 5 * MICRON, "radius of the rounded edges"),
+        ParameterInfo("clearance", "m", 3 * MICRON, 0.05 * MICRON, 50 * MICRON, 1 * MICRON, "radial clearance"),
+        ParameterInfo("underlap", "m", 5 * MICRON, -half, half, 5 * MICRON, "opening between the arc centres at null"),
+        ParameterInfo("discharge_coefficient", "dimensionless", 0.7, 0.05, 2.0, 0.1, "C_qmax of the edges"),
+        ParameterInfo(
+            "transition_number", "dimensionless", 100.0, 1.0, 10000.0, 30.0, "lambda_c, laminar to turbulent"
+        ),
+        ParameterInfo("null_bias", "m", 0.0, -half, half, 5 * MICRON, "spool position at hydraulic null"),
+    )
+    return {info.name: info for info in known}
+
+
+def heat_retention() -> ParameterInfo:
+    """eta between the isothermal (0) and the adiabatic (1) model: held at 0 unless a record frees it."""
+    return ParameterInfo("heat_retention", "dimensionless", 0.0, 0.0, 1.0, 0.3, "share of the heat that the oil keeps")
+
+
+@dataclass(frozen=True)
+class Prior:
+    """A Gaussian prior on a free parameter: one more residual, (p - value)/std."""
+
+    value: float
+    std: float
+
+
+@dataclass(frozen=True)
+class ParameterPlan:
+    """What a fit does with one parameter: hold it at `start`, or free it inside its box."""
+
+    info: ParameterInfo
+    start: float
+    fixed: bool
+    lower: float
+    upper: float
+    prior: Prior | None = None
+    given: bool = False  # the start came from the user
+
+
+def plan_parameters(valve: ValveData, start: dict[str, StartValue]) -> dict[str, ParameterPlan]:
+    """Merge the defaults with a record's `[start]`; a box always contains its start."""
+    plans: dict[str, ParameterPlan] = {}
+    for info in (*identified_by_default(valve).values(), heat_retention()):
+        chosen = start.get(info.name)
+        if chosen is None:
+            held = info.name == "heat_retention"
+            plans[info.name] = ParameterPlan(info, info.nominal, held, info.lower, info.upper)
+            continue
+        lower = info.lower if chosen.lower is None else chosen.lower
+        upper = info.upper if chosen.upper is None else chosen.upper
+        prior = Prior(chosen.value, chosen.prior_std) if chosen.prior_std else None
+        plans[info.name] = ParameterPlan(
+            info, chosen.value, chosen.fixed, min(lower, chosen.value), max(upper, chosen.value), prior, given=True
+        )
+    return plans

@@ -1,0 +1,113 @@
+"""The least-squares problem of a fit: whitened residuals of every channel, then the priors."""
+
+import functools
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from thermohyd.valve import Valve
+
+from .least_squares import Residual
+from .parameters import ParameterPlan
+from .static_model import StaticData, group_rows, groups_of, predict, predict_group, weighted_residuals, with_parameters
+from .transforms import Box
+
+
+class FitArgs(eqx.Module):
+    """Data of the problem: the valve with its held parameters, the readings, and the priors of the free parameters."""
+
+    valve: Valve
+    data: StaticData
+    prior_value: Float[Array, " free"]
+    prior_weight: Float[Array, " free"]  # 1/standard deviation; 0 where there is no prior
+
+
+@functools.cache
+def residual_of(names: tuple[str, ...]) -> Residual:
+    """The residual function of the named free parameters: one object per set of names, so that it compiles once.
+
+    Its derivative is taken row by row: a reading depends on the parameters only through its own row, so one reverse
+    pass over parameters that are spread over the rows gives every column at once, at a cost that does not grow with
+    their number. Only derivatives with respect to the parameters are provided, not to `args`.
+    """
+
+    @jax.custom_jvp
+    def residual(values: Float[Array, " free"], args: FitArgs) -> Float[Array, " residuals"]:
+        valve = with_parameters(args.valve, names, values)
+        prior = (values - args.prior_value) * args.prior_weight
+        return jnp.concatenate([weighted_residuals(predict(valve, args.data.conditions), args.data), prior])
+
+    @residual.defjvp
+    def pushforward(primals: tuple, tangents: tuple) -> tuple[Array, Array]:
+        values, args = primals
+        out, columns = residual_and_columns(names, values, args)
+        return out, tangents[0] @ columns
+
+    return residual
+
+
+def residual_and_columns(
+    names: tuple[str, ...], values: Float[Array, " free"], args: FitArgs
+) -> tuple[Float[Array, " residuals"], Float[Array, "free residuals"]]:
+    """The residuals and the columns of their Jacobian, by one reverse pass per channel that shares its rows with others."""
+    data = args.data
+    groups = groups_of(data.conditions)
+    spread = {
+        group: jnp.broadcast_to(values[:, None], (len(names), group_rows(data.conditions, tests)))
+        for group, tests in groups.items()
+    }
+
+    def of_rows(spread: dict[str, Float[Array, "free rows"]]) -> tuple[Float[Array, " padded"], ...]:
+        found: dict[str, dict[str, Array]] = {}
+        for group, tests in groups.items():
+            found |= predict_group(with_parameters(args.valve, names, spread[group]), group, tests, data.conditions)
+        return tuple((found[c.test][c.name] - c.value) * c.weight for c in data.channels)
+
+    parts, pull = jax.vjp(of_rows, spread)
+    columns: dict[int, Array] = {}
+    for layer in _layers(data):
+        ones = tuple(jnp.ones_like(p) if i in layer else jnp.zeros_like(p) for i, p in enumerate(parts))
+        slopes = pull(ones)[0]
+        for i in layer:
+            columns[i] = _rows_of_test(slopes, data.channels[i].test, groups, data)
+    prior = (values - args.prior_value) * args.prior_weight
+    blocks = [columns[i] for i in range(len(parts))]
+    return jnp.concatenate([*parts, prior]), jnp.concatenate([*blocks, jnp.diag(args.prior_weight)], axis=1)
+
+
+def _layers(data: StaticData) -> list[set[int]]:
+    """Channels that can share a reverse pass: at most one of each test."""
+    layers: list[set[int]] = []
+    seen: dict[str, int] = {}
+    for i, channel in enumerate(data.channels):
+        depth = seen.get(channel.test, 0)
+        seen[channel.test] = depth + 1
+        if depth == len(layers):
+            layers.append(set())
+        layers[depth].add(i)
+    return layers
+
+
+def _rows_of_test(
+    slopes: dict[str, Float[Array, "free rows"]], test: str, groups: dict[str, tuple[str, ...]], data: StaticData
+) -> Float[Array, "free padded"]:
+    for group, tests in groups.items():
+        if test in tests:
+            first = group_rows(data.conditions, tests[: tests.index(test)])
+            return slopes[group][:, first : first + data.conditions[test].position.shape[0]]
+    raise KeyError(test)
+
+
+def prior_rows(plans: list[ParameterPlan]) -> tuple[Array, Array]:
+    """(value, weight) of the priors, one per free parameter."""
+    value = [plan.prior.value if plan.prior else plan.start for plan in plans]
+    weight = [1.0 / plan.prior.std if plan.prior else 0.0 for plan in plans]
+    return jnp.asarray(np.array(value, dtype=float)), jnp.asarray(np.array(weight, dtype=float))
+
+
+def box_of(plan: ParameterPlan) -> Box:
+    """How the solver sees a parameter: scaled linearly, because every lower limit (0 radius, overlap) can be reached."""
+    return Box(plan.info.name, plan.start, plan.info.scale, plan.lower, plan.upper)

@@ -1,0 +1,166 @@
+"""The static tests of a record as one differentiable function of the parameters: what the solver calls.
+
+Rows are padded to a few sizes (pads weigh nothing), so that records of similar length share one compiled program.
+Leakage and pressure gain are the same balance of blocked ports: their rows run through it together.
+"""
+
+from collections.abc import Mapping
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from thermohyd.conditions import Conditions
+from thermohyd.oil import oil_from_definition
+from thermohyd.static_tests import blocked_port_readings, control_flow, load_flow
+from thermohyd.valve import Valve
+
+from .record import BenchRecord, TestRecord
+
+
+# The tests by the balance of the ports that they share.
+GROUPS = {"blocked": ("leakage", "pressure_gain"), "flow_gain": ("flow_gain",), "load_flow": ("load_flow",)}
+
+
+class ChannelRows(eqx.Module):
+    """One channel's readings: padded values [SI] and weights, 1/standard deviation; a pad weighs 0."""
+
+    test: str = eqx.field(static=True)
+    name: str = eqx.field(static=True)
+    value: Float[Array, " padded"]
+    weight: Float[Array, " padded"]
+
+
+class StaticData(eqx.Module):
+    """The conditions of every test and the readings beside them."""
+
+    conditions: dict[str, Conditions]
+    channels: tuple[ChannelRows, ...]
+
+
+def padded_size(rows: int) -> int:
+    """The next of a few sizes, at most an eighth above the number of rows."""
+    if rows <= 64:
+        return 64
+    step = 2 ** (int(rows - 1).bit_length() - 4)
+    return -(-rows // step) * step
+
+
+def pad(values: np.ndarray, fill: float | None = None) -> Array:
+    """Pad with `fill`, by default with the last row, whose operating point is known to be sound."""
+    missing = padded_size(len(values)) - len(values)
+    tail = np.full(missing, values[-1] if fill is None else fill, dtype=float)
+    return jnp.asarray(np.concatenate([np.asarray(values, dtype=float), tail]))
+
+
+def conditions_of(test: TestRecord) -> Conditions:
+    """A test's operating points, padded."""
+    return Conditions(
+        position=pad(test.spool_position),
+        supply_pressure=pad(test.supply_pressure),
+        return_pressure=pad(test.return_pressure),
+        temperature=pad(test.temperature),
+        load_pressure=None if test.load_pressure is None else pad(test.load_pressure),
+        time=None if test.time is None else pad(test.time),
+        direction=pad(test.direction),
+        run=pad(test.run),
+    )
+
+
+def base_valve(record: BenchRecord, parameters: Mapping[str, float], heat: bool = False) -> Valve:
+    """The valve of a record with the given parameters; `heat` computes heat retention even where it starts at 0."""
+    numbers = dict(parameters)
+    eta = numbers.pop("heat_retention", 0.0)
+    return Valve(
+        oil=oil_from_definition(record.oil),
+        stroke=record.valve.stroke,
+        slot_width=record.valve.slot_width,
+        heat_retention=jnp.asarray(eta) if heat or eta > 0.0 else None,
+        land_diameter=None if record.valve.land_diameter is None else jnp.asarray(record.valve.land_diameter),
+        **numbers,
+    )
+
+
+def with_parameters(valve: Valve, names: tuple[str, ...], values: Float[Array, " free"]) -> Valve:
+    """The valve with some of its parameters replaced."""
+    return eqx.tree_at(lambda v: [getattr(v, name) for name in names], valve, [values[i] for i in range(len(names))])
+
+
+def _joined(parts: list[Conditions]) -> Conditions:
+    """Rows of several tests behind one another; a column that only some have is left out (none of them needs it)."""
+
+    def column(name: str) -> Array | None:
+        arrays = [getattr(part, name) for part in parts]
+        return None if any(a is None for a in arrays) else jnp.concatenate(arrays)
+
+    names = ("position", "supply_pressure", "return_pressure", "temperature", "load_pressure", "time", "direction")
+    # Runs of different tests must not look like one sweep.
+    runs = [part.run + 1000.0 * i for i, part in enumerate(parts) if part.run is not None]
+    return Conditions(**{n: column(n) for n in names}, run=jnp.concatenate(runs) if len(runs) == len(parts) else None)
+
+
+def groups_of(conditions: dict[str, Conditions]) -> dict[str, tuple[str, ...]]:
+    """Tests that are solved together, by the name of the balance that they share, in the order of GROUPS."""
+    found = {group: tuple(test for test in tests if test in conditions) for group, tests in GROUPS.items()}
+    return {group: tests for group, tests in found.items() if tests}
+
+
+def group_rows(conditions: dict[str, Conditions], tests: tuple[str, ...]) -> int:
+    """Padded rows of a group's tests, behind one another."""
+    return sum(conditions[test].position.shape[0] for test in tests)
+
+
+def predict_group(
+    valve: Valve, group: str, tests: tuple[str, ...], conditions: dict[str, Conditions]
+) -> dict[str, dict[str, Float[Array, " padded"]]]:
+    """{test: {channel: readings}} of one group; parameters of the valve may have one entry per row of the group."""
+    if group == "flow_gain":
+        return {group: {"flow": control_flow(valve, conditions[group])}}
+    if group == "load_flow":
+        return {group: {"flow": load_flow(valve, conditions[group])}}
+    readings = blocked_port_readings(valve, _joined([conditions[test] for test in tests]))
+    found: dict[str, dict[str, Array]] = {}
+    first = 0
+    for test in tests:
+        last = first + conditions[test].position.shape[0]
+        found[test] = {channel: value[first:last] for channel, value in readings.items()}
+        first = last
+    return found
+
+
+def predict(valve: Valve, conditions: dict[str, Conditions]) -> dict[str, dict[str, Float[Array, " padded"]]]:
+    """Readings of every test at its padded operating points: {test: {channel: values [SI]}}."""
+    found: dict[str, dict[str, Array]] = {}
+    for group, tests in groups_of(conditions).items():
+        found |= predict_group(valve, group, tests, conditions)
+    return found
+
+
+def weighted_residuals(
+    found: dict[str, dict[str, Float[Array, " padded"]]], data: StaticData
+) -> Float[Array, " readings"]:
+    """(model - reading) / standard deviation, all channels behind one another, in the order of `data.channels`."""
+    parts = [(found[c.test][c.name] - c.value) * c.weight for c in data.channels]
+    return jnp.concatenate(parts)
+
+
+def static_data(tests: dict[str, TestRecord], std: dict[tuple[str, str], np.ndarray]) -> StaticData:
+    """Everything a fit needs of the tests; `std` gives each channel's standard deviations, row by row."""
+    channels = tuple(
+        ChannelRows(test.name, channel.name, pad(channel.value), pad(1.0 / std[test.name, channel.name], fill=0.0))
+        for test in tests.values()
+        for channel in test.channels
+    )
+    return StaticData({test.name: conditions_of(test) for test in tests.values()}, channels)
+
+
+def channel_slices(tests: dict[str, TestRecord]) -> dict[tuple[str, str], slice]:
+    """Where each channel's rows lie in the residual vector, pads left out."""
+    slices: dict[tuple[str, str], slice] = {}
+    first = 0
+    for test in tests.values():
+        for channel in test.channels:
+            slices[test.name, channel.name] = slice(first, first + test.rows)
+            first += padded_size(test.rows)
+    return slices
