@@ -6,8 +6,9 @@ from .fit_json import fit_json, json_text
 from .fit_result import FitResult
 from .html_report import html_report
 from .model_file import model_json
+from .parameter_plot import parameter_figure
 from .plot_style import png, style, svg
-from .plots import parameter_figure, test_figures
+from .plots import test_figures
 
 
 def fit_files(result: FitResult) -> dict[str, bytes | str]:

@@ -1,16 +1,15 @@
-"""Figures of a fit: data beside the model for each test, the residuals in units of the noise, and the parameters."""
+"""Figures of a fit: data beside the model for each test, and the residuals in units of the noise."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import LogLocator
 
 from . import plot_style as look
-from .display_units import display_unit, reading_unit
+from .display_units import reading_unit
 from .fit_result import ChannelFit, FitResult
 
 
@@ -53,17 +52,6 @@ def test_figures(result: FitResult) -> dict[str, Figure]:
             fits = [fit for fit in result.channels if fit.test == test]
             figures[test] = _test_figure(test, fits, _null(result))
     return figures
-
-
-def parameter_figure(result: FitResult) -> Figure:
-    """How well each fitted parameter is known, and the matrix of correlations."""
-    with look.style():
-        figure = Figure(figsize=(10.0, 0.36 * max(len(result.free), 4) + 1.9))
-        axes = figure.subplots(1, 2, gridspec_kw={"width_ratios": (1.25, 1.0)})
-        figure.subplots_adjust(left=0.155, right=0.95, top=0.88, bottom=0.32, wspace=0.95)
-        _precision(axes[0], result)
-        _correlation_matrix(figure, axes[1], result)
-    return figure
 
 
 def _null(result: FitResult) -> float:
@@ -159,7 +147,7 @@ def _draw_data(axes: Axes, fit: ChannelFit, sweeps: list[_Sweep], view: str, nul
             axes.set_ylim(0.5 * positive.min(), 2.0 * positive.max())
             if positive.max() < 50.0 * positive.min():
                 axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-            _plain_numbers(axes.yaxis)
+            look.plain_numbers(axes.yaxis)
 
 
 def _zoom_to_null(axes: Axes, sweeps: list[_Sweep], null: float) -> None:
@@ -203,53 +191,3 @@ def _legend(figure: Figure, fit: ChannelFit) -> None:
         figure.legend(
             handles=handles, loc="lower left", ncols=len(handles), bbox_to_anchor=(0.065, height), borderpad=0.0
         )
-
-
-def _precision(axes: Axes, result: FitResult) -> None:
-    for row, name in enumerate(result.free):
-        estimate = result.parameters[name]
-        unit = display_unit(estimate.unit)
-        words = "no error bar"
-        if estimate.std is not None:
-            words = (
-                f"{estimate.value * unit.factor:.4g} ± {estimate.std * unit.factor:.2g} {unit.label.replace('-', '')}"
-            )
-            share = 100.0 * estimate.std / max(abs(estimate.value), 1e-3 * estimate.std)
-            axes.plot(min(share, 1000.0), row, "o", color=look.INK, markersize=5)
-        axes.annotate(words, (1.02, row), xycoords=("axes fraction", "data"), va="center", fontsize=8)
-    axes.set_yticks(range(len(result.free)), result.free)
-    axes.set_ylim(len(result.free) - 0.5, -0.5)
-    axes.set_xscale("log")
-    axes.set_xlim(0.01, 1500.0)
-    _plain_numbers(axes.xaxis)
-    axes.set_title("how well each is known", loc="left", color=look.FAINT)
-    axes.set_xlabel("standard error in % of the value")
-
-
-def _plain_numbers(axis: Axis) -> None:
-    """Write 0.1, 1, 10 on a logarithmic axis, not powers of ten."""
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axis.set_minor_formatter(NullFormatter())
-
-
-def _correlation_matrix(figure: Figure, axes: Axes, result: FitResult) -> None:
-    count = len(result.free)
-    image = axes.imshow(result.correlation, cmap="RdBu_r", vmin=-1.0, vmax=1.0)
-    for i in range(count):
-        for j in range(count):
-            value = float(result.correlation[i, j])
-            if i != j and np.isfinite(value):
-                axes.text(
-                    j,
-                    i,
-                    f"{value:+.2f}",
-                    ha="center",
-                    va="center",
-                    fontsize=7,
-                    color="white" if abs(value) > 0.6 else look.INK,
-                )
-    axes.grid(False)
-    axes.set_xticks(range(count), result.free, rotation=35, ha="right", rotation_mode="anchor")
-    axes.set_yticks(range(count), result.free)
-    axes.set_title("correlations", loc="left", color=look.FAINT)
-    figure.colorbar(image, ax=axes, fraction=0.046, pad=0.03)

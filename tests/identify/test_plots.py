@@ -10,7 +10,8 @@ import pytest
 from helpers.fake_fit import fake_channel, fake_fit
 
 from thermohyd.identify import plot_style
-from thermohyd.identify.plots import parameter_figure, test_figures as draw_tests
+from thermohyd.identify.parameter_plot import parameter_figure
+from thermohyd.identify.plots import test_figures as draw_tests
 
 
 @pytest.fixture(scope="module")
