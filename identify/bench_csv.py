@@ -58,7 +58,7 @@ def read_bench_csv(test: StaticTest, valve: ValveData) -> BenchTable:
             row = int(np.flatnonzero(~(values[name] > 0.0))[0])
             raise cells.error(columns[name], row, "a standard deviation must be above zero")
     kept = [i for i, (name, _) in enumerate(names) if not name.endswith(("_predicted", "_predicted_std"))]
-    table = cells.frame[kept].set_axis([source.header[i] for i in kept], axis=1)
+    table = pd.DataFrame({source.header[i]: cells.frame[i] for i in kept})
     unused = [names[i][0] for i in spare]
     notes = (f"columns that this test does not use: {', '.join(unused)}",) if unused else ()
     lines = np.asarray(source.numbers)

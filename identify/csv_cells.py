@@ -62,12 +62,12 @@ class CsvCells:
             if self._decimal_comma:
                 text = self._with_points(column, text)
             # Python's own float() would let "1_000" and "infinity" pass; pandas' does not take the former.
-            series = pd.to_numeric(text, errors="coerce")
-            bad = np.flatnonzero(series.isna().to_numpy())
+            series = pd.Series(np.asarray(pd.to_numeric(text, errors="coerce"), dtype=float))
+            bad = np.flatnonzero(np.isnan(series))
             if len(bad):
                 raise self.error(column, int(bad[0]), self._complaint(str(text.iloc[bad[0]])))
             self.frame[column] = series
-        values = series.to_numpy(dtype=float)
+        values = np.asarray(series, dtype=float)
         finite = np.isfinite(values)
         if not finite.all():
             row = int(np.flatnonzero(~finite)[0])

@@ -161,10 +161,8 @@ def parse_quantity(text: str, kind: str, full_scale: float | None = None) -> flo
     match = NUMBER.match(text)
     if match is None:
         raise UnitError(f'{quoted(text)} is not a quantity; expected a number with a unit, such as "1.5 {KINDS[kind]}"')
-    if kind == "plain number" and not match[2].strip():
-        unit = Unit("1", 1.0, 0.0)
-    else:
-        unit = parse_unit(match[2], kind, full_scale)
+    bare = kind == "plain number" and not match[2].strip()
+    unit = parse_unit("1" if bare else match[2], kind, full_scale)
     value = unit.scale * float(match[1]) + unit.offset
     if not math.isfinite(value):
         raise UnitError(f"{quoted(text)} is not finite")
