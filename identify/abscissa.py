@@ -16,8 +16,9 @@ STEPS_ACROSS = 3.0  # a window over this many steps of the log averages its roun
 class Abscissa:
     """The sweep's position behind a log, one entry per row (SI).
 
-    position: smoothed; scatter: of one row about it, for the mean of n rows to be divided by sqrt(n) although the smoothing averages
-    over more, because neighbouring bins then share an error; rounding: what dither and sweep leave of the log's rounding.
+    position: smoothed; scatter: of one row about it, for the mean of n rows to be divided by sqrt(n) although the
+    smoothing averages over more, because neighbouring bins then share an error; rounding: what dither and sweep leave
+    of the log's rounding.
     staircase: True in legs whose position stands still between steps, so that bins had better end with a step.
     """
 

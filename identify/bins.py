@@ -9,7 +9,7 @@ from .noise import LogCorrelation
 
 CELLS = 400  # per leg: the resolution at which the curve's shape is judged
 SMALLEST_BIN = 8  # rows
-FEWEST_BINS = 30  # per leg
+FEWEST_BINS = 60  # per leg
 SHARES = {
     "width": 0.35,
     "rise": 0.30,
@@ -26,9 +26,11 @@ def bin_starts(
 ) -> np.ndarray:
     """First row of every bin, ascending, so that about `max_points` bins cover the log and none crosses a leg's end.
 
-    Bins hold equal parts of a density that grows with the sweep, the rise of the readings and, as the 2/5th power, their
-    curvature: the power at which the bias of a bin's mean is the same share of its noise everywhere. Where the rows' `correlations`
-    are known (one per reading, from a first pass), no bin is much shorter than the noise's memory unless the curve's bends ask for it.
+    Bins hold equal parts of a density that grows with the sweep, the rise of the readings and, as the 2/5th power,
+    their
+    curvature: the power at which the bias of a bin's mean is the same share of its noise everywhere. Where the rows'
+    `correlations` are known (one per reading, from a first pass), no bin is much shorter than the noise's memory
+    unless the curve's bends ask for it.
     """
     rows = len(legs)
     width = np.abs(_steps(abscissa.position, legs))
@@ -95,7 +97,8 @@ def _shape(
         if count < 20:
             slope[start:stop] = (reading[stop - 1] - reading[start]) / n
             continue
-        cells = reading[start : start + count * size].reshape(count, size).mean(axis=1)
+        level = _unstepped(reading[start:stop])
+        cells = level[: count * size].reshape(count, size).mean(axis=1)
         half = _best_half(cells)
         smooth, first, second = local_parabola(cells, half)
         cell = np.minimum(np.arange(n) // size, count - 1)
@@ -105,6 +108,14 @@ def _shape(
             np.median((cells - smooth) ** 2) / 0.4549 * size * (2 * half + 1) / (2 * half - 2 + 1e-9)
         )
     return slope, curvature, scatter
+
+
+def _unstepped(reading: np.ndarray) -> np.ndarray:
+    """A reading that stands still between the steps of its rounding, joined up through the middles of its steps."""
+    row = 1 + np.flatnonzero(np.diff(reading))
+    if len(row) < 2 or len(row) > 0.5 * len(reading):
+        return reading
+    return np.interp(np.arange(len(reading)), row - 0.5, 0.5 * (reading[row] + reading[row - 1]))
 
 
 def local_parabola(values: np.ndarray, half: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

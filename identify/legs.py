@@ -90,8 +90,8 @@ def turning_points(position: np.ndarray) -> list[int]:
 def condition_ids(test: TestRecord, window: int = 15) -> np.ndarray:
     """Stretches of rows at the same supply, return (and held) pressure and temperature.
 
-    A new stretch starts where the running median of a condition has moved by more than 1 % of the supply pressure or 1 K since
-    the stretch began: a step is cut once, a slow drift every now and then, noise never.
+    A new stretch starts where the running median of a condition has moved by more than 1 % of the supply pressure or
+    1 K since the stretch began: a step is cut once, a slow drift every now and then, noise never.
     """
     pressure_step = PRESSURE_STEP * max(float(np.max(np.abs(test.supply_pressure), initial=0.0)), 1e-300)
     columns = [(test.supply_pressure, pressure_step), (test.return_pressure, pressure_step),

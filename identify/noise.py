@@ -1,6 +1,7 @@
 """How noisy are the readings, measured on the record itself and free of any valve model? Plain NumPy.
 
-Three sources, best first: repeated sweeps, scatter within the bins of a raw log (`BinNoise`), third differences of neighbours.
+Three sources, best first: repeated sweeps, scatter within the bins of a raw log (`BinNoise`), third differences of
+neighbours.
 """
 
 from dataclasses import dataclass, field, replace
@@ -37,8 +38,9 @@ class NeighbourNoise:
 class LogCorrelation:
     """How the mean of n neighbouring rows of a log scatters, in units of `log_scatter` (the variance of third differences).
 
-    Noise = white share + a share that forgets over `memory` rows, of this `variance`; `sizes` and `excess` say by how much the means
-    of so many rows scatter more or less than that (ripple does). `row_variance`: what one row scatters by about a smooth curve.
+    Noise = white share + a share that forgets over `memory` rows, of this `variance`; `sizes` and `excess` say by how
+    much the means of so many rows scatter more or less than that (ripple does). `row_variance`: what one row scatters
+    by about a smooth curve.
     """
 
     variance: float = 1.0
@@ -59,8 +61,8 @@ class LogCorrelation:
         return np.clip(self.row_variance / self.of_mean(rows), 1.0, rows)
 
     def rows_per_reading(self, rows: float | None = None) -> float:
-        """Rows that one independent reading takes, for means of `rows` rows (default: of very many)."""
-        n = 1e6 if rows is None else rows
+        """Rows that one independent reading takes, for means of `rows` rows (default: of many more than seen)."""
+        n = 4.0 * float(self.sizes[-1]) if rows is None else rows
         return float(np.maximum(n * self.of_mean(np.array(n)) / self.row_variance, 1e-9))
 
     def of_neighbours(self, rows: float) -> float:
@@ -72,7 +74,8 @@ class LogCorrelation:
 def effective_size(residual: np.ndarray) -> float:
     """n / (1 + 2 sum rho) of a series in its order: how many independent readings it is worth, between 1 and n.
 
-    The sum stops where a pair of neighbouring correlations turns negative (Geyer, Statistical Science 7, 1992, sec. 3.3).
+    The sum stops where a pair of neighbouring correlations turns negative (Geyer, Statistical Science 7, 1992, sec.
+    3.3).
     """
     e = np.asarray(residual, float) - np.mean(residual)
     n = len(e)
@@ -91,8 +94,9 @@ def effective_size(residual: np.ndarray) -> float:
 def noise_from_repeats(test: TestRecord, channel: Channel) -> RepeatNoise | None:
     """Noise from the differences between runs that repeat a sweep; None where no run does.
 
-    A repeat has the same direction and conditions (1 % of supply, 1 K), rates within 20 % and overlapping positions; the later run is
-    interpolated to the earlier one's positions, which the variance allows for. Curve and model fall out of the difference.
+    A repeat has the same direction and conditions (1 % of supply, 1 K), rates within 20 % and overlapping positions;
+    the later run is interpolated to the earlier one's positions, which the variance allows for. Curve and model fall
+    out of the difference.
     """
     sweeps = sweep_ids(test)
     pieces = [slice(*bounds) for bounds in piece_bounds(sweeps) if bounds[1] - bounds[0] >= 3]
@@ -160,8 +164,9 @@ def log_scatter(value: np.ndarray, legs: np.ndarray, lag: int) -> np.ndarray:
 def log_correlation(value: np.ndarray, local: np.ndarray, legs: np.ndarray, bin_rows: int) -> LogCorrelation:
     """How fast means of neighbouring rows settle: third differences of means over half a bin to four bins, against `local`.
 
-    value, legs (n,); local (n,): smoothed `log_scatter`, 0 where it says nothing (constant or coarsely rounded readings).
-    Medians over the log keep bends and jumps of the curve out. A white and a forgetful share are fitted to the scales.
+    value, legs (n,); local (n,): smoothed `log_scatter`, 0 where it says nothing (constant or coarsely rounded
+    readings). Medians over the log keep bends and jumps of the curve out. A white and a forgetful share are fitted to
+    the scales.
     """
     sizes = sorted({max(1, bin_rows // 4), max(1, bin_rows // 2), bin_rows, 2 * bin_rows, 4 * bin_rows})
     rows, ratios, weights = [], [], []
@@ -212,7 +217,7 @@ def _row_variance(value: np.ndarray, local: np.ndarray, legs: np.ndarray, size: 
 
 def _fit_shares(rows: np.ndarray, ratios: np.ndarray, weights: np.ndarray) -> LogCorrelation:
     best, least = LogCorrelation(), np.inf
-    memories = np.geomspace(1.0, 4.0 * rows.max(), 24)
+    memories = np.geomspace(1.0, 2.0 * rows.max(), 24)
     for white in (1.0, 0.95, 0.9, 0.8, 0.65, 0.5, 0.35, 0.2, 0.1, 0.0):
         for memory in memories if white < 1 else (0.0,):
             predicted = np.log(_third_difference_of_means(rows, white, memory))
@@ -220,7 +225,7 @@ def _fit_shares(rows: np.ndarray, ratios: np.ndarray, weights: np.ndarray) -> Lo
             level = float(np.sum(weights * misfit) / np.sum(weights))
             # Scales share their rows, and ripple is neither white nor forgetful: no scale is trusted beyond 10 %.
             trust = 1.0 / (0.1**2 + 2.0 / weights)
-            cost = float(np.sum(trust * (misfit - level) ** 2)) + (0.0 if white == 1 else 2.0)
+            cost = float(np.sum(trust * (misfit - level) ** 2)) + (0.0 if white == 1 else 6.0)
             if cost < least:
                 least = cost
                 excess = np.exp((misfit - level) * weights / (weights + 20.0))

@@ -5,11 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from .abscissa import Abscissa
+from .legs import moving_mean
 from .noise import LogCorrelation, log_correlation, log_scatter
 from .record import Channel
 from .rounding import local_steps, rounding_error, scatter_before_rounding
 
 
+ALONG_BINS = 12
 POOLED_BINS = 4  # on either side, for bins with few rows
 POOLED_ROWS = 40.0  # a bin of so many rows stands half for itself, half for its neighbours
 
@@ -19,8 +21,8 @@ class Points:
     """The means of one reading over bins, with standard errors; one entry per bin (SI).
 
     value: at the bin's mean position, corrected for the curve's bend within the bin; std: standard error of it.
-    step: rounding step of the log; correlation: of the log's rows; row_std: typical scatter of one row; floored: where the
-    rounding makes more than half of the variance; stuck: how many neighbouring bins share one unchanging reading (1: none).
+    step: rounding step of the log; correlation: of the log's rows; row_std: typical scatter of one row; floored:
+    where the rounding counts for more than the noise; sharing: how many neighbouring bins stand on one rounded reading.
     """
 
     value: np.ndarray
@@ -29,7 +31,7 @@ class Points:
     correlation: LogCorrelation
     row_std: float
     floored: np.ndarray
-    stuck: np.ndarray
+    sharing: np.ndarray
 
 
 def points_of(channel: Channel, starts: np.ndarray, legs: np.ndarray, abscissa: Abscissa) -> Points:
@@ -43,15 +45,15 @@ def points_of(channel: Channel, starts: np.ndarray, legs: np.ndarray, abscissa: 
     bin_rows = int(np.median(rows))
     lag = int(np.clip(np.quantile(rows, 0.1) // 3, 1, 10))
     seen = np.sqrt(_pooled(mean(log_scatter(y, legs, lag)), rows, leg))
-    before = scatter_before_rounding(seen, step, ramp)
+    before = scatter_before_rounding(np.sqrt(np.maximum(_along(seen**2, rows, leg), 0.0)), step, ramp)
     coarse = before < 0.3 * step  # the log shows its own rounding rather than the noise
     local = np.repeat(np.where(coarse, 0.0, seen**2), rows)
     correlation = log_correlation(y, local, legs, bin_rows)
     square = np.maximum(seen, before) ** 2 * correlation.of_mean(rows)
     if channel.std is not None:  # declared for one row
         square = mean(channel.std**2) / correlation.effective_rows(rows)
-    stuck = np.where(coarse, _stuck(y, starts), 1.0)
-    rounding = rounding_error(step, before, ramp) * np.sqrt(stuck)
+    sharing = np.where(coarse, _sharing(y, starts), 1.0)
+    rounding = rounding_error(step, before, ramp) * np.sqrt(sharing)
     square_x = slope**2 * (mean(abscissa.scatter**2) / rows + mean(abscissa.rounding**2))
     bend = _bend(value, rows, leg)
     least = 1e-6 * max(float(np.ptp(y)), float(np.max(np.abs(y), initial=0.0)))
@@ -63,8 +65,8 @@ def points_of(channel: Channel, starts: np.ndarray, legs: np.ndarray, abscissa: 
         step=step,
         correlation=correlation,
         row_std=float(np.median(typical)) if len(typical) else 0.0,
-        floored=rounding**2 > 0.5 * total,
-        stuck=stuck,
+        floored=coarse & (step > 0) & (step**2 / 12.0 > 0.1 * total),
+        sharing=sharing,
     )
 
 
@@ -77,6 +79,16 @@ def _pooled(scatter: np.ndarray, rows: np.ndarray, leg: np.ndarray) -> np.ndarra
         padded = np.pad(scatter[at], reach, mode="reflect") if reach else scatter[at]
         neighbours[at] = np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1), axis=1)
     return (rows * scatter + POOLED_ROWS * neighbours) / (rows + POOLED_ROWS)
+
+
+def _along(square: np.ndarray, rows: np.ndarray, leg: np.ndarray) -> np.ndarray:
+    """Mean over many bins of the leg: where a reading hops between two steps of the log, the noise is no larger than elsewhere."""
+    smooth = square.copy()
+    for one in np.unique(leg):
+        at = np.flatnonzero(leg == one)
+        reach = min(ALONG_BINS, (len(at) - 1) // 2)
+        smooth[at] = moving_mean(rows[at] * square[at], reach) / moving_mean(rows[at].astype(float), reach)
+    return smooth
 
 
 def _slopes(value: np.ndarray, position: np.ndarray, leg: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -131,17 +143,12 @@ def _known_steps(y: np.ndarray, starts: np.ndarray) -> np.ndarray:
     return step
 
 
-def _stuck(y: np.ndarray, starts: np.ndarray) -> np.ndarray:
-    """How many neighbouring bins stand on one reading (by their medians) that the curve does not cross.
+def _sharing(y: np.ndarray, starts: np.ndarray) -> np.ndarray:
+    """How many neighbouring bins stand on the same reading, by their medians: they share its rounding error.
 
-    Their rounding error is one and the same, so together they must not count for more than one reading. Where the reading
-    passes through the level, from below to above, the error changes sign along the level and nothing needs be done.
+    Together they count for one reading known to step/sqrt(12). Where a curve passes through a level its error does
+    change sign, but not evenly where the curve bends, and the fit's own directions pick up what is left.
     """
-    level = np.array([np.median(part[: len(part) | 1]) for part in np.split(y, starts[1:])])
+    level = np.array([np.median(part[: len(part) - 1 + len(part) % 2]) for part in np.split(y, starts[1:])])
     group = np.cumsum(np.append(False, level[1:] != level[:-1]))
-    count = np.bincount(group)
-    levels = level[np.searchsorted(group, np.arange(group[-1] + 1))]
-    rise = np.diff(levels)
-    crossed = np.zeros(len(levels), bool)
-    crossed[1:-1] = rise[1:] * rise[:-1] > 0
-    return np.where(crossed, 1, count)[group].astype(float)
+    return np.bincount(group)[group].astype(float)

@@ -1,7 +1,7 @@
 """Turn a raw log of tens of thousands of rows into a few hundred points with honest noise. Plain NumPy.
 
-Bins are stretches of neighbouring rows, so that dither and rounding of the position blur nothing, within one run, one leg of the
-sweep and one set of conditions.
+Bins are stretches of neighbouring rows, so that dither and rounding of the position blur nothing, within one run, one
+leg of the sweep and one set of conditions.
 """
 
 from dataclasses import replace
@@ -24,7 +24,8 @@ def reduce_test(test: TestRecord, *, max_points: int = 600, log_rows: int = LOG_
     """The test with about `max_points` points instead of the rows of a raw log; any other test comes back as it is.
 
     test: STATIC test, SI. Points keep the order, direction, run, rate and mean time and conditions of their rows;
-    `rows_of_log` counts these, `Channel.std` is the standard error of each point and `std_source`, `notes` say how it was found.
+    `rows_of_log` counts these, `Channel.std` is the standard error of each point and `std_source`, `notes` say how it
+    was found.
     """
     if not is_raw_log(test, max_points=max_points, log_rows=log_rows):
         return test
@@ -136,10 +137,8 @@ def _noise_note(test: TestRecord, channel: Channel, points: Points, rows: np.nda
         parts.append(
             f"{np.sum(points.floored):,} points {where} rest on readings rounded to {coarse} and are not believed beyond that"
         )
-    if (points.stuck > 1).any():
-        parts.append(
-            f"{np.sum(points.stuck > 1):,} points on readings that stand still count as one reading per standstill"
-        )
+    if (points.sharing > 2).any():
+        parts.append("neighbouring points on one rounded reading together count as one")
     return f"{test.name}, {channel.name}: " + "; ".join(parts or ["no scatter and no rounding seen"])
 
 

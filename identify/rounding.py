@@ -1,7 +1,8 @@
 """How coarsely did the log round its readings, and how far may a rounded reading be believed? Plain NumPy.
 
-A logger writes readings on a grid whose step may change with the range (four digits, say), and a later unit conversion hides the
-decimals. The grid is therefore looked for in the values themselves: neighbouring distinct values lie whole multiples of a step apart.
+A logger writes readings on a grid whose step may change with the range (four digits, say), and a later unit
+conversion hides the decimals. The grid is therefore looked for in the values themselves: neighbouring distinct values
+lie whole multiples of a step apart.
 """
 
 import numpy as np
@@ -18,7 +19,8 @@ HARMONICS = np.arange(1, 9)
 def local_steps(values: np.ndarray) -> np.ndarray:
     """Step of the grid on which each value was logged, same shape and unit as `values`; 0 where no grid shows.
 
-    The step is local: it is found among the nearest distinct values, so that a log with a fine and a coarse range gets both.
+    The step is local: it is found among the nearest distinct values, so that a log with a fine and a coarse range
+    gets both.
     """
     values = np.asarray(values, float)
     distinct, index, counts = _distinct(values)
@@ -41,8 +43,9 @@ def local_steps(values: np.ndarray) -> np.ndarray:
 def rounding_error(step: np.ndarray, scatter: np.ndarray, span: np.ndarray) -> np.ndarray:
     """Standard deviation of the mean of many rounded readings that scatter (Gaussian, std) and ramp (over `span`) before rounding.
 
-    step/sqrt(12) where the reading stands still; scatter or a ramp that crosses whole steps averages it away, harmonic by
-    harmonic of the saw-tooth error (Widrow & Kollar, Quantization Noise, 2008, ch. 4). All in the reading's unit.
+    step/sqrt(12) where the reading stands still; scatter or a ramp that crosses whole steps averages it away,
+    harmonic by harmonic of the saw-tooth error (Widrow & Kollar, Quantization Noise, 2008, ch. 4). All in the
+    reading's unit.
     """
     step, scatter, span = np.broadcast_arrays(*(np.asarray(a, float) for a in (step, scatter, span)))
     safe = np.where(step > 0, step, 1.0)
