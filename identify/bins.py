@@ -4,12 +4,12 @@ import numpy as np
 
 from .abscissa import Abscissa
 from .legs import piece_bounds
-from .noise import LogCorrelation
+from .log_noise import LogCorrelation
 
 
 CELLS = 400  # per leg: the resolution at which the curve's shape is judged
 SMALLEST_BIN = 8  # rows
-FEWEST_BINS = 60  # per leg
+FEWEST_BINS = 60  # per leg, where there are few legs
 SHARES = {
     "width": 0.35,
     "rise": 0.30,
@@ -43,24 +43,19 @@ def bin_starts(
     parts = {"width": _share(width), "rise": _share(rise), "bend": _share(bend)}
     density = sum(SHARES[name] * part for name, part in parts.items()) + 0.02 / rows
     density *= max_points / density.sum()
+    fewest = float(np.clip(0.5 * max_points / len(np.unique(legs)), SMALLEST_BIN, FEWEST_BINS))
     starts: list[np.ndarray] = []
     for start, stop in piece_bounds(legs):
-        starts.append(
-            start
-            + _cut(
-                density[start:stop],
-                most[start:stop],
-                abscissa.position[start:stop] if abscissa.staircase[start] else None,
-            )
-        )
+        stairs = abscissa.position[start:stop] if abscissa.staircase[start] else None
+        starts.append(start + _cut(density[start:stop], most[start:stop], fewest, stairs))
     return np.concatenate(starts)
 
 
-def _cut(density: np.ndarray, most: np.ndarray, stairs: np.ndarray | None) -> np.ndarray:
+def _cut(density: np.ndarray, most: np.ndarray, fewest: float, stairs: np.ndarray | None) -> np.ndarray:
     """Starts of the bins of one leg: equal parts of the density, nowhere denser than `most`, on the steps of a staircase."""
     rows = len(density)
-    most = np.clip(most, min(FEWEST_BINS / rows, 1.0 / SMALLEST_BIN), 1.0 / SMALLEST_BIN)
-    bins = max(1, round(min(max(float(density.sum()), FEWEST_BINS), float(most.sum()))))
+    most = np.clip(most, min(fewest / rows, 1.0 / SMALLEST_BIN), 1.0 / SMALLEST_BIN)
+    bins = max(1, round(min(max(float(density.sum()), fewest), float(most.sum()))))
     for _ in range(20):  # what the cap takes goes to the rest
         density = density * (bins / density.sum())
         if np.all(density <= 1.001 * most):

@@ -104,7 +104,7 @@ def condition_ids(test: TestRecord, window: int = 15) -> np.ndarray:
     cuts = np.zeros(test.rows, int)
     for values, step in columns:
         if np.ptp(values) > step:
-            cuts[_cuts(_medians(values, window) if window > 1 else values, step, limit=max(10, test.rows // 50))] = 1
+            cuts[_cuts(_medians(values, window) if window > 1 else values, step, limit=max(10, test.rows // (500 if window > 1 else 2)))] = 1
     return np.cumsum(cuts)
 
 

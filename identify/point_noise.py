@@ -6,7 +6,7 @@ import numpy as np
 
 from .abscissa import Abscissa
 from .legs import moving_mean
-from .noise import LogCorrelation, log_correlation, log_scatter
+from .log_noise import LogCorrelation, log_correlation, log_scatter
 from .record import Channel
 from .rounding import local_steps, rounding_error, scatter_before_rounding
 

@@ -44,13 +44,13 @@ def reduce_test(test: TestRecord, *, max_points: int = 600, log_rows: int = LOG_
     channels, notes = [], [_what_was_done(test, legs, starts)]
     for channel in test.channels:
         points = points_of(channel, starts, legs, abscissa)
-        note = _noise_note(test, channel, points, rows)
-        notes.append(note)
-        source = (
-            "declared noise of a row, averaged over its bin"
-            if channel.std is not None
-            else "scatter within the bins of the log"
-        )
+        if channel.std is None and np.ptp(channel.value) == 0:
+            notes.append(f"{test.name}, {channel.name}: the reading never changes, so nothing is known of its noise")
+            channels.append(Channel(channel.name, points.value))
+            continue
+        notes.append(_noise_note(test, channel, points, rows))
+        declared = channel.std is not None
+        source = "declared noise of a row, averaged over its bin" if declared else "scatter within the bins of the log"
         channels.append(Channel(channel.name, points.value, points.std, source, points.step))
     return replace(
         test,

@@ -1,0 +1,157 @@
+"""How noisy are the rows of a raw log about a smooth curve, and how long does that noise last? Plain NumPy.
+
+Third differences along the log are blind to any parabola, so that neither slope nor bend of the curve counts as noise.
+"""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from .legs import piece_bounds
+
+
+MEDIAN_OF_CHI2 = 0.4549  # one degree of freedom
+
+
+@dataclass(frozen=True)
+class LogCorrelation:
+    """How the mean of n neighbouring rows of a log scatters, in units of `log_scatter` (the variance of third differences).
+
+    Noise = white share + a share that forgets over `memory` rows, of this `variance`; `sizes` and `excess` say by how
+    much the means of so many rows scatter more or less than that (ripple does). `row_variance`: what one row scatters
+    by about a smooth curve.
+    """
+
+    variance: float = 1.0
+    white: float = 1.0
+    memory: float = 0.0
+    row_variance: float = 1.0
+    sizes: np.ndarray = field(default_factory=lambda: np.ones(1))
+    excess: np.ndarray = field(default_factory=lambda: np.ones(1))
+
+    def of_mean(self, rows: np.ndarray) -> np.ndarray:
+        """Variance of the mean of `rows` neighbouring rows."""
+        n = np.asarray(rows, float)
+        excess = np.exp(np.interp(np.log(n), np.log(self.sizes), np.log(self.excess)))
+        return self.variance * excess * _sum_variance(n, self.white, self.memory) / n**2
+
+    def effective_rows(self, rows: np.ndarray) -> np.ndarray:
+        """Independent rows that the mean of `rows` neighbouring ones is worth."""
+        return np.clip(self.row_variance / self.of_mean(rows), 1.0, rows)
+
+    def rows_per_reading(self, rows: float | None = None) -> float:
+        """Rows that one independent reading takes, for means of `rows` rows (default: of many more than seen)."""
+        n = 4.0 * float(self.sizes[-1]) if rows is None else rows
+        return float(np.maximum(n * self.of_mean(np.array(n)) / self.row_variance, 1e-9))
+
+    def of_neighbours(self, rows: float) -> float:
+        """Correlation between the means of two neighbouring bins of `rows` rows."""
+        one, two = (_sum_variance(np.asarray(k * rows, float), self.white, self.memory) for k in (1.0, 2.0))
+        return float(two / (2.0 * one) - 1.0)
+
+
+def log_scatter(value: np.ndarray, legs: np.ndarray, lag: int) -> np.ndarray:
+    """Squared third difference per row at a lag of some rows, over 20: local variance about a local parabola; same shape.
+
+    Rows near a leg's ends repeat the nearest difference inside it.
+    """
+    scatter = np.zeros(len(value))
+    for start, stop in piece_bounds(legs):
+        n = stop - start
+        k = min(lag, (n - 1) // 3)
+        if k == 0:
+            continue
+        y = value[start:stop]
+        d = (y[: n - 3 * k] - 3 * y[k : n - 2 * k] + 3 * y[2 * k : n - k] - y[3 * k :]) ** 2 / 20.0
+        centre = np.clip(np.arange(n) - (3 * k) // 2, 0, len(d) - 1)
+        scatter[start:stop] = d[centre]
+    return scatter
+
+
+def log_correlation(value: np.ndarray, local: np.ndarray, legs: np.ndarray, bin_rows: int) -> LogCorrelation:
+    """How fast means of neighbouring rows settle: third differences of means over half a bin to four bins, against `local`.
+
+    value, legs (n,); local (n,): smoothed `log_scatter`, 0 where it says nothing (constant or coarsely rounded
+    readings). Medians over the log keep bends and jumps of the curve out. A white and a forgetful share are fitted to
+    the scales.
+    """
+    sizes = sorted({max(1, bin_rows // 4), max(1, bin_rows // 2), bin_rows, 2 * bin_rows, 4 * bin_rows})
+    rows, ratios, weights = [], [], []
+    for size in sizes:
+        samples, alternating = [], []
+        for start, stop in piece_bounds(legs):
+            count = (stop - start) // size
+            if count < 6:
+                continue
+            y = value[start : start + count * size].reshape(count, size).mean(axis=1)
+            s = local[start : start + count * size].reshape(count, size)
+            s = np.where((s > 0).all(axis=1), s.mean(axis=1), 0.0)
+            third = y[:-3] - 3 * y[1:-2] + 3 * y[2:-1] - y[3:]
+            scale = (s[:-3] + s[1:-2] + s[2:-1] + s[3:]) / 4.0
+            usable = np.minimum(np.minimum(s[:-3], s[1:-2]), np.minimum(s[2:-1], s[3:])) > 0
+            samples.append(third[usable] ** 2 / 20.0 / scale[usable])
+            alternating.append((third[1:] * third[:-1] < 0)[usable[1:] & usable[:-1]])
+        sample = np.concatenate(samples) if samples else np.zeros(0)
+        # Third differences of noise alternate, however long its memory; those of the curve do not.
+        noise = len(sample) >= 20 and float(np.mean(np.concatenate(alternating))) > 0.62
+        if noise and np.median(sample) > 0:
+            rows.append(size)
+            ratios.append(np.median(sample) / MEDIAN_OF_CHI2)
+            weights.append(len(sample) / 4.0)
+    if not rows:
+        return LogCorrelation()
+    fitted = _fit_shares(np.array(rows, float), np.array(ratios), np.array(weights))
+    return replace(fitted, row_variance=max(_row_variance(value, local, legs, 2 * bin_rows), 1e-12))
+
+
+def _row_variance(value: np.ndarray, local: np.ndarray, legs: np.ndarray, size: int) -> float:
+    """Variance of a row about parabolas over blocks of `size` rows, against `local`; median over the blocks."""
+    size = max(size, 12)
+    t = np.linspace(-1.0, 1.0, size)
+    basis, _ = np.linalg.qr(np.stack([np.ones(size), t, t**2], axis=1))
+    ratios = []
+    for start, stop in piece_bounds(legs):
+        count = (stop - start) // size
+        y = value[start : start + count * size].reshape(count, size)
+        s = local[start : start + count * size].reshape(count, size)
+        usable = (s > 0).all(axis=1)
+        y = y[usable] - y[usable].mean(axis=1, keepdims=True)
+        rest = y - (y @ basis) @ basis.T
+        ratios.append(np.sum(rest**2, axis=1) / (size - 3) / s[usable].mean(axis=1))
+    pooled = np.concatenate(ratios) if ratios else np.zeros(0)
+    return float(np.median(pooled)) if len(pooled) else 1.0
+
+
+def _fit_shares(rows: np.ndarray, ratios: np.ndarray, weights: np.ndarray) -> LogCorrelation:
+    best, least = LogCorrelation(), np.inf
+    memories = np.geomspace(1.0, 2.0 * rows.max(), 24)
+    for white in (1.0, 0.95, 0.9, 0.8, 0.65, 0.5, 0.35, 0.2, 0.1, 0.0):
+        for memory in memories if white < 1 else (0.0,):
+            predicted = np.log(_third_difference_of_means(rows, white, memory))
+            misfit = np.log(ratios) - predicted
+            level = float(np.sum(weights * misfit) / np.sum(weights))
+            # Scales share their rows, and ripple is neither white nor forgetful: no scale is trusted beyond 10 %.
+            trust = 1.0 / (0.1**2 + 2.0 / weights)
+            cost = float(np.sum(trust * (misfit - level) ** 2)) + (0.0 if white == 1 else 6.0)
+            if cost < least:
+                least = cost
+                excess = np.exp((misfit - level) * weights / (weights + 20.0))
+                best = LogCorrelation(float(np.exp(level)), white, float(memory), sizes=rows, excess=excess)
+    return best
+
+
+def _third_difference_of_means(rows: np.ndarray, white: float, memory: float) -> np.ndarray:
+    """Variance (over 20) of third differences between means of `rows` neighbouring rows, for noise of variance 1."""
+    total = [_sum_variance(k * rows, white, memory) for k in range(5)]
+    covariance = [total[1], *((total[k + 1] - 2 * total[k] + total[k - 1]) / 2.0 for k in (1, 2, 3))]
+    seen = 20 * covariance[0] - 30 * covariance[1] + 12 * covariance[2] - 2 * covariance[3]
+    return np.maximum(seen, 1e-300) / (20.0 * rows**2)
+
+
+def _sum_variance(n: np.ndarray, white: float, memory: float) -> np.ndarray:
+    """Variance of the sum of n neighbouring rows of unit variance: white share, and the rest AR(1) with the given memory."""
+    if memory == 0.0 or white == 1.0:
+        return np.asarray(n, float)
+    a = np.exp(-1.0 / memory)
+    forgetful = n * (1 + a) / (1 - a) - 2 * a * (1 - a**n) / (1 - a) ** 2
+    return white * n + (1 - white) * forgetful
