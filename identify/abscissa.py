@@ -75,7 +75,7 @@ def _is_staircase(x: np.ndarray) -> bool:
     change = np.diff(x)
     moves = change[change != 0]
     forward = max(np.mean(moves > 0), np.mean(moves < 0)) if len(moves) else 0.0
-    return len(moves) > 0 and len(moves) < 0.2 * len(change) and forward > 0.97
+    return bool(0 < len(moves) < 0.2 * len(change) and forward > 0.97)
 
 
 def _half_window(x: np.ndarray, step: float) -> int:

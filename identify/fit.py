@@ -11,12 +11,14 @@ from thermohyd.precision import require_float64
 from .channel_noise import ChannelNoise, initial_noise, reweighted
 from .errors import BenchInputError
 from .fit_result import FitResult, StartOutcome
+from .hopping import hop
 from .least_squares import LeastSquaresResult, multi_start, solve
 from .outcome import fit_result
 from .parameters import ParameterPlan, plan_parameters
 from .problem import FitArgs, box_of, prior_rows, residual_of
 from .record import BenchRecord, TestRecord
 from .reduction import reduce_test
+from .signs import reversed_channels, warning_of, with_signs_turned
 from .starting_point import null_position
 from .static_model import base_valve, channel_slices, static_data
 
@@ -41,6 +43,7 @@ class Fitted:
     noise: dict[Key, ChannelNoise]
     solution: LeastSquaresResult
     starts: tuple[StartOutcome, ...]
+    warnings: tuple[str, ...]
 
 
 def fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | None = None) -> FitResult:
@@ -58,13 +61,16 @@ def fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | None 
 def run_fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | None = None) -> Fitted:
     """Reduce, start, solve, and settle the noise; everything but the words."""
     say = progress or (lambda _: None)
-    tests = {}
+    tests: dict[str, TestRecord] = {}
+    warnings = list(record.warnings)
     for name, test in record.tests.items():
         if not test.channels:
             raise BenchInputError("has no reading to fit", file=test.path)
         if test.rows > 2000:
             say(f"reducing {name}: {test.rows:,} rows")
-        tests[name] = reduce_test(test)
+        turned = reversed_channels(test)
+        warnings += [warning_of(test, channel) for channel in turned]
+        tests[name] = reduce_test(with_signs_turned(test, turned))
     plans = plan_parameters(record.valve, record.start)
     free = tuple(name for name, plan in plans.items() if not plan.fixed)
     noise = {(t.name, c.name): initial_noise(t, c) for t in tests.values() for c in t.channels}
@@ -81,7 +87,7 @@ def run_fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | N
     outcomes = multi_start(
         residual_of(free), problem.boxes, problem.args(noise), problem.first_starts(), count=starts, progress=say
     )
-    solution = outcomes[0]
+    solution = problem.hop(outcomes[0], noise)
     for _ in range(MOST_ROUNDS):
         settled = problem.settle(noise, solution)
         change = max(_change(noise[key], settled[key]) for key in noise)
@@ -90,7 +96,7 @@ def run_fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | N
             break
         solution = solve(residual_of(free), problem.boxes, problem.args(noise), solution.p)
     told = tuple(problem.outcome(o) for o in outcomes)
-    return Fitted(record, tests, plans, free, noise, solution, told)
+    return Fitted(record, tests, plans, free, noise, solution, told, tuple(warnings))
 
 
 def _change(before: ChannelNoise, after: ChannelNoise) -> float:
@@ -137,6 +143,10 @@ class _Problem:
             freedom = max(1.0 - float(np.sum(leverage[rows])) / len(misfit), 0.05)
             new[key] = reweighted(noise[key], misfit, freedom)
         return new
+
+    def hop(self, best: LeastSquaresResult, noise: dict[Key, ChannelNoise]) -> LeastSquaresResult:
+        args = self.args(noise)
+        return hop(best, self.free, lambda start: solve(residual_of(self.free), self.boxes, args, start))
 
     def outcome(self, result: LeastSquaresResult) -> StartOutcome:
         start = dict(zip(self.free, (float(v) for v in result.start), strict=True))

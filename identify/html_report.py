@@ -17,6 +17,7 @@ def html_report(result: FitResult, figures: dict[str, bytes], version: str) -> s
         result=result,
         version=version,
         shout=content.shout(result),
+        verdict=content.verdict(result),
         parameters=content.parameter_rows(result),
         remarks=content.parameter_remarks(result),
         correlations=content.correlations(result),

@@ -10,6 +10,8 @@ import numpy as np
 from .legs import piece_bounds
 
 
+Values = float | np.ndarray
+
 MEDIAN_OF_CHI2 = 0.4549  # one degree of freedom
 
 
@@ -29,24 +31,24 @@ class LogCorrelation:
     sizes: np.ndarray = field(default_factory=lambda: np.ones(1))
     excess: np.ndarray = field(default_factory=lambda: np.ones(1))
 
-    def of_mean(self, rows: np.ndarray) -> np.ndarray:
+    def of_mean(self, rows: Values) -> Values:
         """Variance of the mean of `rows` neighbouring rows."""
-        n = np.asarray(rows, float)
+        n = np.asarray(rows, float)[()]
         excess = np.exp(np.interp(np.log(n), np.log(self.sizes), np.log(self.excess)))
         return self.variance * excess * _sum_variance(n, self.white, self.memory) / n**2
 
-    def effective_rows(self, rows: np.ndarray) -> np.ndarray:
+    def effective_rows(self, rows: Values) -> Values:
         """Independent rows that the mean of `rows` neighbouring ones is worth."""
         return np.clip(self.row_variance / self.of_mean(rows), 1.0, rows)
 
     def rows_per_reading(self, rows: float | None = None) -> float:
         """Rows that one independent reading takes, for means of `rows` rows (default: of many more than seen)."""
         n = 4.0 * float(self.sizes[-1]) if rows is None else rows
-        return float(np.maximum(n * self.of_mean(np.array(n)) / self.row_variance, 1e-9))
+        return float(np.maximum(n * self.of_mean(n) / self.row_variance, 1e-9))
 
     def of_neighbours(self, rows: float) -> float:
         """Correlation between the means of two neighbouring bins of `rows` rows."""
-        one, two = (_sum_variance(np.asarray(k * rows, float), self.white, self.memory) for k in (1.0, 2.0))
+        one, two = (_sum_variance(k * rows, self.white, self.memory) for k in (1.0, 2.0))
         return float(two / (2.0 * one) - 1.0)
 
 
@@ -148,10 +150,10 @@ def _third_difference_of_means(rows: np.ndarray, white: float, memory: float) ->
     return np.maximum(seen, 1e-300) / (20.0 * rows**2)
 
 
-def _sum_variance(n: np.ndarray, white: float, memory: float) -> np.ndarray:
+def _sum_variance(n: Values, white: float, memory: float) -> Values:
     """Variance of the sum of n neighbouring rows of unit variance: white share, and the rest AR(1) with the given memory."""
     if memory == 0.0 or white == 1.0:
-        return np.asarray(n, float)
+        return n
     a = np.exp(-1.0 / memory)
     forgetful = n * (1 + a) / (1 - a) - 2 * a * (1 - a**n) / (1 - a) ** 2
     return white * n + (1 - white) * forgetful

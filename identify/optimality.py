@@ -19,6 +19,8 @@ def relative_offset(columns: np.ndarray, residual: np.ndarray, free: np.ndarray)
     Modified Gram-Schmidt of [J r] once more, in NumPy: an independent look at what the compiled solver reports.
     """
     n, m = columns.shape
+    if not (np.all(np.isfinite(columns)) and np.all(np.isfinite(residual))):
+        return np.inf, np.zeros(n)
     lengths = np.sqrt(np.sum(columns**2, axis=1))
     chosen = np.flatnonzero(free & (lengths > 0.0))
     rest = np.vstack([columns[chosen] / lengths[chosen, None], residual[None, :]])
@@ -30,8 +32,8 @@ def relative_offset(columns: np.ndarray, residual: np.ndarray, free: np.ndarray)
         triangle[k, k:] = np.einsum("im,m->i", rest[k:], unit)
         rest[k:] -= triangle[k, k:, None] * unit
     step = np.zeros(n)
-    if not count or not np.all(np.isfinite(triangle)):
-        return (0.0 if not count else np.inf), step
+    if not count:
+        return 0.0, step
     left, values, right = np.linalg.svd(triangle[:, :count])
     alive = values > count * np.finfo(float).eps * values[0]
     loads = left.T[alive] @ triangle[:, count]

@@ -55,7 +55,7 @@ def fit_result(fitted: "Fitted") -> FitResult:
         message=solution.message,
         starts=fitted.starts,
         notes=tuple(notes),
-        warnings=fitted.record.warnings,
+        warnings=fitted.warnings,
         verdict=verdict(channels, solution.converged, solution.message),
     )
 
@@ -147,7 +147,8 @@ def _estimates(fitted: "Fitted", covariance: Covariance, independent: float) -> 
             value=value,
             unit=plan.info.unit,
             std=std,
-            ci95=None if std is None else (value - reach * std, value + reach * std),
+            # What lies beyond a bound is known to be false, so the interval ends there.
+            ci95=None if std is None else (max(value - reach * std, plan.lower), min(value + reach * std, plan.upper)),
             start=plan.start,
             lower=plan.lower,
             upper=plan.upper,

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
 
-PNG_DPI = 130
+DPI = 130
 MARKERS = ("o", "s", "D", "^", "v", "P", "X")
 INK, GRID, FAINT = "#222222", "#e3e3e3", "#8a8a8a"
 MOST_GROUPS = len(MARKERS)
@@ -74,6 +74,7 @@ def group(values: np.ndarray, closeness: float) -> tuple[np.ndarray, list[float]
 def png(figure: Figure) -> bytes:
     """The figure as PNG."""
     buffer = io.BytesIO()
+    figure.set_dpi(DPI)  # writing an SVG leaves another behind
     FigureCanvasAgg(figure).print_png(buffer, metadata={"Software": "thermohyd"})
     return buffer.getvalue()
 
@@ -81,6 +82,7 @@ def png(figure: Figure) -> bytes:
 def svg(figure: Figure) -> bytes:
     """The figure as SVG, with text as paths and no date, so that it looks and compares the same everywhere."""
     buffer = io.BytesIO()
+    figure.set_dpi(DPI)  # of the points that are drawn as a picture inside it
     FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None, "Creator": "thermohyd"})
     return buffer.getvalue()
 
@@ -89,6 +91,15 @@ def plain_numbers(axis: Axis) -> None:
     """Write 0.1, 1, 10 on a logarithmic axis, not powers of ten."""
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_formatter(NullFormatter())
+
+
+def symmetric_logarithmic(axes: Axes, largest: float, linear: float) -> None:
+    """A y axis from -largest to largest, linear near zero, with few plain labels that cannot overlap."""
+    axes.set_yscale("symlog", linthresh=linear)
+    decades = [10.0**k for k in range(1, 12) if linear < 10.0**k <= largest]
+    ticks = [sign * decade for sign in (-1.0, 1.0) for decade in decades[:: 1 + len(decades) // 3]]
+    axes.set_yticks(sorted([0.0, *ticks]))
+    plain_numbers(axes.yaxis)
 
 
 def label_axes(axes: Axes, x: str, y: str) -> None:

@@ -42,6 +42,7 @@ class _Sweep:
     colour: str
     marker: str
     upward: bool
+    first: bool  # of its temperature and supply pressure: one band is enough where many sweeps lie on each other
 
 
 def test_figures(result: FitResult) -> dict[str, Figure]:
@@ -105,6 +106,7 @@ def _sweeps(fit: ChannelFit) -> list[_Sweep]:
                 colour=colours[key[0]],
                 marker=look.MARKERS[key[1] % len(look.MARKERS)],
                 upward=bool(key[3] >= 0),
+                first=bool(np.flatnonzero((keys[:, :2] == key[:2]).all(axis=1))[0] in rows),
             )
         )
     return sweeps
@@ -131,8 +133,9 @@ def _draw_data(axes: Axes, fit: ChannelFit, sweeps: list[_Sweep], view: str, nul
     for sweep in sweeps:
         _scatter(axes, sweep, sweep.measured, size)
     for sweep in sweeps:
-        low, high = sweep.predicted - sweep.band, sweep.predicted + sweep.band
-        axes.fill_between(sweep.x, low, high, color=sweep.colour, alpha=0.22, linewidth=0.0)
+        if sweep.first:
+            low, high = sweep.predicted - sweep.band, sweep.predicted + sweep.band
+            axes.fill_between(sweep.x, low, high, color=sweep.colour, alpha=0.22, linewidth=0.0)
         axes.plot(sweep.x, sweep.predicted, color=sweep.colour)
     unit = reading_unit(fit.channel).label
     title = {"whole": "whole sweep", "null": "around null", "logarithmic": "logarithmic"}[view]
@@ -166,7 +169,7 @@ def _draw_residuals(axes: Axes, sweeps: list[_Sweep], first: bool) -> None:
         _scatter(axes, sweep, sweep.residual, 2.0)
     largest = max(float(np.abs(sweep.residual).max()) for sweep in sweeps)
     if largest > 30.0:  # a model that misses badly: keep the small residuals readable beside the large
-        axes.set_yscale("symlog", linthresh=5.0)
+        look.symmetric_logarithmic(axes, largest, linear=5.0)
     axes.set_ylim(-1.1 * max(largest, 3.0), 1.1 * max(largest, 3.0))
     look.label_axes(axes, "spool position [um]", "residual / noise" if first else "")
 

@@ -114,7 +114,7 @@ def _noise_note(test: TestRecord, channel: Channel, points: Points, rows: np.nda
     n = float(np.median(rows))
     parts = []
     if points.row_std > 0:
-        worth = float(points.correlation.effective_rows(np.array([n]))[0])
+        worth = float(points.correlation.effective_rows(n))
         kept = (
             "declared noise"
             if channel.std is not None

@@ -52,6 +52,11 @@ def shout(result: FitResult) -> str:
     return f"THE FIT DID NOT CONVERGE{reason}. Do not use these values or their error bars."
 
 
+def verdict(result: FitResult) -> list[str]:
+    """The verdict's sentences, without the one that `shout` already says louder."""
+    return [s for s in result.verdict if result.converged or not s.startswith("The fit did not converge")]
+
+
 def chi2_band(degrees_of_freedom: float) -> tuple[float, float]:
     """Where the reduced chi-square of an exact model lies with 95 % probability."""
     if not degrees_of_freedom > 0.0:
@@ -148,6 +153,7 @@ def parameter_rows(result: FitResult) -> list[ParameterRow]:
 def parameter_remarks(result: FitResult) -> list[str]:
     """Why a fitted parameter has no error bar or stands at its bound, and what prior was put on it."""
     remarks = []
+    without: dict[str, list[str]] = {}  # {reason: names}
     for estimate in result.parameters.values():
         unit = display_unit(estimate.unit)
         if estimate.at_bound:
@@ -158,11 +164,11 @@ def parameter_remarks(result: FitResult) -> list[str]:
                 + (f": {estimate.why_no_error_bar}" if estimate.why_no_error_bar else "")
             )
         elif estimate.std is None and not estimate.fixed:
-            remarks.append(f"{estimate.name} has no error bar: {estimate.why_no_error_bar or 'no reason is known'}")
+            without.setdefault(estimate.why_no_error_bar or "no reason is known", []).append(estimate.name)
         if estimate.prior_std is not None and not estimate.fixed:
             width = _with_unit(estimate.prior_std, unit)
             remarks.append(f"{estimate.name} carries a prior: {estimate.start * unit.factor:.4g} +/- {width}")
-    return remarks
+    return remarks + [f"no error bar for {', '.join(names)}: {reason}" for reason, names in without.items()]
 
 
 def _with_unit(value: float, unit: DisplayUnit) -> str:
@@ -203,11 +209,13 @@ def multi_start(result: FitResult) -> list[str]:
     # a chi-square within 0.1 % (or 0.1) of the best is the same minimum: far less than one standard error of anything
     near = [start for start in result.starts if start.cost - best <= max(1e-3 * best, 0.1)]
     count = len(result.starts)
-    sentences = [f"{len(near)} of {count} starts reached the same best chi-square of {significant(best, 5)}."]
+    sentences = [f"{len(near)} of {count} starts reached the same best fit."]
     others = [start for start in result.starts if not start.cost - best <= max(1e-3 * best, 0.1)]
     for start in sorted(others, key=lambda start: start.cost)[:3]:
         how = "another minimum" if start.converged else f"not converged ({start.message})"
-        sentences.append(f"One ended at {significant(start.cost, 5)} after {start.steps} steps: {how}.")
+        sentences.append(
+            f"One ended at {significant(start.cost / best, 3)} times its chi-square after {start.steps} steps: {how}."
+        )
     if len(others) > 3:
         sentences.append(f"{len(others) - 3} more ended higher still.")
     return sentences

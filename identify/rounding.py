@@ -12,6 +12,8 @@ from .legs import piece_bounds, sweep_ids
 from .record import Channel, TestRecord
 
 
+Values = float | np.ndarray
+
 LATTICE_TOLERANCE = 0.1  # of a step: files print converted values with few digits
 HARMONICS = np.arange(1, 9)
 
@@ -40,7 +42,7 @@ def local_steps(values: np.ndarray) -> np.ndarray:
     return np.where(step > 0, step, _common_step(distinct, gaps))[index]
 
 
-def rounding_error(step: np.ndarray, scatter: np.ndarray, span: np.ndarray) -> np.ndarray:
+def rounding_error(step: Values, scatter: Values, span: Values) -> np.ndarray:
     """Standard deviation of the mean of many rounded readings that scatter (Gaussian, std) and ramp (over `span`) before rounding.
 
     step/sqrt(12) where the reading stands still; scatter or a ramp that crosses whole steps averages it away,
@@ -56,7 +58,7 @@ def rounding_error(step: np.ndarray, scatter: np.ndarray, span: np.ndarray) -> n
     return np.where(step > 0, safe * np.sqrt(still / 12.0 * np.sum(dither * ramp / k**2, axis=0)), 0.0)
 
 
-def scatter_before_rounding(scatter: np.ndarray, step: np.ndarray, span: np.ndarray) -> np.ndarray:
+def scatter_before_rounding(scatter: Values, step: Values, span: Values) -> np.ndarray:
     """The standard deviation that readings had before rounding, from the scatter seen after it.
 
     Averaged over where the readings lie on the grid, seen^2 = before^2 + step^2/12 - rounding_error(before)^2.

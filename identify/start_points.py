@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .transforms import Box, Boxes, free_values
+from .transforms import Box, free_values
 
 
 SEED = 20110913
@@ -24,8 +24,8 @@ def candidate_starts(boxes: Sequence[Box], centre: np.ndarray, count: int) -> np
     high = np.minimum([box.free(box.upper) for box in boxes], middle + REACH)
     # By hand, because importing scipy.stats.qmc costs more than the whole fit.
     cells = np.column_stack([generator.permutation(count) for _ in boxes])
-    z = low + (high - low) * (cells + generator.random(cells.shape)) / count
-    return np.array([np.asarray(Boxes.of(boxes).physical(row)) for row in z])
+    places = low + (high - low) * (cells + generator.random(cells.shape)) / count
+    return np.array([[box.value(z) for box, z in zip(boxes, row, strict=True)] for row in places])
 
 
 @eqx.filter_jit

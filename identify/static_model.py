@@ -82,8 +82,8 @@ def base_valve(record: BenchRecord, parameters: Mapping[str, float], heat: bool 
     )
 
 
-def with_parameters(valve: Valve, names: tuple[str, ...], values: Float[Array, " free"]) -> Valve:
-    """The valve with some of its parameters replaced."""
+def with_parameters(valve: Valve, names: tuple[str, ...], values: Float[Array, "free ..."]) -> Valve:
+    """The valve with some of its parameters replaced; one number each, or one per row of a test."""
     return eqx.tree_at(lambda v: [getattr(v, name) for name in names], valve, [values[i] for i in range(len(names))])
 
 

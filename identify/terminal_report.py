@@ -21,7 +21,7 @@ def print_report(result: FitResult, console: Console) -> None:
         console.print(
             Panel(Text(shout, style="bold red"), border_style="bold red", box=box.DOUBLE, title="NOT CONVERGED")
         )
-    _sentences(console, result.verdict, "bold")
+    _sentences(console, content.verdict(result), "bold")
     _section(console, "Warnings", result.warnings, "yellow")
 
     _heading(console, "Parameters")

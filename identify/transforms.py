@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import isfinite, log
+from math import exp, isfinite, log
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -42,6 +42,10 @@ class Box:
         if not self.logarithmic:
             return value / self.scale
         return log(value / self.scale) if isfinite(value) else value
+
+    def value(self, z: float) -> float:
+        """Physical value of z."""
+        return self.scale * (exp(z) if self.logarithmic else z)
 
 
 class Boxes(eqx.Module):

@@ -1,0 +1,88 @@
+"""A 3000-row fit of six parameters from the nominal valve: this program against SciPy and lmfit, warm, in one run.
+
+Claimed: at least 15 times faster than scipy.optimize.least_squares with finite differences on a vectorised NumPy model
+(analytic Newton, same tolerance, same start), 20 times faster than lmfit on the same, and no slower than SciPy's
+trust-region solver driven by our own jitted residual and Jacobian.
+"""
+
+import jax
+
+
+jax.config.update("jax_enable_x64", True)
+
+import jax.numpy as jnp  # noqa: E402
+import lmfit  # noqa: E402
+import numpy as np  # noqa: E402
+from _peers import LOWER, NOMINAL, SCALE, UPPER, NumpyResidual, compare, machine, record_of_3000_rows  # noqa: E402
+from scipy.optimize import least_squares  # noqa: E402
+
+from thermohyd.identify.least_squares import solve  # noqa: E402
+from thermohyd.identify.parameters import plan_parameters  # noqa: E402
+from thermohyd.identify.problem import FitArgs, box_of, prior_rows, residual_and_columns, residual_of  # noqa: E402
+from thermohyd.identify.static_model import base_valve, static_data  # noqa: E402
+
+
+def main() -> None:
+    record = record_of_3000_rows()
+    plans = plan_parameters(record.valve, {})
+    free = tuple(name for name, plan in plans.items() if not plan.fixed)
+    chosen = [plans[name] for name in free]
+    boxes = [box_of(plan) for plan in chosen]
+    std = {(t.name, c.name): c.std for t in record.tests.values() for c in t.channels if c.std is not None}
+    valve = base_valve(record, {name: plan.start for name, plan in plans.items()})
+    args = FitArgs(valve, static_data(record.tests, std), *prior_rows(chosen))
+    model = NumpyResidual(record)
+    start = NOMINAL / SCALE
+    bounds = (LOWER / SCALE, UPPER / SCALE)
+
+    def ours():
+        return solve(residual_of(free), boxes, args, NOMINAL)
+
+    def scipy_numpy():
+        return least_squares(model, start, bounds=bounds, x_scale="jac", xtol=1e-10, ftol=1e-10, gtol=1e-10)
+
+    def lmfit_numpy():
+        parameters = lmfit.Parameters()
+        for i, name in enumerate(free):
+            parameters.add(name, value=start[i], min=bounds[0][i], max=bounds[1][i])
+        return lmfit.minimize(lambda p: model([p[name].value for name in free]), parameters, method="leastsq")
+
+    jitted = jax.jit(lambda z: residual_of(free)(z * SCALE, args))
+    both = jax.jit(lambda z: residual_and_columns(free, z * SCALE, args)[1].T * SCALE)
+
+    def scipy_ours():
+        return least_squares(
+            lambda z: np.asarray(jitted(jnp.asarray(z))),
+            start,
+            jac=lambda z: np.asarray(both(jnp.asarray(z))),
+            bounds=bounds,
+            x_scale="jac",
+            xtol=1e-10,
+            ftol=1e-10,
+            gtol=1e-10,
+        )
+
+    contenders = {
+        "thermohyd": ours,
+        "SciPy least_squares, NumPy model, finite differences": scipy_numpy,
+        "lmfit leastsq, NumPy model": lmfit_numpy,
+        "SciPy least_squares, our residual and Jacobian": scipy_ours,
+    }
+    print(f"{sum(len(v) for v in std.values())} readings, 6 parameters, {machine()}")
+    solution = ours()
+    optima = {
+        "thermohyd": solution.p / SCALE,
+        "SciPy": scipy_numpy().x,
+        "lmfit": np.array([lmfit_numpy().params[name].value for name in free]),
+        "SciPy, ours": scipy_ours().x,
+    }
+    for name, z in optima.items():
+        print(f"  optimum of {name:12s} differs by {np.max(np.abs(z - optima['thermohyd'])):.1e} scaled units")
+    medians = compare(contenders)
+    for name, seconds in medians.items():
+        print(f"  {name:55s} {1e3 * seconds:8.1f} ms   {seconds / medians['thermohyd']:6.1f} times ours")
+    print(f"  our solve took {solution.steps} steps")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,41 @@
+"""Out of the wrong valley: an edge that closes exactly at a measured position makes a kink, and between kinks lie local minima.
+
+Where an opening passes zero the overlapped land starts at once, so every row near null puts a kink into the chi-square
+as a function of the underlap. A search that slid into a valley between two kinks is set down on the other side of them.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from .least_squares import LeastSquaresResult
+
+
+MICRON = 1e-6
+# Tried on both sides, nearest last: rows near null lie a fraction of a micron to some microns apart.
+HOPS = (6.0, 3.0, 1.5, 0.75, 0.35)
+MOST_ROUNDS = 6
+BETTER = 1e-6  # relative fall of the cost that counts
+
+
+def hop(
+    best: LeastSquaresResult,
+    names: tuple[str, ...],
+    solve_from: Callable[[np.ndarray], LeastSquaresResult],
+) -> LeastSquaresResult:
+    """Restart from `best` with the underlap moved, take what is lower, until no move helps. Few, warm, cheap solves."""
+    if "underlap" not in names:
+        return best
+    i = names.index("underlap")
+    for _ in range(MOST_ROUNDS):
+        start = best
+        for step in HOPS:
+            for side in (step, -step):
+                moved = start.p.copy()
+                moved[i] += side * MICRON
+                tried = solve_from(moved)
+                if tried.converged and tried.cost < best.cost * (1.0 - BETTER):
+                    best = tried
+        if best is start:
+            break
+    return best
