@@ -112,7 +112,8 @@ def test_a_derivative_that_fails_at_the_start_is_named() -> None:
     rooted = lambda p, data: decay(p, data) + jnp.sqrt(p[2])
     result = solve(rooted, decay_boxes(), decay_data(0, 2.0, 0.7, 0.3))
     assert not result.converged
-    assert result.message == "the model has no finite derivative at the start for offset"
+    assert result.message.startswith("the model has no finite derivative at the start for")
+    assert "offset" in result.message
 
 
 def test_a_wrong_derivative_is_not_called_an_optimum() -> None:
