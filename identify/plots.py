@@ -92,8 +92,10 @@ def _sweeps(fit: ChannelFit) -> list[_Sweep]:
     colours = look.temperature_colours(len(temperatures))
     step = -(-len(fit.measured) // MOST_POINTS)
     sweeps = []
+    banded: set[tuple[int, int]] = set()
     keys = np.stack([t_group, p_group, fit.run, np.sign(fit.direction)], axis=1).astype(int)
     for key in np.unique(keys, axis=0):
+        condition = (int(key[0]), int(key[1]))
         rows = np.flatnonzero((keys == key).all(axis=1))
         rows = rows[np.argsort(fit.position[rows], kind="stable")][::step]
         sweeps.append(
@@ -106,9 +108,10 @@ def _sweeps(fit: ChannelFit) -> list[_Sweep]:
                 colour=colours[key[0]],
                 marker=look.MARKERS[key[1] % len(look.MARKERS)],
                 upward=bool(key[3] >= 0),
-                first=bool(np.flatnonzero((keys[:, :2] == key[:2]).all(axis=1))[0] in rows),
+                first=condition not in banded,
             )
         )
+        banded.add(condition)
     return sweeps
 
 
