@@ -12,6 +12,7 @@ from .legs import piece_bounds
 
 Values = float | np.ndarray
 
+PENALTY = 6.0  # in chi-square: white noise, unless the scales say clearly otherwise
 MEDIAN_OF_CHI2 = 0.4549  # one degree of freedom
 
 
@@ -125,24 +126,25 @@ def _row_variance(value: np.ndarray, local: np.ndarray, legs: np.ndarray, size: 
 
 
 def _fit_shares(rows: np.ndarray, ratios: np.ndarray, weights: np.ndarray) -> LogCorrelation:
-    best, least = LogCorrelation(), np.inf
+    """The share of white noise and the memory of the rest that agree best with the scatter of means of so many rows."""
+    # Scales share their rows, and ripple is neither white nor forgetful: no scale is trusted beyond 10 %.
+    trust = 1.0 / (0.1**2 + 2.0 / weights)
     memories = np.geomspace(1.0, 2.0 * rows.max(), 24)
+    best, least = LogCorrelation(), np.inf
     for white in (1.0, 0.95, 0.9, 0.8, 0.65, 0.5, 0.35, 0.2, 0.1, 0.0):
-        for memory in memories if white < 1 else (0.0,):
-            predicted = np.log(_third_difference_of_means(rows, white, memory))
-            misfit = np.log(ratios) - predicted
-            level = float(np.sum(weights * misfit) / np.sum(weights))
-            # Scales share their rows, and ripple is neither white nor forgetful: no scale is trusted beyond 10 %.
-            trust = 1.0 / (0.1**2 + 2.0 / weights)
-            cost = float(np.sum(trust * (misfit - level) ** 2)) + (0.0 if white == 1 else 6.0)
-            if cost < least:
-                least = cost
-                excess = np.exp((misfit - level) * weights / (weights + 20.0))
-                best = LogCorrelation(float(np.exp(level)), white, float(memory), sizes=rows, excess=excess)
+        memory = np.zeros(1) if white == 1.0 else memories
+        misfit = np.log(ratios) - np.log(_third_difference_of_means(rows, white, memory[:, None]))
+        level = np.sum(weights * misfit, axis=1) / np.sum(weights)
+        cost = np.sum(trust * (misfit - level[:, None]) ** 2, axis=1) + (0.0 if white == 1.0 else PENALTY)
+        k = int(np.argmin(cost))
+        if cost[k] < least:
+            least = float(cost[k])
+            excess = np.exp((misfit[k] - level[k]) * weights / (weights + 20.0))
+            best = LogCorrelation(float(np.exp(level[k])), white, float(memory[k]), sizes=rows, excess=excess)
     return best
 
 
-def _third_difference_of_means(rows: np.ndarray, white: float, memory: float) -> np.ndarray:
+def _third_difference_of_means(rows: np.ndarray, white: float, memory: np.ndarray) -> np.ndarray:
     """Variance (over 20) of third differences between means of `rows` neighbouring rows, for noise of variance 1."""
     total = [_sum_variance(k * rows, white, memory) for k in range(5)]
     covariance = [total[1], *((total[k + 1] - 2 * total[k] + total[k - 1]) / 2.0 for k in (1, 2, 3))]
@@ -150,10 +152,10 @@ def _third_difference_of_means(rows: np.ndarray, white: float, memory: float) ->
     return np.maximum(seen, 1e-300) / (20.0 * rows**2)
 
 
-def _sum_variance(n: Values, white: float, memory: float) -> Values:
+def _sum_variance(n: Values, white: float, memory: Values) -> Values:
     """Variance of the sum of n neighbouring rows of unit variance: white share, and the rest AR(1) with the given memory."""
-    if memory == 0.0 or white == 1.0:
-        return n
+    if white == 1.0:
+        return n + 0.0 * memory
     a = np.exp(-1.0 / memory)
     forgetful = n * (1 + a) / (1 - a) - 2 * a * (1 - a**n) / (1 - a) ** 2
     return white * n + (1 - white) * forgetful

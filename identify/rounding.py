@@ -78,9 +78,23 @@ def rounding_floor(test: TestRecord, channel: Channel) -> np.ndarray:
 
     The position's step counts with the local slope of the curve. For tests that are fitted row by row.
     """
-    position_step = local_steps(test.spool_position)
-    slope = _slopes(test.spool_position, channel.value, sweep_ids(test)) if position_step.any() else np.zeros(test.rows)
+    sweeps = sweep_ids(test)
+    position_step = _reading_steps(test.spool_position, sweeps)
+    slope = _slopes(test.spool_position, channel.value, sweeps) if position_step.any() else np.zeros(test.rows)
     return np.sqrt((local_steps(channel.value) ** 2 + (slope * position_step) ** 2) / 12.0)
+
+
+def _reading_steps(position: np.ndarray, sweeps: np.ndarray) -> np.ndarray:
+    """Rounding steps of positions that were read; 0 for set points, which lie on a grid because somebody chose them so.
+
+    The increments of rounded readings differ by single steps from row to row; those of set points are equal or jump.
+    """
+    step = local_steps(position)
+    within = (sweeps[2:] == sweeps[:-2]) & (step[1:-1] > 0)
+    size = np.where(step > 0, step, 1.0)[1:-1]
+    change = np.abs(np.diff(position, n=2))[within] / size[within]
+    single = np.abs(change - 1.0) < LATTICE_TOLERANCE
+    return step if len(single) and float(np.mean(single)) > 0.15 else np.zeros(len(position))
 
 
 def _distinct(values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

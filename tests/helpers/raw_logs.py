@@ -58,6 +58,7 @@ def raw_log(
     logged = np.round(logged / position_step) * position_step if position_step else logged
     one = np.ones(n)
     change = np.sign(np.diff(logged, prepend=2.0))
+    last = np.maximum.accumulate(np.where(change != 0, np.arange(n), 0))  # a repeated position keeps its direction
     return TestRecord(
         name="leakage",
         path=Path("leakage.csv"),
@@ -68,7 +69,7 @@ def raw_log(
         channels=(Channel("leakage_flow", READING * y),),
         run=np.repeat(np.arange(runs), 2 * half),
         run_names=tuple(f"run {i + 1}" for i in range(runs)),
-        direction=np.where(change == 0, 1.0, change),
+        direction=change[last],
         time=np.arange(n) * 0.01,
         lines=np.arange(n) + 2,
     )
