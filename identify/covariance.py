@@ -5,10 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from .noise_correlation import NoiseCorrelation, correlated_sum
+from .orthogonal import gram_schmidt
 
 
 # Singular values of the unit-column Jacobian below this share of the largest: the data see a combination only by rounding.
 FLAT = 1e-7
+# Share of a parameter in a flat unit direction from which on the direction, and not rounding, decides its error bar.
+TAKES_PART = 1e-4
 
 
 @dataclass(frozen=True)
@@ -28,7 +31,7 @@ class Covariance:
     matrix: np.ndarray
     why: dict[int, str]
     singular_values: np.ndarray  # of the Jacobian with unit columns, dead ones left out
-    alive: np.ndarray  # indices of the parameters that the decomposition holds
+    alive: np.ndarray  # indices of the parameters that have an error bar
 
 
 def covariance_of(
@@ -50,38 +53,32 @@ def covariance_of(
         elif lengths[i] == 0.0:
             why[i] = f"no reading depends on {name}"
     alive = np.array([i for i in range(len(names)) if i not in why], dtype=int)
-    unit = jacobian[:, alive] / lengths[alive]
-    singular = np.linalg.svd(unit, compute_uv=False) if len(alive) else np.zeros(0)
-    alive, unit = _without_flat_directions(unit, alive, names, why)
     matrix = np.zeros((len(names), len(names)))
-    if len(alive):
-        q, r = np.linalg.qr(unit)
-        middle = q[exact_rows].T @ q[exact_rows]
-        for block in blocks:
-            middle += block.variance * correlated_sum(q[block.rows], block.sweeps, block.correlation)
-        half = np.linalg.solve(r, np.linalg.cholesky(_symmetric(middle)))
-        scaled = half @ half.T
-        matrix[np.ix_(alive, alive)] = scaled / np.outer(lengths[alive], lengths[alive])
+    if not len(alive):
+        return Covariance(matrix, why, np.zeros(0), alive)
+    q, triangle = gram_schmidt(jacobian[:, alive] / lengths[alive])
+    left, singular, right = np.linalg.svd(triangle)
+    seen = singular >= FLAT * singular[0]
+    _name_flat_directions(right[~seen], alive, names, why)
+    # Along flat directions nothing is known of the parameters that take part in them, and nothing is lost for the others.
+    basis = np.einsum("mi,ik->mk", q, left[:, seen])
+    middle = basis[exact_rows].T @ basis[exact_rows]
+    for block in blocks:
+        middle += block.variance * correlated_sum(basis[block.rows], block.sweeps, block.correlation)
+    half = (right[seen].T / singular[seen]) @ np.linalg.cholesky(0.5 * (middle + middle.T))
+    half /= lengths[alive, None]
+    known = np.array([i not in why for i in alive])
+    alive, half = alive[known], half[known]
+    matrix[np.ix_(alive, alive)] = half @ half.T
     return Covariance(matrix, why, singular, alive)
 
 
-def _symmetric(matrix: np.ndarray) -> np.ndarray:
-    return 0.5 * (matrix + matrix.T)
-
-
-def _without_flat_directions(
-    unit: np.ndarray, alive: np.ndarray, names: tuple[str, ...], why: dict[int, str]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Drop parameters that share a flat direction: they have no error bar, the rest keep theirs with them held."""
-    if len(alive) < 2:
-        return alive, unit
-    _, values, right = np.linalg.svd(unit, full_matrices=False)
-    involved: set[int] = set()
-    for k in np.flatnonzero(values < FLAT * values[0]):
-        members = [i for i in range(len(alive)) if abs(right[k, i]) > 0.1]
-        words = ", ".join(f"{right[k, i]:+.2f} {names[alive[i]]}" for i in members)
+def _name_flat_directions(
+    directions: np.ndarray, alive: np.ndarray, names: tuple[str, ...], why: dict[int, str]
+) -> None:
+    """Say of every parameter that takes part in a flat direction (k, p) why it has no error bar."""
+    for direction in directions:
+        members = [i for i in range(len(alive)) if abs(direction[i]) > TAKES_PART]
+        words = ", ".join(f"{direction[i]:+.2g} {names[alive[i]]}" for i in members)
         for i in members:
             why[int(alive[i])] = f"flat direction: the data do not see the combination {words}"
-        involved.update(members)
-    keep = [i for i in range(len(alive)) if i not in involved]
-    return alive[keep], unit[:, keep]

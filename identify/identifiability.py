@@ -3,9 +3,11 @@
 import numpy as np
 
 from .fit_result import Identifiability
+from .orthogonal import gram_schmidt
 
 
-WEAK = 20.0  # collinearity above which a combination is called weak (Brun et al., Water Resources Research 37, 2001)
+# Collinearity above which a combination is called weak: Brun et al. (Water Resources Research 37, 2001) found 10 to 15.
+WEAK = 10.0
 STRONGLY_CORRELATED = 0.9
 WORTH_NAMING = 0.3  # share of a parameter in a unit direction
 
@@ -23,7 +25,8 @@ def identifiability(
     sentences = [f"{names[i]} has no error bar: {reason}" for i, reason in sorted(why.items())]
     if len(seen) == 0:
         return Identifiability(float("inf"), (), (), tuple(sentences))
-    _, values, right = np.linalg.svd(jacobian[:, seen] / lengths[seen], full_matrices=False)
+    _, triangle = gram_schmidt(jacobian[:, seen] / lengths[seen])
+    _, values, right = np.linalg.svd(triangle)
     condition = float(values[0] / values[-1]) if values[-1] > 0.0 else float("inf")
     weak = []
     for k in reversed(range(len(values))):
@@ -36,8 +39,8 @@ def identifiability(
     for i in range(len(names)):
         for j in range(i):
             if abs(correlation[i, j]) > STRONGLY_CORRELATED:
-                sign = "rise" if correlation[i, j] > 0.0 else "trade off"
-                sentences.append(f"{names[j]} and {names[i]} {sign} together (correlation {correlation[i, j]:+.2f})")
+                way = "rise together" if correlation[i, j] > 0.0 else "trade off"
+                sentences.append(f"{names[j]} and {names[i]} {way} (correlation {correlation[i, j]:+.2f})")
     return Identifiability(condition, tuple(float(v) for v in values), tuple(weak), tuple(sentences))
 
 

@@ -3,12 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import lfilter
 
 
 MOST_MEMORY = 0.995  # phi: noise that remembers longer is drift, which a sweep cannot tell from the curve
 LAGS = 12
-SIGNIFICANT = 2.0  # lag-1 correlation in units of its standard error 1/sqrt(n), below which noise counts as white
+SIGNIFICANT = 2.5  # fitted share in units of its standard error under white noise, below which noise counts as white
 
 
 @dataclass(frozen=True)
@@ -41,40 +40,46 @@ def noise_correlation(residual: np.ndarray, sweeps: np.ndarray, parameters: floa
         pairs = sum(max(len(p) - lag, 0) for p in pieces)
         product = sum(float(p[lag:] @ p[:-lag]) for p in pieces if len(p) > lag)
         rho[lag - 1] = product / power * n / max(pairs, 1)
-    if rho[0] < SIGNIFICANT / np.sqrt(n):
+    # Over all lags together, not lag 1 alone: weak noise with a long memory costs most and shows least at any one lag.
+    found, significance = _fitted(rho + parameters / n, n)
+    if significance < SIGNIFICANT:
         return NoiseCorrelation()
-    found = _fitted(rho)
-    biased = rho + found.inflation * parameters / n * (1.0 - rho)
-    return _fitted(np.clip(biased, -1.0, 1.0))
+    unbiased = rho + found.inflation * parameters / n * (1.0 - rho)
+    return _fitted(np.clip(unbiased, -1.0, 1.0), n)[0]
 
 
-def _fitted(rho: np.ndarray) -> NoiseCorrelation:
-    """Least squares of share phi^l over a grid of phi; the share is linear. Later lags count less, as they say less."""
+def _fitted(rho: np.ndarray, n: int) -> tuple[NoiseCorrelation, float]:
+    """Least squares of share phi^l over a grid of phi, for which the share is linear; and share/(its standard error).
+
+    Later lags count less, as they say less. The standard error is that of n white readings: 1/sqrt(n) for every rho_l.
+    """
     lag = np.arange(1, len(rho) + 1)
     weight = 1.0 / lag
-    best, found = np.inf, NoiseCorrelation()
-    for phi in np.concatenate([np.linspace(0.05, 0.95, 91), np.linspace(0.955, MOST_MEMORY, 9)]):
-        shape = phi**lag
-        share = float(np.clip(np.sum(weight * shape * rho) / np.sum(weight * shape**2), 0.0, 1.0))
-        error = float(np.sum(weight * (rho - share * shape) ** 2))
-        if error < best:
-            best, found = error, NoiseCorrelation(share, float(phi))
-    return found
+    phi = np.concatenate([np.linspace(0.05, 0.95, 91), np.linspace(0.955, MOST_MEMORY, 9)])
+    shape = phi[:, None] ** lag
+    norm = np.sum(weight * shape**2, axis=1)
+    raw = np.sum(weight * shape * rho, axis=1) / norm
+    share = np.clip(raw, 0.0, 1.0)
+    best = int(np.argmin(np.sum(weight * (rho - share[:, None] * shape) ** 2, axis=1)))
+    error = np.sqrt(np.sum((weight * shape[best]) ** 2) / n) / norm[best]
+    return NoiseCorrelation(float(share[best]), float(phi[best])), float(raw[best] / error)
 
 
 def correlated_sum(columns: np.ndarray, sweeps: np.ndarray, noise: NoiseCorrelation) -> np.ndarray:
     """J' R J (p, p) for columns J (n, p): R has ones on the diagonal and share phi^|i-j| within a sweep.
 
-    By one recursion along each sweep, O(n): sum_{i>j} phi^(i-j) J_j is a first-order filter of the columns.
+    O(n log n): the memory m_i = J_i + phi m_(i-1) of a sweep doubles its reach with every pass.
     """
     total = columns.T @ columns
     if noise.share == 0.0 or noise.phi == 0.0:
         return total
-    cross = np.zeros_like(total)
-    for s in np.unique(sweeps):
-        part = columns[sweeps == s]
-        if len(part) < 2:
-            continue
-        past = lfilter([0.0, noise.phi], [1.0, -noise.phi], part, axis=0)
-        cross += part.T @ past
+    order = np.argsort(sweeps, kind="stable")
+    columns, sweeps = columns[order], sweeps[order]
+    memory = columns.copy()
+    reach, fade = 1, noise.phi
+    while reach < len(columns) and fade > 1e-17:
+        inside = (sweeps[reach:] == sweeps[:-reach])[:, None]
+        memory[reach:] += fade * np.where(inside, memory[:-reach], 0.0)
+        reach, fade = 2 * reach, fade**2
+    cross = columns.T @ (memory - columns)
     return total + noise.share * (cross + cross.T)

@@ -6,6 +6,8 @@ Technometrics 23, 1981.
 
 import numpy as np
 
+from .orthogonal import gram_schmidt
+
 
 # Their criterion, in units of the parameters' own standard errors: an optimum missed by a thousandth of one.
 BELIEVE_BELOW = 1e-3
@@ -16,29 +18,23 @@ VANISHED = 1e-7
 def relative_offset(columns: np.ndarray, residual: np.ndarray, free: np.ndarray) -> tuple[float, np.ndarray]:
     """Bates and Watts' relative offset over the `free` rows of `columns` (n, m), and the Gauss-Newton step (n,).
 
-    Modified Gram-Schmidt of [J r] once more, in NumPy: an independent look at what the compiled solver reports.
+    QR of [J r] once more, in NumPy: an independent look at what the compiled solver reports.
     """
     n, m = columns.shape
     if not (np.all(np.isfinite(columns)) and np.all(np.isfinite(residual))):
         return np.inf, np.zeros(n)
     lengths = np.sqrt(np.sum(columns**2, axis=1))
     chosen = np.flatnonzero(free & (lengths > 0.0))
-    rest = np.vstack([columns[chosen] / lengths[chosen, None], residual[None, :]])
     count = len(chosen)
-    triangle = np.zeros((count, count + 1))
-    for k in range(count):
-        length = np.sqrt(np.sum(rest[k] ** 2))
-        unit = rest[k] / (length if length > 0.0 else 1.0)
-        triangle[k, k:] = np.einsum("im,m->i", rest[k:], unit)
-        rest[k:] -= triangle[k, k:, None] * unit
+    _, triangle = gram_schmidt(np.vstack([columns[chosen] / lengths[chosen, None], residual[None, :]]).T)
     step = np.zeros(n)
     if not count:
         return 0.0, step
-    left, values, right = np.linalg.svd(triangle[:, :count])
+    left, values, right = np.linalg.svd(triangle[:count, :count])
     alive = values > count * np.finfo(float).eps * values[0]
-    loads = left.T[alive] @ triangle[:, count]
+    loads = left.T[alive] @ triangle[:count, count]
     step[chosen] = -(right[alive].T @ (loads / values[alive])) / lengths[chosen]
-    spread = np.sum(rest[-1] ** 2) / max(m - count, 1)
+    spread = triangle[count, count] ** 2 / max(m - count, 1)
     return float(np.sqrt(np.sum(loads**2) / max(int(alive.sum()), 1) / max(spread, 1e-300))), step
 
 

@@ -16,8 +16,8 @@ from .effect import Edges
 from .oil import Oil, OilAtTemperature, at_temperature, throttling_rise
 
 
-# Connected ports sit near the middle between supply and return: 4 Newton steps leave rounding only, the fifth is reserve.
-CONNECTED_STEPS = 5
+# Connected ports sit near the middle between supply and return: 4 Newton steps leave rounding only.
+CONNECTED_STEPS = 4
 MIRROR = np.array([[1.0], [-1.0]])
 
 
