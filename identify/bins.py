@@ -41,7 +41,9 @@ def bin_starts(
         bend += _share(np.abs(curvature) ** 0.4)
         most = np.maximum(most, _finest(slope, curvature, scatter, correlation.rows_per_reading()))
     parts = {"width": _share(width), "rise": _share(rise), "bend": _share(bend)}
-    density = sum(SHARES[name] * part for name, part in parts.items()) + 0.02 / rows
+    density = np.full(rows, 0.02 / rows)
+    for name, part in parts.items():
+        density += SHARES[name] * part
     density *= max_points / density.sum()
     fewest = float(np.clip(0.5 * max_points / len(np.unique(legs)), SMALLEST_BIN, FEWEST_BINS))
     starts: list[np.ndarray] = []

@@ -102,9 +102,10 @@ def condition_ids(test: TestRecord, window: int = 15) -> np.ndarray:
         else:
             columns.append((test.spool_position, SMALLEST_LEG * max(float(np.ptp(test.spool_position)), 1e-300)))
     cuts = np.zeros(test.rows, int)
+    most = max(10, test.rows // (500 if window > 1 else 2))  # a column that never rests must not shred the log
     for values, step in columns:
         if np.ptp(values) > step:
-            cuts[_cuts(_medians(values, window) if window > 1 else values, step, limit=max(10, test.rows // (500 if window > 1 else 2)))] = 1
+            cuts[_cuts(_medians(values, window), step, most)] = 1
     return np.cumsum(cuts)
 
 
@@ -126,12 +127,12 @@ def _middle_of_dwell(smooth: np.ndarray, extreme: int, reversal: float) -> int:
     return (before + after) // 2
 
 
-def _cuts(values: np.ndarray, step: float, limit: int) -> list[int]:
+def _cuts(values: np.ndarray, step: float, most: int) -> list[int]:
     """Rows at which the value has moved by more than `step` since the last cut; a column that never rests gets a wider step."""
     while True:
         cuts: list[int] = []
         at = 0
-        while len(cuts) <= limit:
+        while len(cuts) <= most:
             moved = np.abs(values[at:] - values[at]) > step
             first = int(np.argmax(moved))
             if not moved[first]:
@@ -143,7 +144,7 @@ def _cuts(values: np.ndarray, step: float, limit: int) -> list[int]:
 
 def _medians(values: np.ndarray, window: int = 5) -> np.ndarray:
     """Running median over an odd number of rows, which keeps steps where they are."""
-    if len(values) < window:
+    if window == 1 or len(values) < window:
         return values
     padded = np.pad(values, window // 2, mode="edge")
     return np.median(np.lib.stride_tricks.sliding_window_view(padded, window), axis=-1)

@@ -32,7 +32,7 @@ def correlated_noise(rng: np.random.Generator, rows: int, memory: float) -> np.n
     if memory == 0.0:
         return rng.normal(size=rows)
     a = np.exp(-1.0 / memory)
-    return lfilter([np.sqrt(1 - a * a)], [1.0, -a], rng.normal(size=rows + 2000))[2000:]
+    return np.asarray(lfilter([np.sqrt(1 - a * a)], [1.0, -a], rng.normal(size=rows + 2000)))[2000:]
 
 
 def raw_log(
