@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .legs import piece_bounds, sweep_ids
+from .legs import log_legs, piece_bounds, sweep_ids
 from .record import Channel, TestRecord
 
 
+LOG_ROWS = 2000  # from here on, sweeps are looked for under the dither of a log
 THIRD_DIFFERENCE = np.array([1.0, -3.0, 3.0, -1.0])  # blind to any parabola; variance 20 for white noise of 1
 MEDIAN_OF_CHI2 = 0.4549  # one degree of freedom
 
@@ -60,14 +61,21 @@ def noise_from_repeats(test: TestRecord, channel: Channel) -> RepeatNoise | None
     the later run is interpolated to the earlier one's positions, which the variance allows for. Curve and model fall
     out of the difference.
     """
-    sweeps = sweep_ids(test)
+    if test.rows < LOG_ROWS:
+        sweeps, direction = sweep_ids(test), test.direction
+    else:
+        sweeps, direction = log_legs(test)  # a log's own directions follow its dither
     pieces = [slice(*bounds) for bounds in piece_bounds(sweeps) if bounds[1] - bounds[0] >= 3]
     differences: list[np.ndarray] = []
     used: set[int] = set()
     for i, first in enumerate(pieces):
         for j in range(i + 1, len(pieces)):
             second = pieces[j]
-            if j in used or test.run[first.start] == test.run[second.start] or not _repeats(test, first, second):
+            if (
+                j in used
+                or test.run[first.start] == test.run[second.start]
+                or not _repeats(test, direction, first, second)
+            ):
                 continue
             d = _difference(test.spool_position, channel.value, first, second)
             if len(d) >= 3:
@@ -117,19 +125,27 @@ def _divided_third(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     return np.sum(weight * np.stack([y[k : len(y) - 3 + k] for k in range(4)]), axis=0) * np.sign(weight[1])
 
 
-def _repeats(test: TestRecord, first: slice, second: slice) -> bool:
-    if test.direction[first.start] != test.direction[second.start]:
+def _repeats(test: TestRecord, direction: np.ndarray, first: slice, second: slice) -> bool:
+    if direction[first.start] != direction[second.start]:
         return False
     supply = 0.01 * max(float(np.max(np.abs(test.supply_pressure))), 1e-300)
     for column, step in ((test.supply_pressure, supply), (test.return_pressure, supply), (test.temperature, 1.0),
                          (test.load_pressure, supply)):  # fmt: skip
         if column is not None and abs(float(np.mean(column[first]) - np.mean(column[second]))) > step:
             return False
-    if test.rate is not None:
-        rates = [abs(float(np.median(test.rate[part]))) for part in (first, second)]
+    if test.time is not None or test.rate is not None:
+        rates = [_pace(test, part) for part in (first, second)]
         if abs(rates[0] - rates[1]) > 0.2 * max(rates):
             return False
     return True
+
+
+def _pace(test: TestRecord, part: slice) -> float:
+    """Mean speed of a sweep, m/s."""
+    if test.time is not None:
+        span = float(test.time[part][-1] - test.time[part][0])
+        return float(np.ptp(test.spool_position[part])) / span if span > 0 else 0.0
+    return abs(float(np.median(test.rate[part]))) if test.rate is not None else 0.0
 
 
 def _difference(position: np.ndarray, value: np.ndarray, first: slice, second: slice) -> np.ndarray:

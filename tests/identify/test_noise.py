@@ -41,12 +41,22 @@ def test_no_repeat_without_the_same_conditions(change):
     changed = {
         "supply": lambda: replace(test, supply_pressure=np.where(second, 140e5, 70e5)),
         "temperature": lambda: replace(test, temperature=np.where(second, 320.0, 313.0)),
-        "rate": lambda: replace(test, rate=test.direction * np.where(second, 1e-4, 4e-4)),
+        "rate": lambda: replace(test, time=None if test.time is None else np.where(second, 4.0, 1.0) * test.time),
     }[change]()
     assert noise_from_repeats(test, test.channels[0]) is not None
     assert noise_from_repeats(changed, test.channels[0]) is None
     alone = raw_log(3, rows=400)
     assert noise_from_repeats(alone, alone.channels[0]) is None
+
+
+def test_repeats_in_a_dithered_log():
+    test = raw_log(3, rows=8000, runs=2, noise=0.05, position_step=0.01, dither=0.004)
+    repeated = noise_from_repeats(test, test.channels[0])
+    assert repeated is not None
+    assert repeated.std / READING == pytest.approx(0.06, rel=0.2)  # with the position's own noise on the flanks
+    assert test.time is not None
+    slower = replace(test, time=np.where(test.run == 1, 4.0, 1.0) * test.time)
+    assert noise_from_repeats(slower, test.channels[0]) is None
 
 
 def test_neighbours_measure_the_noise_where_the_curve_is_smooth():
