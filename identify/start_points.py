@@ -29,7 +29,7 @@ def candidate_starts(boxes: Sequence[Box], centre: np.ndarray, count: int) -> np
 
 
 @eqx.filter_jit
-def _costs(residual: Callable[[jax.Array, Any], jax.Array], points: jax.Array, args: Any) -> jax.Array:
+def _costs(residual: Callable[[jax.Array, Any], jax.Array], points: Any, args: Any) -> jax.Array:
     return jax.lax.map(lambda p: jnp.sum(residual(p, args) ** 2), points)
 
 

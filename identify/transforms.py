@@ -75,11 +75,11 @@ class Boxes(eqx.Module):
         """Physical values p [SI] of the free variables."""
         # exp sees zeros where it is not wanted, lest its overflow poison the derivative of the other branch.
         grown = jnp.exp(jnp.where(self.logarithmic, z, 0.0))
-        return self.scale * jnp.where(self.logarithmic, grown, z)
+        return jnp.where(self.logarithmic, grown, z) * self.scale
 
     def slope(self, z: Float[Array, " n"]) -> Float[Array, " n"]:
         """dp/dz."""
-        return self.scale * jnp.exp(jnp.where(self.logarithmic, z, 0.0))
+        return jnp.exp(jnp.where(self.logarithmic, z, 0.0)) * self.scale
 
 
 def free_values(boxes: Sequence[Box], values: Sequence[float] | np.ndarray) -> np.ndarray:
