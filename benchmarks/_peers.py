@@ -11,10 +11,10 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))  # the reference simulator is the peers' model
 
-from helpers.records import NOISE, POINTS, synthetic_record  # noqa: E402
-from reference.isothermal import IsothermalRows, simulate  # noqa: E402
-from reference.oil import Oil, walther  # noqa: E402
-from reference.valve import Rows, Valve  # noqa: E402
+from helpers.records import NOISE, POINTS, synthetic_record
+from reference.isothermal import IsothermalRows, simulate
+from reference.oil import Oil, walther
+from reference.valve import Rows, Valve
 
 
 WIDTH = 12e-3

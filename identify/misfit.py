@@ -4,18 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .display_units import reading_unit
 from .fit_result import ChannelFit
 
 
 # Reduced chi-square above which the program says that model and bench disagree (about 1.5 noise units RMS).
 DISAGREES = 2.0
-UNITS = {"leakage_flow": ("l/min", 6e4), "flow": ("l/min", 6e4)}
-BAR = ("bar", 1e-5)
-
-
-def bench_unit(channel: str) -> tuple[str, float]:
-    """Unit to show a channel in, and its factor from SI."""
-    return UNITS.get(channel, BAR)
 
 
 @dataclass(frozen=True)
@@ -55,7 +49,8 @@ def worst_region(fit: ChannelFit, stretches: int = 9) -> Region | None:
 
 def sentence(fit: ChannelFit) -> str:
     """One sentence on one channel: RMS beside the noise, and the worst place where they disagree."""
-    unit, factor = bench_unit(fit.channel)
+    shown = reading_unit(fit.channel)
+    unit, factor = shown.label, shown.factor
     what = f"{fit.test}: {fit.channel} is met to {fit.residual_rms * factor:.3g} {unit} RMS"
     if "residuals" in fit.noise_source:
         return f"{what}; its noise was taken from these residuals, so this record alone cannot show a misfit there"

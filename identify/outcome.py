@@ -1,13 +1,12 @@
 """From the end of a solve to a `FitResult`: error bars, channels beside the model, identifiability and the verdict."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from scipy.special import stdtrit
 
 from .channel_noise import ChannelNoise
 from .covariance import Block, Covariance, covariance_of
 from .fit_result import ChannelFit, FitResult, ParameterEstimate
+from .fitted import Fitted, Key
 from .identifiability import identifiability
 from .legs import sweep_ids
 from .misfit import verdict
@@ -16,11 +15,7 @@ from .record import Channel, TestRecord
 from .static_model import channel_slices
 
 
-if TYPE_CHECKING:
-    from .fit import Fitted
-
-
-def fit_result(fitted: "Fitted") -> FitResult:
+def fit_result(fitted: Fitted) -> FitResult:
     """Put a fit into figures and words; `seconds` is left to the caller."""
     slices = channel_slices(fitted.tests)
     blocks = {key: _block(fitted, key, rows) for key, rows in slices.items()}
@@ -60,16 +55,16 @@ def fit_result(fitted: "Fitted") -> FitResult:
     )
 
 
-def _noise(fitted: "Fitted", channel: ChannelFit) -> ChannelNoise:
+def _noise(fitted: Fitted, channel: ChannelFit) -> ChannelNoise:
     return fitted.noise[channel.test, channel.channel]
 
 
-def _find(fitted: "Fitted", key: tuple[str, str]) -> tuple[TestRecord, Channel]:
+def _find(fitted: Fitted, key: Key) -> tuple[TestRecord, Channel]:
     test = fitted.tests[key[0]]
     return test, next(c for c in test.channels if c.name == key[1])
 
 
-def _block(fitted: "Fitted", key: tuple[str, str], rows: slice) -> Block:
+def _block(fitted: Fitted, key: Key, rows: slice) -> Block:
     """One channel's share of the sandwich: the correlation of its residuals, and their variance where it exceeds 1."""
     test, _ = _find(fitted, key)
     residual = fitted.solution.residual[rows]
@@ -81,9 +76,7 @@ def _block(fitted: "Fitted", key: tuple[str, str], rows: slice) -> Block:
     return Block(rows, sweeps, correlation, max(float(np.sum(residual**2)) / freedom, 1.0))
 
 
-def _channel_fit(
-    fitted: "Fitted", key: tuple[str, str], rows: slice, block: Block, covariance: Covariance
-) -> ChannelFit:
+def _channel_fit(fitted: Fitted, key: Key, rows: slice, block: Block, covariance: Covariance) -> ChannelFit:
     test, channel = _find(fitted, key)
     noise = fitted.noise[key]
     misfit = fitted.solution.residual[rows] * noise.used  # model - reading
@@ -126,7 +119,7 @@ def _correlation(covariance: np.ndarray) -> np.ndarray:
     return matrix
 
 
-def _estimates(fitted: "Fitted", covariance: Covariance, independent: float) -> dict[str, ParameterEstimate]:
+def _estimates(fitted: Fitted, covariance: Covariance, independent: float) -> dict[str, ParameterEstimate]:
     """Every parameter, free or held, with its 95 % interval by Student's t for the independent readings."""
     reach = float(stdtrit(max(independent - len(fitted.free), 1.0), 0.975))
     found: dict[str, ParameterEstimate] = {}
@@ -158,5 +151,3 @@ def _estimates(fitted: "Fitted", covariance: Covariance, independent: float) -> 
             why_no_error_bar=why,
         )
     return found
-
-

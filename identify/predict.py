@@ -44,8 +44,11 @@ def readings_and_slopes(
     """Every channel's readings, and their derivatives to the free parameters (one row per reading)."""
 
     def of(v: Float[Array, " free"]) -> dict:
-        return predict(with_parameters(valve, names, v) if names else valve, conditions)
+        return predict(with_parameters(valve, names, v), conditions)
 
+    if not names:
+        found = predict(valve, conditions)
+        return found, jax.tree.map(lambda a: a[:, None][:, :0], found)
     return of(values), jax.jacfwd(of)(values)
 
 
@@ -74,7 +77,9 @@ def predict_test(model: Model, record: BenchRecord, test: TestRecord) -> dict[st
             count = rows.stop - rows.start
             reading[rows] = np.asarray(found[test.name][name])[:count]
             jacobian = np.asarray(slopes[test.name][name])[:count]
-            std[rows] = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", jacobian, covariance, jacobian), 0.0))
+            variance = np.einsum("ij,jk,ik->i", jacobian, covariance, jacobian)
+            # Without a covariance nothing is known of the error, which is not the same as no error.
+            std[rows] = np.sqrt(np.maximum(variance, 0.0)) if free else np.nan
     return out
 
 

@@ -78,7 +78,7 @@ def base_valve(record: BenchRecord, parameters: Mapping[str, float], heat: bool 
         slot_width=record.valve.slot_width,
         heat_retention=jnp.asarray(eta) if heat or eta > 0.0 else None,
         land_diameter=None if record.valve.land_diameter is None else jnp.asarray(record.valve.land_diameter),
-        **numbers,
+        **numbers,  # pyright: ignore[reportArgumentType]  # names checked against Valve's fields by plan_parameters
     )
 
 
@@ -94,10 +94,20 @@ def _joined(parts: list[Conditions]) -> Conditions:
         arrays = [getattr(part, name) for part in parts]
         return None if any(a is None for a in arrays) else jnp.concatenate(arrays)
 
-    names = ("position", "supply_pressure", "return_pressure", "temperature", "load_pressure", "time", "direction")
+    def given(name: str) -> Array:
+        return jnp.concatenate([getattr(part, name) for part in parts])
+
     # Runs of different tests must not look like one sweep.
     runs = [part.run + 1000.0 * i for i, part in enumerate(parts) if part.run is not None]
-    return Conditions(**{n: column(n) for n in names}, run=jnp.concatenate(runs) if len(runs) == len(parts) else None)
+    return Conditions(
+        position=given("position"),
+        supply_pressure=given("supply_pressure"),
+        return_pressure=given("return_pressure"),
+        temperature=given("temperature"),
+        time=column("time"),
+        direction=column("direction"),
+        run=jnp.concatenate(runs) if len(runs) == len(parts) else None,
+    )
 
 
 def groups_of(conditions: dict[str, Conditions]) -> dict[str, tuple[str, ...]]:

@@ -65,7 +65,8 @@ def synthetic_record(
         channel = reference.READING[test]
         value = reference.TESTS[test](valve, oil, rows)[channel] + noise_of(rng, rows, NOISE[test], phi)
         std = np.full(len(value), NOISE[test]) if declared else None
-        assert rows.direction is not None and rows.run is not None
+        assert rows.direction is not None
+        assert rows.run is not None
         made[test] = TestRecord(
             name=test,
             path=Path(f"{test}.csv"),

@@ -69,10 +69,9 @@ def test_random_valves_oils_and_conditions(test, eta):
     effects = Effects(throttle_heating=0.0 if eta is None else eta)
     expected = reference.TESTS[test](valve, oil, rows, effects)[reference.READING[test]].reshape(VALVES, ROWS)
     error = np.abs(np.asarray(found) - expected)
-    if test == "leakage":
-        worst = float(np.max(error / expected))
-    else:  # signed readings cross zero: relative to each valve's largest
-        worst = float(np.max(error / np.max(np.abs(expected), axis=1, keepdims=True)))
+    # signed readings cross zero: relative to each valve's largest
+    size = expected if test == "leakage" else np.max(np.abs(expected), axis=1, keepdims=True)
+    worst = float(np.max(error / size))
     print(f"{test}, eta {eta}: differs by {worst:.1e}, 1e-8 allowed")
     assert worst < 1e-8
 

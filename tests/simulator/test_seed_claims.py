@@ -1,5 +1,7 @@
 """The exact checks of MODEL section 4 and the seed paper's claims, the figure computed printed beside the claim."""
 
+import itertools
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -70,7 +72,7 @@ def test_leakage_peaks_at_null_and_rises_with_temperature():
     ]
     say("leakage peaks at null", [float(x[jnp.argmax(c)]) for c in curves])
     assert all(int(jnp.argmax(c)) == 100 for c in curves)
-    assert all(bool(jnp.all(warm > cold)) for warm, cold in zip(curves[:-1], curves[1:], strict=True))
+    assert all(bool(jnp.all(warm > cold)) for warm, cold in itertools.pairwise(curves))
 
 
 def test_isothermal_pressure_gain_does_not_depend_on_temperature():
