@@ -47,7 +47,7 @@ class LeastSquaresResult:
 
 
 @eqx.filter_jit
-def _compiled(residual: Residual, boxes: Boxes, z: jax.Array, args: Any, tolerance: jax.Array, max_steps: int) -> Any:
+def _compiled(residual: Residual, boxes: Boxes, z: Any, args: Any, tolerance: Any, max_steps: int) -> Any:
     """The whole solve in one program; `boxes`, `z`, `args` and `tolerance` are data."""
     solution = optx.least_squares(
         lambda z, args: residual(boxes.physical(z), args),
@@ -71,13 +71,15 @@ def solve(
     start: Sequence[float] | np.ndarray | None = None,
     *,
     tolerance: float = STOP_AT,
+    believe: float = BELIEVE_BELOW,
     max_steps: int = 500,
 ) -> LeastSquaresResult:
     """Minimise sum(residual(p, args)**2) over the box, from `start` (n,) or the boxes' own starts.
 
     Compiles once per `residual` (the same function object), number of boxes and shapes of `args`; other data, starts,
-    scales and limits reuse it. Raises RuntimeError in single precision. Never raises for a solve that fails: read
-    `converged` and `message`.
+    scales and limits reuse it. The search stops at the relative offset `tolerance` or where it cannot get lower;
+    the end is believed up to `believe` (a residual with kinks can have its minimum on one, where no slope vanishes).
+    Raises RuntimeError in single precision. Never raises for a solve that fails: read `converged` and `message`.
     """
     require_float64("a fit")
     names = [box.name for box in boxes]
@@ -88,11 +90,11 @@ def solve(
     steps = int(evaluations) - 1
     active = _limits_pressed(boxes, z, columns, values)
     offset, step = relative_offset(columns, values, active == 0)
-    trouble = why_not_optimal(names, z, values, columns, size, offset, step, bool(done), steps)
+    trouble = why_not_optimal(names, z, values, columns, size, offset, step, bool(done), steps, believe)
     cost = float(np.sum(values**2))
     jacobian = (columns / slope[:, None]).T
     message = trouble or f"converged in {steps} steps"
-    if not trouble and offset > BELIEVE_BELOW:
+    if not trouble and offset > believe:
         message += "; the model meets the readings to rounding, so their scatter says nothing about errors"
     return LeastSquaresResult(p, z, began, cost, values, jacobian, active, not trouble, message, steps, offset)
 
@@ -113,7 +115,8 @@ def multi_start(
     *,
     count: int = 4,
     candidates: int = 16,
-    tolerance: float | None = None,
+    tolerance: float = STOP_AT,
+    believe: float = BELIEVE_BELOW,
     progress: Callable[[str], None] | None = None,
 ) -> list[LeastSquaresResult]:
     """Solve from `starts` (default: the boxes' own) and from the best screened candidates, `count` solves in all.
@@ -131,8 +134,7 @@ def multi_start(
     for number, start in enumerate(begin[: max(count, 1)], start=1):
         if progress is not None:
             progress(f"start {number} of {min(len(begin), max(count, 1))}")
-        extra = {} if tolerance is None else {"tolerance": tolerance}
-        outcomes.append(solve(residual, boxes, args, start, **extra))
+        outcomes.append(solve(residual, boxes, args, start, tolerance=tolerance, believe=believe))
     return sorted(outcomes, key=lambda o: (not o.converged, o.cost if np.isfinite(o.cost) else np.inf))
 
 
