@@ -12,6 +12,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))  # the reference simulator is the peers' model
 
 from helpers.records import NOISE, POINTS, synthetic_record
+from reference import static_tests
 from reference.isothermal import IsothermalRows, simulate
 from reference.oil import Oil, walther
 from reference.valve import Rows, Valve
@@ -54,13 +55,39 @@ class NumpyResidual:
         return np.concatenate(parts)
 
 
-def compare(contenders: dict[str, Callable[[], object]], rounds: int = 7) -> dict[str, float]:
+class PlainResidual:
+    """Whitened residuals of the record on the reference simulator's general path, as a NumPy user would first write it."""
+
+    def __init__(self, record):
+        self.oil = Oil(*walther(POINTS))
+        self.tests = []
+        for name, test in record.tests.items():
+            rows = Rows(
+                test.spool_position, test.supply_pressure, test.return_pressure, test.temperature, test.direction
+            )
+            self.tests.append((name, rows, test.channels[0].value, NOISE[name]))
+
+    def __call__(self, scaled):
+        valve = Valve(WIDTH, *(np.asarray(scaled) * SCALE))
+        parts = []
+        for name, rows, value, std in self.tests:
+            found = static_tests.TESTS[name](valve, self.oil, rows)[static_tests.READING[name]]
+            parts.append((found - value) / std)
+        return np.concatenate(parts)
+
+
+PAUSE = 0.2  # s, in which the thread pool of the last contender falls asleep and stops taking a core from the next
+
+
+def compare(contenders: dict[str, Callable[[], object]], rounds: int = 9) -> dict[str, float]:
     """Median seconds of each contender, run in turn so that a drifting machine hits all alike; one warm-up each."""
     for run in contenders.values():
         run()
     times: dict[str, list[float]] = {name: [] for name in contenders}
     for _ in range(rounds):
         for name, run in contenders.items():
+            time.sleep(PAUSE)
+            run()  # once more warm: the pause has emptied the caches
             began = time.perf_counter()
             run()
             times[name].append(time.perf_counter() - began)

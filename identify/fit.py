@@ -30,6 +30,8 @@ SETTLED = 0.01  # relative change of every channel's noise
 STARTS = 4
 # Rows near null put kinks into the residual; a minimum may lie on one. A twentieth of a standard error is no matter.
 BELIEVE = 0.05
+# A search stops a hundred-thousandth of a standard error from its optimum: one step earlier than the solver's default.
+CLOSE_ENOUGH = 1e-5
 
 Progress = Callable[[str], None]
 
@@ -74,7 +76,7 @@ def run_fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | N
     say(f"fitting {len(free)} parameters to {readings:,} readings")
     first = problem.first_starts()
     outcomes = multi_start(
-        residual_of(free), problem.boxes, problem.args(noise), first, count=starts, believe=BELIEVE, progress=say
+        residual_of(free), problem.boxes, problem.args(noise), first, count=starts, tolerance=CLOSE_ENOUGH, believe=BELIEVE, progress=say
     )
     solution = problem.hop(outcomes[0], noise)
     told = [problem.outcome(o) for o in (outcomes if solution is outcomes[0] else [solution, *outcomes])]
@@ -84,7 +86,7 @@ def run_fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | N
         noise = settled
         if change < SETTLED:
             break
-        solution = solve(residual_of(free), problem.boxes, problem.args(noise), solution.p, believe=BELIEVE)
+        solution = problem.solve(problem.args(noise), solution.p)
     return Fitted(record, tests, plans, free, noise, solution, tuple(told), tuple(warnings))
 
 
@@ -133,11 +135,12 @@ class _Problem:
             new[key] = reweighted(noise[key], misfit, freedom)
         return new
 
+    def solve(self, args: FitArgs, start: np.ndarray) -> LeastSquaresResult:
+        return solve(residual_of(self.free), self.boxes, args, start, tolerance=CLOSE_ENOUGH, believe=BELIEVE)
+
     def hop(self, best: LeastSquaresResult, noise: dict[Key, ChannelNoise]) -> LeastSquaresResult:
         args = self.args(noise)
-        return hop(
-            best, self.free, lambda start: solve(residual_of(self.free), self.boxes, args, start, believe=BELIEVE)
-        )
+        return hop(best, self.free, lambda start: self.solve(args, start))
 
     def outcome(self, result: LeastSquaresResult) -> StartOutcome:
         start = dict(zip(self.free, (float(v) for v in result.start), strict=True))
