@@ -25,6 +25,15 @@ class FitArgs(eqx.Module):
     prior_weight: Float[Array, " free"]  # 1/standard deviation; 0 where there is no prior
 
 
+def plain_residual(
+    names: tuple[str, ...], values: Float[Array, " free"], args: FitArgs
+) -> Float[Array, " residuals"]:
+    """Whitened residuals, then priors; differentiable in everything by the usual transformations."""
+    valve = with_parameters(args.valve, names, values)
+    prior = (values - args.prior_value) * args.prior_weight
+    return jnp.concatenate([weighted_residuals(predict(valve, args.data.conditions), args.data), prior])
+
+
 @functools.cache
 def residual_of(names: tuple[str, ...]) -> Residual:
     """The residual function of the named free parameters: one object per set of names, so that it compiles once.
@@ -36,9 +45,7 @@ def residual_of(names: tuple[str, ...]) -> Residual:
 
     @jax.custom_jvp
     def residual(values: Float[Array, " free"], args: FitArgs) -> Float[Array, " residuals"]:
-        valve = with_parameters(args.valve, names, values)
-        prior = (values - args.prior_value) * args.prior_weight
-        return jnp.concatenate([weighted_residuals(predict(valve, args.data.conditions), args.data), prior])
+        return plain_residual(names, values, args)
 
     @residual.defjvp
     def pushforward(primals: tuple, tangents: tuple) -> tuple[Array, Array]:
