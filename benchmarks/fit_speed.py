@@ -17,7 +17,7 @@ import numpy as np  # noqa: E402
 from _peers import LOWER, NOMINAL, SCALE, UPPER, NumpyResidual, PlainResidual, compare, machine, record_of_3000_rows  # noqa: E402
 from scipy.optimize import least_squares  # noqa: E402
 
-from thermohyd.identify.fit import BELIEVE, CLOSE_ENOUGH
+from thermohyd.identify.fit import BELIEVE, CLOSE_ENOUGH  # noqa: E402
 from thermohyd.identify.least_squares import solve  # noqa: E402
 from thermohyd.identify.parameters import plan_parameters  # noqa: E402
 from thermohyd.identify.problem import FitArgs, box_of, prior_rows, residual_and_columns, residual_of  # noqa: E402
@@ -59,7 +59,7 @@ def main() -> None:
         return least_squares(
             lambda z: np.asarray(jitted(jnp.asarray(z))),
             start,
-            jac=lambda z: np.asarray(both(jnp.asarray(z))),
+            jac=lambda z: np.asarray(both(jnp.asarray(z))),  # pyright: ignore[reportArgumentType]
             bounds=bounds,
             x_scale="jac",
         )
@@ -85,7 +85,7 @@ def main() -> None:
     optima = {
         "thermohyd": solution.p / SCALE,
         "SciPy": scipy_numpy().x,
-        "lmfit": np.array([lmfit_numpy().params[name].value for name in free]),
+        "lmfit": np.array([lmfit_numpy().params[name].value for name in free]),  # pyright: ignore[reportAttributeAccessIssue]
         "SciPy, ours": scipy_ours().x,
     }
     for name, z in optima.items():

@@ -25,9 +25,7 @@ class FitArgs(eqx.Module):
     prior_weight: Float[Array, " free"]  # 1/standard deviation; 0 where there is no prior
 
 
-def plain_residual(
-    names: tuple[str, ...], values: Float[Array, " free"], args: FitArgs
-) -> Float[Array, " residuals"]:
+def plain_residual(names: tuple[str, ...], values: Float[Array, " free"], args: FitArgs) -> Float[Array, " residuals"]:
     """Whitened residuals, then priors; differentiable in everything by the usual transformations."""
     valve = with_parameters(args.valve, names, values)
     prior = (values - args.prior_value) * args.prior_weight

@@ -36,8 +36,10 @@ def _costs(residual: Callable[[jax.Array, Any], jax.Array], points: Any, args: A
 def screened_starts(
     residual: Callable[[jax.Array, Any], jax.Array], boxes: Sequence[Box], args: Any, centre: np.ndarray, count: int
 ) -> list[np.ndarray]:
-    """The candidates with a finite cost, the cheapest first."""
+    """The candidates with a finite cost, the cheapest first; one or two are not worth compiling a screening for."""
     points = candidate_starts(boxes, centre, count)
+    if count <= 2:
+        return list(points)
     costs = np.asarray(_costs(residual, points, args))
     order = [i for i in np.argsort(costs, kind="stable") if np.isfinite(costs[i])]
     return [points[i] for i in order]

@@ -124,6 +124,8 @@ def test_declared_noise_is_obeyed_and_averaged():
     channel = replace(log.channels[0], std=np.full(log.rows, 0.04 * READING), std_source="declared")
     measured, declared = reduce_test(log).channels[0], reduce_test(replace(log, channels=(channel,))).channels[0]
     assert declared.std_source.startswith("declared")
+    assert declared.std is not None
+    assert measured.std is not None
     assert np.median(declared.std / measured.std) == pytest.approx(2.0, rel=0.15)
 
 
