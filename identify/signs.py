@@ -37,6 +37,6 @@ def with_signs_turned(test: TestRecord, names: tuple[str, ...]) -> TestRecord:
 def warning_of(test: TestRecord, name: str) -> str:
     """What the user must know about a reversed channel."""
     return (
-        f"{test.name}: {name} falls as the spool moves to +x, so it was read as the negative of {SIGNED[name]} "
-        "(both the other way round: check the polarity of the axis)"
+        f"{test.name}: {name} falls as the spool moves to +x, so its sign was turned: it is taken as minus {SIGNED[name]}. "
+        "If every test is reversed, it is the polarity in [valve] that is wrong"
     )
