@@ -100,8 +100,11 @@ class _Reader:
     def model(self, content: Any) -> Model:
         if not isinstance(content, dict) or content.get("schema") != SCHEMA:
             raise self.fail(f'is not a model of this version: "schema" must be "{SCHEMA}"')
-        if content.get("effects"):
-            raise self.fail(f'"effects" holds {", ".join(content["effects"])}, which this version cannot simulate')
+        effects = content.get("effects", {})
+        if not isinstance(effects, dict):
+            raise self.fail('"effects" must be a table; leave it empty for the ideal valve')
+        if effects:
+            raise self.fail(f'"effects" holds {", ".join(effects)}, which this version cannot simulate')
         valve = self.valve(self.table(content, "valve"))
         parameters = self.parameters(self.table(content, "parameters"), valve)
         free, covariance = self.covariance(content.get("covariance"), parameters)
@@ -159,7 +162,7 @@ class _Reader:
         if table is None:
             return (), None
         names = table.get("of") if isinstance(table, dict) else None
-        if not isinstance(names, list) or any(name not in parameters for name in names):
+        if not isinstance(names, list) or any(not isinstance(n, str) or n not in parameters for n in names):
             raise self.fail('"covariance" "of" must list names of "parameters"')
         try:
             matrix = np.asarray(table.get("matrix"), dtype=float).reshape(len(names), len(names))
