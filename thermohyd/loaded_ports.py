@@ -45,30 +45,26 @@ def loaded_ports(
         supply_drop, return_drop = c.supply_pressure - pressure, pressure - c.return_pressure
         supply_mean, return_mean = pressure + 0.5 * supply_drop, pressure - 0.5 * return_drop
 
-        def inflow(warm: Float[Array, "2 rows"] | None) -> Float[Array, "2 rows"]:
-            forward = mass_flow(supply, fresh, supply_drop, supply_mean)
-            if warm is None:
-                return forward
-            back = mass_flow(supply, at_temperature(oil, warm), supply_drop, supply_mean)
-            return jnp.where(supply_drop < 0.0, back, forward)
-
-        def outflow(warm: Float[Array, "2 rows"] | None) -> Float[Array, "2 rows"]:
-            back = mass_flow(return_, fresh, return_drop, return_mean)
-            if warm is None:
-                return back
-            forward = mass_flow(return_, at_temperature(oil, warm), return_drop, return_mean)
-            return jnp.where(return_drop < 0.0, back, forward)
-
+        # Oil from the supply or the return line is fresh; what runs backwards out of a port is as warm as the port.
+        fresh_in = mass_flow(supply, fresh, supply_drop, supply_mean)
+        fresh_out = mass_flow(return_, fresh, return_drop, return_mean)
         if heat_retention is None:
             cold = jnp.broadcast_to(c.temperature, pressure.shape)
-            return Ports(pressure, cold, inflow(None), outflow(None))
+            return Ports(pressure, cold, fresh_in, fresh_out)
+
+        def flows(warm: Float[Array, "2 rows"]) -> tuple[Float[Array, "2 rows"], Float[Array, "2 rows"]]:
+            port = at_temperature(oil, warm)
+            backwards = mass_flow(supply, port, supply_drop, supply_mean)
+            forwards = mass_flow(return_, port, return_drop, return_mean)
+            return jnp.where(supply_drop < 0.0, backwards, fresh_in), jnp.where(return_drop < 0.0, fresh_out, forwards)
+
         from_supply = c.temperature + heat_retention * throttling_rise(
             oil, _positive(supply_drop), supply_mean, c.temperature
         )
         from_return = c.temperature + heat_retention * throttling_rise(
             oil, _positive(-return_drop), return_mean, c.temperature
         )
-        fed, back = _positive(inflow(None)), _positive(-outflow(None))
+        fed, back = _positive(fresh_in), _positive(-fresh_out)
 
         def mixed(brought: Float[Array, "..."], other: Float[Array, "..."]) -> Float[Array, "2 rows"]:
             total = fed + back + brought
@@ -77,9 +73,10 @@ def loaded_ports(
 
         # What one port has to spare goes through the load to the other, at the temperature it had there.
         own = mixed(jnp.zeros(()), jnp.zeros(()))
-        spare = _positive(inflow(own) - outflow(own))
+        own_in, own_out = flows(own)
+        spare = _positive(own_in - own_out)
         warm = mixed(jnp.flip(spare, axis=0), jnp.flip(own, axis=0))
-        return Ports(pressure, warm, inflow(warm), outflow(warm))
+        return Ports(pressure, warm, *flows(warm))
 
     def log_ratio(q: Float[Array, " rows"]) -> Float[Array, " rows"]:
         ports = state(q)
