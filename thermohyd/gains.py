@@ -10,6 +10,7 @@ from .static_tests import control_flow, load_flow, load_pressure
 from .valve import Valve
 
 
+@eqx.filter_jit
 def _slope(reading, valve: Valve, conditions: Conditions, field: str) -> Float[Array, " rows"]:
     """d(reading)/d(field of the conditions), row by row: one forward-mode pass, as rows do not depend on each other."""
 

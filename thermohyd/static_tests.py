@@ -1,9 +1,11 @@
 """The static bench tests as pure functions: readings, one per operating point (MODEL section 4; ISO 10770-1, ARP490).
 
-All of them take a `Valve` and `Conditions` of shape (rows,) and return arrays of shape (rows,), SI units. They can be
-jitted, vmapped and differentiated, forward and reverse, in every field of the valve and of the conditions.
+All of them take a `Valve` and `Conditions` of shape (rows,) and return arrays of shape (rows,), SI units. They are
+compiled once per shape, and can be jitted, vmapped and differentiated, forward and reverse, in every field of the valve
+and of the conditions.
 """
 
+import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -24,6 +26,7 @@ def _return_temperature(valve: Valve, oil: Oil, ports: Ports, conditions: Condit
     return jnp.sum(ports.outflow * leaving, axis=0) / jnp.sum(ports.outflow, axis=0)
 
 
+@eqx.filter_jit
 def blocked_port_readings(valve: Valve, conditions: Conditions) -> dict[str, Float[Array, " rows"]]:
     """All that the two tests with closed use ports read: leakage_flow [m3/s], pressure_a, pressure_b, load_pressure [Pa]."""
     true = true_conditions(valve, conditions)
@@ -55,6 +58,7 @@ def port_pressures(valve: Valve, conditions: Conditions) -> tuple[Float[Array, "
     return readings["pressure_a"], readings["pressure_b"]
 
 
+@eqx.filter_jit
 def control_flow(valve: Valve, conditions: Conditions) -> Float[Array, " rows"]:
     """Flow-gain test: flow from A to B with the use ports connected [m3/s], volume at the ports' pressure and temperature."""
     true = true_conditions(valve, conditions)
@@ -65,6 +69,7 @@ def control_flow(valve: Valve, conditions: Conditions) -> Float[Array, " rows"]:
     return read_out(valve, "flow", value, conditions, true)
 
 
+@eqx.filter_jit
 def load_flow(valve: Valve, conditions: Conditions) -> Float[Array, " rows"]:
     """Load-flow test: flow through the load from A to B [m3/s] under the imposed `conditions.load_pressure`.
 

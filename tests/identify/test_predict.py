@@ -98,7 +98,9 @@ def test_a_mistake_in_a_model_file_gets_one_message(model_file, change, message)
 
 
 json_values = st.recursive(
-    st.none() | st.booleans() | st.floats() | st.text(max_size=5), lambda inner: st.lists(inner, max_size=3), max_leaves=4
+    st.none() | st.booleans() | st.floats() | st.text(max_size=5),
+    lambda inner: st.lists(inner, max_size=3),
+    max_leaves=4,
 )
 KEYS = ("schema", "valve", "oil", "parameters", "covariance", "effects")
 
