@@ -116,10 +116,12 @@ def test_a_mangled_model_file_never_gets_a_traceback(content_of_fit, key, name, 
         mangled[key][name or next(iter(mangled[key]), "x")] = value
     text = json.dumps(mangled)
     path.write_text(text if cut > 1500 else text[: len(text) - cut])
+    said = ""
     try:
         load_model(path)
     except BenchInputError as error:
-        assert str(error).isprintable()
+        said = str(error)
+    assert not said or said.isprintable()
 
 
 @pytest.fixture(scope="module")
