@@ -15,6 +15,7 @@ from thermohyd.valve import Valve
 
 from .model_file import Model
 from .record import BenchRecord, TestRecord
+from .signs import reversed_channels, warning_of
 from .static_model import base_valve, conditions_of, predict, with_parameters
 from .units import from_si
 
@@ -92,10 +93,15 @@ def simulate_record(
     for test in record.tests.values():
         if progress is not None:
             progress(f"simulating {test.name}: {test.rows:,} rows")
+        turned = reversed_channels(test)
+        if progress is not None:
+            for channel in turned:
+                progress(warning_of(test, channel))
         table = pd.DataFrame(index=range(test.rows)) if test.table is None else test.table.copy()
         for name, (reading, std) in predict_test(model, record, test).items():
             unit = BENCH_UNITS[name]
-            table[f"{name}_predicted [{unit}]"] = from_si(reading, unit)
+            # Beside a gauge that the record shows to be wired the other way round, the prediction turns with it.
+            table[f"{name}_predicted [{unit}]"] = from_si(-reading if name in turned else reading, unit)
             table[f"{name}_predicted_std [{unit}]"] = from_si(std, unit)
         tables[test.name] = table
     return tables
