@@ -17,7 +17,7 @@ import numpy as np  # noqa: E402
 from _peers import LOWER, NOMINAL, SCALE, UPPER, NumpyResidual, PlainResidual, compare, machine, record_of_3000_rows  # noqa: E402
 from scipy.optimize import least_squares  # noqa: E402
 
-from thermohyd.identify.fit import BELIEVE, CLOSE_ENOUGH  # noqa: E402
+from thermohyd.identify.fit import CLOSE_ENOUGH  # noqa: E402
 from thermohyd.identify.least_squares import solve  # noqa: E402
 from thermohyd.identify.parameters import plan_parameters  # noqa: E402
 from thermohyd.identify.problem import FitArgs, box_of, prior_rows, residual_and_columns, residual_of  # noqa: E402
@@ -38,7 +38,7 @@ def main() -> None:
     bounds = (LOWER / SCALE, UPPER / SCALE)
 
     def ours():
-        return solve(residual_of(free), boxes, args, NOMINAL, tolerance=CLOSE_ENOUGH, believe=BELIEVE)
+        return solve(residual_of(free), boxes, args, NOMINAL, tolerance=CLOSE_ENOUGH)
 
     def scipy_numpy():
         return least_squares(model, start, bounds=bounds, x_scale="jac")

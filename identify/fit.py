@@ -30,8 +30,6 @@ SETTLED = 0.01  # relative change of every channel's noise
 STARTS = 4
 # Two unscreened candidates: a screening is a second program to compile, and hopping finds what they do not.
 CANDIDATES = 2
-# Rows near null put kinks into the residual; a minimum may lie on one. A twentieth of a standard error is no matter.
-BELIEVE = 0.05
 # A search stops a hundred-thousandth of a standard error from its optimum: one step earlier than the solver's default.
 CLOSE_ENOUGH = 1e-5
 
@@ -85,7 +83,6 @@ def run_fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | N
         count=starts,
         candidates=CANDIDATES,
         tolerance=CLOSE_ENOUGH,
-        believe=BELIEVE,
         progress=say,
     )
     solution = problem.hop(outcomes[0], noise)
@@ -97,6 +94,8 @@ def run_fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | N
         if change < SETTLED:
             break
         solution = problem.solve(problem.args(noise), solution.p)
+    if not solution.converged:
+        solution = problem.hop(solution, noise)
     return Fitted(record, tests, plans, free, noise, solution, tuple(told), tuple(warnings))
 
 
@@ -146,7 +145,7 @@ class _Problem:
         return new
 
     def solve(self, args: FitArgs, start: np.ndarray) -> LeastSquaresResult:
-        return solve(residual_of(self.free), self.boxes, args, start, tolerance=CLOSE_ENOUGH, believe=BELIEVE)
+        return solve(residual_of(self.free), self.boxes, args, start, tolerance=CLOSE_ENOUGH)
 
     def hop(self, best: LeastSquaresResult, noise: dict[Key, ChannelNoise]) -> LeastSquaresResult:
         args = self.args(noise)

@@ -5,6 +5,7 @@ as a function of the underlap. A search that slid into a valley between two kink
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,6 +17,8 @@ MICRON = 1e-6
 HOPS = (6.0, 3.0, 1.5, 0.75, 0.35)
 MOST_ROUNDS = 6
 BETTER = 1e-6  # relative fall of the cost that counts
+# A minimum on a kink has slopes on both sides, of this many standard errors at most; beyond it something else is wrong.
+STEEPEST_KINK = 1.0
 
 
 def hop(
@@ -23,7 +26,11 @@ def hop(
     names: tuple[str, ...],
     solve_from: Callable[[np.ndarray], LeastSquaresResult],
 ) -> LeastSquaresResult:
-    """Restart from `best` with the underlap moved, take what is lower, until no move helps. Few, warm, cheap solves."""
+    """Restart from `best` with the underlap moved, take what is lower, until no move helps. Few, warm, cheap solves.
+
+    Where the search from every side ends at the same place and finds no way down, that place is a minimum although its
+    slope does not vanish: it lies on a kink, and the result says so.
+    """
     if "underlap" not in names:
         return best
     i = names.index("underlap")
@@ -34,8 +41,16 @@ def hop(
                 moved = start.p.copy()
                 moved[i] += side * MICRON
                 tried = solve_from(moved)
-                if tried.converged and tried.cost < best.cost * (1.0 - BETTER):
+                if tried.cost < best.cost * (1.0 - BETTER):
                     best = tried
         if best is start:
             break
-    return best
+    return best if best.converged else on_a_kink(best)
+
+
+def on_a_kink(result: LeastSquaresResult) -> LeastSquaresResult:
+    """The same result, believed if its search ended by itself with no more slope than a kink has."""
+    if not (result.exhausted and result.relative_offset <= STEEPEST_KINK and np.all(np.isfinite(result.jacobian))):
+        return result
+    message = f"converged in {result.steps} steps, on a kink where an edge closes at a measured position"
+    return replace(result, converged=True, message=message)

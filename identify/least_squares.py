@@ -44,6 +44,7 @@ class LeastSquaresResult:
     message: str
     steps: int  # evaluations of residual and Jacobian after the first
     relative_offset: float
+    exhausted: bool = False  # the search ended by itself: no step that it could find lowers the cost
 
 
 @eqx.filter_jit
@@ -71,14 +72,13 @@ def solve(
     start: Sequence[float] | np.ndarray | None = None,
     *,
     tolerance: float = STOP_AT,
-    believe: float = BELIEVE_BELOW,
     max_steps: int = 500,
 ) -> LeastSquaresResult:
     """Minimise sum(residual(p, args)**2) over the box, from `start` (n,) or the boxes' own starts.
 
     Compiles once per `residual` (the same function object), number of boxes and shapes of `args`; other data, starts,
-    scales and limits reuse it. The search stops at the relative offset `tolerance` or where it cannot get lower;
-    the end is believed up to `believe` (a residual with kinks can have its minimum on one, where no slope vanishes).
+    scales and limits reuse it. The search stops at the relative offset `tolerance`,
+    or where it cannot get lower.
     Raises RuntimeError in single precision. Never raises for a solve that fails: read `converged` and `message`.
     """
     require_float64("a fit")
@@ -90,13 +90,15 @@ def solve(
     steps = int(evaluations) - 1
     active = _limits_pressed(boxes, z, columns, values)
     offset, step = relative_offset(columns, values, active == 0)
-    trouble = why_not_optimal(names, z, values, columns, size, offset, step, bool(done), steps, believe)
+    trouble = why_not_optimal(names, z, values, columns, size, offset, step, bool(done), steps)
     cost = float(np.sum(values**2))
     jacobian = (columns / slope[:, None]).T
     message = trouble or f"converged in {steps} steps"
-    if not trouble and offset > believe:
+    if not trouble and offset > BELIEVE_BELOW:
         message += "; the model meets the readings to rounding, so their scatter says nothing about errors"
-    return LeastSquaresResult(p, z, began, cost, values, jacobian, active, not trouble, message, steps, offset)
+    return LeastSquaresResult(
+        p, z, began, cost, values, jacobian, active, not trouble, message, steps, offset, bool(done)
+    )
 
 
 def _limits_pressed(boxes: Sequence[Box], z: np.ndarray, columns: np.ndarray, residual: np.ndarray) -> np.ndarray:
@@ -116,7 +118,6 @@ def multi_start(
     count: int = 4,
     candidates: int = 16,
     tolerance: float = STOP_AT,
-    believe: float = BELIEVE_BELOW,
     progress: Callable[[str], None] | None = None,
 ) -> list[LeastSquaresResult]:
     """Solve from `starts` (default: the boxes' own) and from the best screened candidates, `count` solves in all.
@@ -134,7 +135,15 @@ def multi_start(
     for number, start in enumerate(begin[: max(count, 1)], start=1):
         if progress is not None:
             progress(f"start {number} of {min(len(begin), max(count, 1))}")
-        outcomes.append(solve(residual, boxes, args, start, tolerance=tolerance, believe=believe))
+        outcomes.append(
+            solve(
+                residual,
+                boxes,
+                args,
+                start,
+                tolerance=tolerance,
+            )
+        )
     return sorted(outcomes, key=lambda o: (not o.converged, o.cost if np.isfinite(o.cost) else np.inf))
 
 

@@ -48,7 +48,6 @@ def why_not_optimal(
     step: np.ndarray,
     done: bool,
     steps: int,
-    believe: float = BELIEVE_BELOW,
 ) -> str:
     """Why this end is no optimum, in words; empty where it is one."""
     if not np.all(np.isfinite(residual)):
@@ -62,7 +61,7 @@ def why_not_optimal(
     if lost:
         return f"the search ended where the readings no longer depend on {', '.join(lost)}"
     # Where the model meets the data exactly, only rounding is left to be orthogonal: the step then decides.
-    if offset <= believe or np.all(np.abs(step) <= 1e-8 * (1.0 + np.abs(z))):
+    if offset <= BELIEVE_BELOW or np.all(np.abs(step) <= 1e-8 * (1.0 + np.abs(z))):
         return ""
     ending = "it cannot get any lower" if done else f"the limit of {steps} steps was reached"
     return f"{ending}, yet the slope is not zero (still {offset:.2g} standard errors from an optimum)"
