@@ -9,6 +9,7 @@ import pytest
 
 
 CHAIN = ("thermohyd.oil", "thermohyd.edge", "thermohyd.valve", "thermohyd.static_tests", "thermohyd.identify.fit")
+EFFECTS = "thermohyd.effects.registry"
 TOP = "thermohyd.identify.command_line"
 
 
@@ -16,7 +17,7 @@ TOP = "thermohyd.identify.command_line"
 def modules() -> dict[str, Path]:
     """{dotted name: file} of the installed package, without the `__init__` files: those only re-export."""
     found = {}
-    for package in ("thermohyd", "thermohyd.identify"):
+    for package in ("thermohyd", "thermohyd.effects", "thermohyd.identify"):
         folder = Path(str(import_module(package).__file__)).parent
         found |= {f"{package}.{file.stem}": file for file in sorted(folder.glob("*.py")) if file.stem != "__init__"}
     return found
@@ -61,6 +62,13 @@ def test_lower_never_leads_to_higher(level):
 
 def test_the_chain_is_connected():
     assert set(CHAIN[:-1]) <= reachable(CHAIN[-1])
+
+
+def test_effects_stand_on_the_valve_and_nothing_in_the_simulator_on_them():
+    assert "thermohyd.valve" in reachable(EFFECTS)
+    assert not {"thermohyd.static_tests", "thermohyd.port_states"} & reachable(EFFECTS)
+    simulator = [name for name in modules() if name.count(".") == 1]
+    assert not any(module.startswith("thermohyd.effects") for name in simulator for module in imports(name))
 
 
 @pytest.mark.parametrize("name", [name for name in modules() if not name.startswith("thermohyd.identify.")])

@@ -46,7 +46,7 @@ class OilAtTemperature(eqx.Module):
     bulk_modulus: Float[Array, "..."]
     viscosity: Float[Array, "..."]
     tait_slope: Float[Array, ""]
-    pressure_viscosity: Float[Array, ""] | None
+    pressure_viscosity: Float[Array, "..."] | None
 
 
 def oil_from_definition(definition: OilDefinition) -> Oil:

@@ -28,21 +28,24 @@ class Ports(eqx.Module):
     temperature: Float[Array, "2 rows"]
     inflow: Float[Array, "2 rows"]  # P-A, P-B
     outflow: Float[Array, "2 rows"]  # A-T, B-T
+    # Net flow in from the other port past the spool; None: no such path.
+    crossing: Float[Array, "2 rows"] | None = None
 
 
-class _Between(eqx.Module):
+class Between(eqx.Module):
     """Pressures between supply and return by the logit q of their share: both drops keep full relative precision."""
 
     supply_drop: Float[Array, "..."]
     return_drop: Float[Array, "..."]
 
 
-def _between(q: Float[Array, "..."], conditions: Conditions) -> _Between:
+def between(q: Float[Array, "..."], conditions: Conditions) -> Between:
+    """Both drops [Pa] of ports at the logit q of their share of the pressure between return and supply."""
     whole = conditions.supply_pressure - conditions.return_pressure
     # One exponential: share = 1/(1 + e^-q), and the supply's drop is e^-q times the return's.
     decay = jnp.exp(-q)
     return_drop = whole / (1.0 + decay)
-    return _Between(supply_drop=decay * return_drop, return_drop=return_drop)
+    return Between(supply_drop=decay * return_drop, return_drop=return_drop)
 
 
 def openings(edges: Edges, conditions: Conditions) -> tuple[Float[Array, "2 rows"], Float[Array, "2 rows"]]:
@@ -51,7 +54,7 @@ def openings(edges: Edges, conditions: Conditions) -> tuple[Float[Array, "2 rows
     return edges.supply.underlap + shift, edges.return_.underlap - shift
 
 
-class _PortFlows(eqx.Module):
+class PortFlows(eqx.Module):
     """Mass flows in and out of port volumes at given drops, with the heat that the oil keeps on its way."""
 
     supply: OpenEdge
@@ -77,11 +80,12 @@ class _PortFlows(eqx.Module):
         return mass_flow(self.return_, oil, drop, self.conditions.return_pressure + 0.5 * drop)
 
 
-def _port_flows(
+def port_flows(
     edges: Edges, oil: Oil, heat_retention: Float[Array, "..."] | None, conditions: Conditions
-) -> _PortFlows:
+) -> PortFlows:
+    """The edges at their openings, ready for any port pressures."""
     supply, return_ = openings(edges, conditions)
-    return _PortFlows(
+    return PortFlows(
         supply=at_opening(edges.supply, supply),
         return_=at_opening(edges.return_, return_),
         oil=oil,
@@ -91,7 +95,8 @@ def _port_flows(
     )
 
 
-def _ports(flows: _PortFlows, drops: _Between) -> Ports:
+def ports_at(flows: PortFlows, drops: Between) -> Ports:
+    """The state of both ports at given drops, balanced or not."""
     shape = (2, *flows.conditions.position.shape)
     temperature = flows.port_temperature(drops.supply_drop)
     return Ports(
@@ -104,28 +109,40 @@ def _ports(flows: _PortFlows, drops: _Between) -> Ports:
 
 def blocked_ports(edges: Edges, oil: Oil, heat_retention: Float[Array, "..."] | None, conditions: Conditions) -> Ports:
     """Both ports closed: each port's inflow equals its outflow, ln(in/out) = 0 (MODEL section 4)."""
-    flows = _port_flows(edges, oil, heat_retention, conditions)
+    flows = port_flows(edges, oil, heat_retention, conditions)
 
     def log_ratio(q: Float[Array, "2 rows"]) -> Float[Array, "2 rows"]:
-        drops = _between(q, conditions)
+        drops = between(q, conditions)
         temperature = flows.port_temperature(drops.supply_drop)
         return jnp.log(flows.inflow(drops.supply_drop) / flows.outflow(drops.return_drop, temperature))
 
     q = falling_root(log_ratio, jnp.zeros((2, *conditions.position.shape)))
-    return _ports(flows, _between(q, conditions))
+    return ports_at(flows, between(q, conditions))
 
 
 def connected_ports(
     edges: Edges, oil: Oil, heat_retention: Float[Array, "..."] | None, conditions: Conditions
 ) -> Ports:
     """Both ports joined without loss: p_A = p_B = p_m balances the four edges (the flow-gain test)."""
-    flows = _port_flows(edges, oil, heat_retention, conditions)
+    flows = port_flows(edges, oil, heat_retention, conditions)
 
     def log_ratio(q: Float[Array, " rows"]) -> Float[Array, " rows"]:
-        drops = _between(q, conditions)
+        drops = between(q, conditions)
         temperature = flows.port_temperature(drops.supply_drop)
         inflow = jnp.sum(flows.inflow(drops.supply_drop), axis=0)
         return jnp.log(inflow / jnp.sum(flows.outflow(drops.return_drop, temperature), axis=0))
 
     q = falling_root(log_ratio, jnp.zeros(conditions.position.shape), CONNECTED_STEPS)
-    return _ports(flows, _between(q, conditions))
+    return ports_at(flows, between(q, conditions))
+
+
+def return_temperature(
+    ports: Ports, oil: Oil, heat_retention: Float[Array, "..."] | None, conditions: Conditions
+) -> Float[Array, " rows"]:
+    """Temperature of the joined return flow [K]: each side's port temperature plus its second throttling, by mass."""
+    if heat_retention is None:
+        return conditions.temperature
+    drop = ports.pressure - conditions.return_pressure
+    rise = throttling_rise(oil, drop, conditions.return_pressure + 0.5 * drop, ports.temperature)
+    leaving = ports.temperature + heat_retention * rise
+    return jnp.sum(ports.outflow * leaving, axis=0) / jnp.sum(ports.outflow, axis=0)

@@ -10,20 +10,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .conditions import Conditions
-from .loaded_ports import loaded_ports
-from .oil import Oil, density, throttling_rise
-from .ports import Ports, blocked_ports, connected_ports
-from .valve import Valve, metering_edges, read_out, true_conditions, true_oil
-
-
-def _return_temperature(valve: Valve, oil: Oil, ports: Ports, conditions: Conditions) -> Float[Array, " rows"]:
-    """Temperature of the joined return flow [K]: each side's port temperature plus its second throttling, by mass."""
-    if valve.heat_retention is None:
-        return conditions.temperature
-    drop = ports.pressure - conditions.return_pressure
-    rise = throttling_rise(oil, drop, conditions.return_pressure + 0.5 * drop, ports.temperature)
-    leaving = ports.temperature + valve.heat_retention * rise
-    return jnp.sum(ports.outflow * leaving, axis=0) / jnp.sum(ports.outflow, axis=0)
+from .oil import density
+from .port_states import blocked_state, connected_state, loaded_state
+from .ports import return_temperature
+from .valve import Valve, heat_kept, read_out, true_conditions, true_oil
 
 
 @eqx.filter_jit
@@ -31,15 +21,15 @@ def blocked_port_readings(valve: Valve, conditions: Conditions) -> dict[str, Flo
     """All that the two tests with closed use ports read: leakage_flow [m3/s], pressure_a, pressure_b, load_pressure [Pa]."""
     true = true_conditions(valve, conditions)
     oil = true_oil(valve)
-    ports = blocked_ports(metering_edges(valve, true), oil, valve.heat_retention, true)
-    warm = _return_temperature(valve, oil, ports, true)
+    ports, inside = blocked_state(valve, oil, true)
+    warm = return_temperature(ports, oil, heat_kept(valve), inside)
     values = {
         "leakage_flow": jnp.sum(ports.outflow, axis=0) / density(oil, true.return_pressure, warm),
         "pressure_a": ports.pressure[0],
         "pressure_b": ports.pressure[1],
         "load_pressure": ports.pressure[0] - ports.pressure[1],
     }
-    return {channel: read_out(valve, channel, value, conditions, true) for channel, value in values.items()}
+    return {channel: read_out(valve, channel, value, conditions, true, oil) for channel, value in values.items()}
 
 
 def leakage_flow(valve: Valve, conditions: Conditions) -> Float[Array, " rows"]:
@@ -63,10 +53,10 @@ def control_flow(valve: Valve, conditions: Conditions) -> Float[Array, " rows"]:
     """Flow-gain test: flow from A to B with the use ports connected [m3/s], volume at the ports' pressure and temperature."""
     true = true_conditions(valve, conditions)
     oil = true_oil(valve)
-    ports = connected_ports(metering_edges(valve, true), oil, valve.heat_retention, true)
+    ports = connected_state(valve, oil, true)
     through = ports.inflow[0] - ports.outflow[0]
     value = through / density(oil, ports.pressure[0], ports.temperature[0])
-    return read_out(valve, "flow", value, conditions, true)
+    return read_out(valve, "flow", value, conditions, true, oil)
 
 
 @eqx.filter_jit
@@ -80,10 +70,12 @@ def load_flow(valve: Valve, conditions: Conditions) -> Float[Array, " rows"]:
         raise ValueError("the load-flow test needs conditions with a load_pressure")
     true = true_conditions(valve, conditions)
     oil = true_oil(valve)
-    ports = loaded_ports(metering_edges(valve, true), oil, valve.heat_retention, true, conditions.load_pressure)
+    ports = loaded_state(valve, oil, true)
     surplus = ports.inflow - ports.outflow
+    if ports.crossing is not None:
+        surplus = surplus + ports.crossing
     # Port A gives what port B takes; the mean of both keeps the balance's rounding out of the reading.
     through = 0.5 * (surplus[0] - surplus[1])
     origin = jnp.where(through > 0.0, ports.temperature[0], ports.temperature[1])
     value = through / density(oil, jnp.mean(ports.pressure, axis=0), origin)
-    return read_out(valve, "flow", value, conditions, true)
+    return read_out(valve, "flow", value, conditions, true, oil)

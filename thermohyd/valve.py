@@ -8,11 +8,16 @@ from .conditions import Conditions
 from .edge import MeteringEdge
 from .effect import (
     AbstractConditionEffect,
+    AbstractCrossingEffect,
     AbstractEdgeEffect,
     AbstractEffect,
+    AbstractHeatEffect,
+    AbstractLineEffect,
     AbstractOilEffect,
     AbstractReadingEffect,
+    Coupling,
     Edges,
+    in_order,
 )
 from .oil import Oil
 
@@ -41,15 +46,16 @@ class Valve(eqx.Module):
     null_bias: Float[Array, ""] = eqx.field(converter=_as_array, default=0.0)
     heat_retention: Float[Array, ""] | None = None
     land_diameter: Float[Array, ""] | None = None
-    effects: tuple[AbstractEffect, ...] = ()
+    effects: tuple[AbstractEffect, ...] = eqx.field(converter=in_order, default=())
 
 
 def true_conditions(valve: Valve, read: Conditions) -> Conditions:
     """What the valve saw: the instruments' errors undone, the position counted from the hydraulic null."""
+    true = read
     for effect in valve.effects:
         if isinstance(effect, AbstractConditionEffect):
-            read = effect.true_conditions(read)
-    return eqx.tree_at(lambda c: c.position, read, read.position - valve.null_bias)
+            true = effect.true_conditions(true, read)
+    return eqx.tree_at(lambda c: c.position, true, true.position - valve.null_bias)
 
 
 def true_oil(valve: Valve) -> Oil:
@@ -59,6 +65,29 @@ def true_oil(valve: Valve) -> Oil:
         if isinstance(effect, AbstractOilEffect):
             oil = effect.oil(oil)
     return oil
+
+
+def heat_kept(valve: Valve) -> Float[Array, "..."] | None:
+    """The share eta of the throttling heat that stays in the oil, effects included; None where no heat is computed."""
+    eta = valve.heat_retention
+    for effect in valve.effects:
+        if isinstance(effect, AbstractHeatEffect):
+            eta = effect.heat_retention(jnp.zeros(()) if eta is None else eta)
+    return eta
+
+
+def coupling(valve: Valve) -> Coupling:
+    """The effects that tie the balances of the ports together."""
+    return Coupling(
+        lines=tuple(effect for effect in valve.effects if isinstance(effect, AbstractLineEffect)),
+        crossings=tuple(effect for effect in valve.effects if isinstance(effect, AbstractCrossingEffect)),
+    )
+
+
+def rowwise(valve: Valve) -> bool:
+    """Whether every reading depends on the parameters through its own row only, so that one reverse pass over parameters
+    spread over the rows gives the whole Jacobian; where it is false (a flowmeter that lags), use forward mode."""
+    return all(type(effect).rowwise for effect in valve.effects)
 
 
 def metering_edges(valve: Valve, conditions: Conditions) -> Edges:
@@ -79,10 +108,10 @@ def metering_edges(valve: Valve, conditions: Conditions) -> Edges:
 
 
 def read_out(
-    valve: Valve, channel: str, value: Float[Array, " rows"], read: Conditions, true: Conditions
+    valve: Valve, channel: str, value: Float[Array, " rows"], read: Conditions, true: Conditions, oil: Oil
 ) -> Float[Array, " rows"]:
-    """What the bench's instrument says of a channel (leakage_flow, load_pressure, flow, ...)."""
+    """What the bench's instrument says of a channel (leakage_flow, load_pressure, flow, ...); `oil` is the true one."""
     for effect in valve.effects:
         if isinstance(effect, AbstractReadingEffect):
-            value = effect.reading(channel, value, read, true, valve.oil)
+            value = effect.reading(channel, value, read, true, oil)
     return value

@@ -1,0 +1,112 @@
+"""An effect of amount 0 changes nothing, and its derivative there is finite and true; forward = reverse everywhere."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from helpers.valves import STROKE, seed_valve
+
+from thermohyd.conditions import Conditions
+from thermohyd.effects.registry import EFFECTS, with_effects
+from thermohyd.static_tests import blocked_port_readings, control_flow, load_flow
+
+
+ROWS = 12
+
+
+def points() -> Conditions:
+    """A sweep through null, both ends and a turning point, with a repeated position and the null itself."""
+    rng = np.random.default_rng(3)
+    position = STROKE * np.array([-1.0, -0.3, -0.02, 0.0, 0.01, 0.01, 0.2, 1.0, 0.5, 0.03, -0.04, -0.5])
+    return Conditions(
+        position=jnp.asarray(position),
+        supply_pressure=jnp.asarray(rng.uniform(60e5, 200e5, ROWS)),
+        return_pressure=jnp.asarray(rng.uniform(1e5, 5e5, ROWS)),
+        temperature=jnp.asarray(rng.uniform(283.15, 343.15, ROWS)),
+        load_pressure=jnp.asarray(rng.uniform(-30e5, 30e5, ROWS)),
+        time=jnp.asarray(np.arange(ROWS) * 0.5),
+        run=jnp.asarray(np.repeat([0.0, 1.0], ROWS // 2)),
+    )
+
+
+def readings(valve, conditions):
+    """Every channel: (channels, rows)."""
+    blocked = blocked_port_readings(valve, conditions)
+    return jnp.stack([*blocked.values(), control_flow(valve, conditions), load_flow(valve, conditions)])
+
+
+# Not bitwise. These add operations inside the loop that solves the balance, which is compiled and rounds anew:
+INSIDE_THE_BALANCE = ("pressure_clearance", "pressure_viscosity", "throttle_heating")
+# and these are solved with the ports: blocked and connected ports are left where the plain balance put them, the load
+# flow is found once more from a start of its own.
+COUPLED = ("flow_saturation", "supply_droop", "return_back_pressure", "cross_port_leakage")
+EXACT = tuple(name for name in EFFECTS if name not in (*INSIDE_THE_BALANCE, *COUPLED))
+
+
+@pytest.mark.parametrize("names", [EXACT, INSIDE_THE_BALANCE, COUPLED[:3], COUPLED[3:]], ids=lambda names: names[0])
+def test_neutral_is_the_ideal_valve(names):
+    # Operation by operation, as two compiled programs may round differently for reasons of their own.
+    found = np.asarray(readings(with_effects(seed_valve(underlap=8e-6), dict.fromkeys(names, 0.0)), points()))
+    size = np.max(np.abs(ideal_parts()), axis=1, keepdims=True)
+    print(names, "differ by", np.max(np.abs(found - ideal_parts()) / size, axis=1))
+    if names == EXACT:
+        np.testing.assert_array_equal(found, ideal_parts())
+    np.testing.assert_array_less(np.abs(found - ideal_parts()) / size, 1e-13)
+    if names[0] in COUPLED:
+        np.testing.assert_array_less(np.abs(found - ideal_parts())[:-1] / size[:-1], 1e-15)
+
+
+@functools.cache
+def ideal_parts():
+    return np.asarray(readings(seed_valve(underlap=8e-6), points()))
+
+
+
+
+def at_amounts(z):
+    """Readings in units of their channel's size with every effect present, amounts z in units of their scales."""
+    amounts = {name: z[i] * EFFECTS[name].scale for i, name in enumerate(EFFECTS)}
+    found = readings(with_effects(seed_valve(underlap=8e-6), amounts), points())
+    return found / jnp.asarray(np.max(np.abs(ideal_parts()), axis=1, keepdims=True))
+
+
+@functools.cache
+def compiled():
+    """(readings, readings and both Jacobians) as compiled functions of the amounts; compiled once for all tests here."""
+
+    def both(z):
+        value, pull = jax.vjp(at_amounts, z)
+        units = jnp.eye(value.size).reshape(value.size, *value.shape)
+        return jax.jacfwd(at_amounts)(z), jnp.moveaxis(jax.vmap(pull)(units)[0].reshape(*value.shape, z.size), -1, -1)
+
+    return jax.jit(at_amounts), jax.jit(both)
+
+
+def numeric(z, step=1e-3):
+    """Differences of the readings, fourth order central, or one-sided (second order, extrapolated) at a lower limit of 0."""
+    f = lambda s, e: np.asarray(compiled()[0](jnp.asarray(z + s * e)))
+    columns = []
+    for i, info in enumerate(EFFECTS.values()):
+        e = np.eye(z.size)[i]
+        if info.lower == 0.0 and z[i] == 0.0:
+            a, b, c, d, g = (f(k * step, e) for k in range(5))
+            columns.append((-25 * a + 48 * b - 36 * c + 16 * d - 3 * g) / (12 * step))
+        else:
+            columns.append((8 * (f(step, e) - f(-step, e)) - (f(2 * step, e) - f(-2 * step, e))) / (12 * step))
+    return np.stack(columns, axis=-1)
+
+
+@pytest.mark.parametrize("where", ["neutral", "one of all"])
+def test_derivatives(where):
+    z = np.zeros(len(EFFECTS)) if where == "neutral" else np.random.default_rng(8).uniform(0.2, 1.0, len(EFFECTS))
+    forward, reverse = (np.asarray(a) for a in compiled()[1](jnp.asarray(z)))
+    assert np.all(np.isfinite(forward))
+    size = np.maximum(np.max(np.abs(forward), axis=(0, 1)), 1e-4)
+    np.testing.assert_array_less(np.abs(forward - reverse) / size, 1e-10)
+    worst = np.max(np.abs(forward - numeric(z)) / size, axis=(0, 1))
+    print(dict(zip(EFFECTS, worst, strict=True)))
+    np.testing.assert_array_less(worst, 2e-6)
+    moved = {name for i, name in enumerate(EFFECTS) if np.max(np.abs(forward[..., i])) > 1e-6}
+    assert moved == {n for n, info in EFFECTS.items() if where != "neutral" or not info.even}

@@ -1,0 +1,73 @@
+"""The registry against its classes, the order of effects, row by row or not, and a 24th effect as CONTRIBUTING adds it."""
+
+import re
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from helpers.valves import seed_valve
+from reference.valve import Effects
+
+from thermohyd.conditions import operating_points
+from thermohyd.effects import registry
+from thermohyd.effects.registry import EFFECTS, effect, with_effects
+from thermohyd.static_tests import leakage_flow
+from thermohyd.valve import rowwise
+
+
+def test_the_23_effects_of_the_reference():
+    assert set(EFFECTS) == set(Effects.__dataclass_fields__)
+    assert len({info.effect for info in EFFECTS.values()}) == 23
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_registry_line(name):
+    info = EFFECTS[name]
+    assert info.lower <= 0.0 < info.upper
+    assert 0.0 < info.typical[0] <= info.scale <= info.typical[1] <= info.upper
+    assert set(info.shows) <= {"leakage", "pressure_gain", "flow_gain", "load_flow"}
+    assert len(info.stages) == (2 if name == "pressure_offset" else 1)
+    assert info.sentence[0].islower()
+    assert not info.sentence.endswith(".")
+    text = str(info.effect.__doc__)
+    assert "Source:" in text
+    assert "Amount" in text
+    assert "Shows" in text
+    assert float(effect(name).amount) == 0.0
+
+
+def test_unknown_name_is_told_the_known_ones():
+    with pytest.raises(KeyError, match="unknown effect 'supply_drop'; known: .*supply_droop"):
+        effect("supply_drop")
+
+
+def test_listing_order_does_not_matter():
+    names = ["flowmeter_offset", "hysteresis", "flowmeter_lag", "position_scale", "flowmeter_scale"]
+    one = with_effects(seed_valve(), dict.fromkeys(names, 0.1)).effects
+    two = with_effects(seed_valve(), dict.fromkeys(reversed(names), 0.1)).effects
+    assert [type(e) for e in one] == [type(e) for e in two]
+    order = [type(e).__name__ for e in one]
+    assert order.index("PositionScale") < order.index("Hysteresis")
+    assert order.index("FlowmeterLag") < order.index("FlowmeterScale") < order.index("FlowmeterOffset")
+
+
+def test_only_the_lag_ties_rows_together():
+    assert [name for name in EFFECTS if not EFFECTS[name].rowwise] == ["flowmeter_lag"]
+    assert rowwise(with_effects(seed_valve(), {"hysteresis": 1e-6}))
+    assert not rowwise(with_effects(seed_valve(), {"hysteresis": 1e-6, "flowmeter_lag": 0.0}))
+
+
+def test_the_24th_effect_of_contributing(monkeypatch):
+    page = (Path(__file__).parents[2] / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    section = page.split("## Adding an effect")[1].split("\n## ")[0]
+    blocks = re.findall(r"```python\n(.*?)```", section, flags=re.DOTALL)
+    assert len(blocks) == 2
+    monkeypatch.setattr(registry, "EFFECTS", dict(EFFECTS))
+    namespace = {key: getattr(registry, key) for key in ("EFFECTS", "EffectInfo", "_ALL")}
+    for block in blocks:
+        exec(block, namespace)
+    c = operating_points(jnp.linspace(-5e-5, 5e-5, 5), supply_pressure=70e5, temperature=313.15)
+    ideal, worn = leakage_flow(seed_valve(), c), leakage_flow(with_effects(seed_valve(), {"slot_wear": 0.1}), c)
+    np.testing.assert_allclose(np.asarray(worn), 1.1 * np.asarray(ideal), rtol=1e-12)
+    assert np.array_equal(leakage_flow(with_effects(seed_valve(), {"slot_wear": 0.0}), c), ideal)

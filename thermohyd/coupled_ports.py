@@ -1,0 +1,183 @@
+"""Port balances that lines or a path between the ports tie together: closed and connected use ports (MODEL section 6).
+
+Lines between the gauges and the edges add two unknowns per row, the pressures that the edges see; they are counted as
+shares of the gauges' difference. The pressures *inside* come back as conditions beside the ports.
+"""
+
+from collections.abc import Callable
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .balance import falling_root
+from .conditions import Conditions
+from .coupled_balance import coupled_root
+from .effect import AbstractCrossingEffect, AbstractLineEffect, Coupling, Edges
+from .oil import Oil, density, throttling_rise
+from .ports import CONNECTED_STEPS, PortFlows, Ports, between, port_flows, ports_at, return_temperature
+
+
+# The ports' own unknowns (unknowns, rows) and the pressures inside -> their imbalances, and the state.
+PortBalance = Callable[[Float[Array, "unknowns rows"], Conditions], tuple[Float[Array, "unknowns rows"], Ports]]
+ReturnTemperature = Callable[[Ports, Conditions], Float[Array, " rows"]]
+
+
+def with_pressures(conditions: Conditions, supply: Float[Array, "..."], return_: Float[Array, "..."]) -> Conditions:
+    return eqx.tree_at(lambda c: (c.supply_pressure, c.return_pressure), conditions, (supply, return_))
+
+
+def solve_with_lines(
+    balance: PortBalance,
+    start: Float[Array, "unknowns rows"],
+    oil: Oil,
+    gauges: Conditions,
+    lines: tuple[AbstractLineEffect, ...],
+    warm_return: ReturnTemperature,
+    spare_room: Float[Array, " rows"] | float = 0.0,
+) -> tuple[Ports, Conditions]:
+    """Ports and lines in balance: (state of the ports, conditions inside the lines).
+
+    Flows through the lines are volumes at the gauges, the return's at `warm_return`. The pressure difference inside,
+    plus `spare_room` (as a share of the gauges'), stays positive.
+    """
+    own = start.shape[0]
+    span = gauges.supply_pressure - gauges.return_pressure
+
+    def inside(z: Float[Array, "unknowns rows"]) -> Conditions:
+        if not lines:
+            return gauges
+        return with_pressures(
+            gauges, gauges.supply_pressure - z[own] * span, gauges.return_pressure + z[own + 1] * span
+        )
+
+    def imbalance(z: Float[Array, "unknowns rows"]) -> Float[Array, "unknowns rows"]:
+        within = inside(z)
+        residual, ports = balance(z[:own], within)
+        if not lines:
+            return residual
+        supply_flow = jnp.sum(ports.inflow, axis=0) / density(oil, gauges.supply_pressure, gauges.temperature)
+        warm = warm_return(ports, within)
+        return_flow = jnp.sum(ports.outflow, axis=0) / density(oil, gauges.return_pressure, warm)
+        losses = [line.losses(supply_flow, return_flow) for line in lines]
+        lost, gained = (sum(parts, start=jnp.zeros(())) for parts in zip(*losses, strict=True))
+        return jnp.concatenate([residual, jnp.stack([z[own] - lost / span, z[own + 1] - gained / span])])
+
+    def room(z: Float[Array, "unknowns rows"]) -> Float[Array, " rows"]:
+        return 1.0 - z[own] - z[own + 1] + spare_room
+
+    extra = jnp.zeros((2 if lines else 0, *start.shape[1:]))
+    first = jax.lax.stop_gradient(jnp.concatenate([start, extra]))
+    z = coupled_root(imbalance, first, room if lines else None)
+    within = inside(z)
+    return balance(z[:own], within)[1], within
+
+
+def crossing_conductance(
+    crossings: tuple[AbstractCrossingEffect, ...], oil: Oil, conditions: Conditions
+) -> Float[Array, "..."]:
+    """Volume conductance [m3/(s Pa)] of all paths between the ports together."""
+    return sum((path.conductance(oil, conditions) for path in crossings), start=jnp.zeros(()))
+
+
+def _with_crossing(
+    flows: PortFlows, q: Float[Array, "2 rows"], conductance: Float[Array, "..."] | None
+) -> tuple[Float[Array, "2 rows"], Ports]:
+    """Imbalances ln(in/out) of both closed ports and their state.
+
+    The port of the higher pressure holds supply oil only; the other one mixes it with what crosses over.
+    """
+    conditions = flows.conditions
+    drops = between(q, conditions)
+    ports = ports_at(flows, drops)
+    if conductance is None:
+        return jnp.log(ports.inflow / ports.outflow), ports
+    up, down = drops.supply_drop, drops.return_drop
+    # p_A - p_B from the smaller drops keeps its digits where both ports are near one end.
+    drop = jnp.where(jnp.sum(up, axis=0) < jnp.sum(down, axis=0), up[1] - up[0], down[0] - down[1])
+    mean = conditions.return_pressure + 0.5 * jnp.sum(down, axis=0)
+    sent = jnp.where(drop > 0.0, ports.temperature[0], ports.temperature[1])
+    mass = conductance * density(flows.oil, mean, sent)  # per pressure
+    fall = jnp.stack([drop, -drop])
+    out, into = mass * jnp.maximum(fall, 0.0), mass * jnp.maximum(-fall, 0.0)
+    if flows.heat_retention is not None:
+        other = jnp.flip(ports.temperature, axis=0)
+        arriving = other + flows.heat_retention * throttling_rise(flows.oil, -fall, mean, other)
+        warm = ports.temperature + into * (arriving - ports.temperature) / (ports.inflow + into)
+        ports = eqx.tree_at(
+            lambda p: (p.temperature, p.outflow), ports, (warm, flows.outflow(drops.return_drop, warm))
+        )
+    state = Ports(ports.pressure, ports.temperature, ports.inflow, ports.outflow, crossing=into - out)
+    return jnp.log((ports.inflow + into) / (ports.outflow + out)), state
+
+
+def _drawn_together(
+    flows: PortFlows, q: Float[Array, "2 rows"], conductance: Float[Array, "..."]
+) -> Float[Array, "2 rows"]:
+    """Where to start with a path between the ports: on the way from each port alone, at `q`, to both at one pressure.
+
+    X is the mass flow from A to B that the edges would make up. It falls with D = p_A - p_B from X_0 at one pressure to
+    none at D_0, where the ports are alone; were it linear, X = g D would be at D_0 X_0 / (X_0 + g D_0). Starting from
+    either end instead leaves one row in a hundred unsolved.
+    """
+    conditions = flows.conditions
+
+    def joint(common: Float[Array, " rows"]) -> Float[Array, " rows"]:
+        ports = ports_at(flows, between(common, conditions))
+        return jnp.log(jnp.sum(ports.inflow, axis=0) / jnp.sum(ports.outflow, axis=0))
+
+    one = between(falling_root(joint, jnp.zeros(conditions.position.shape), CONNECTED_STEPS), conditions)
+    two, ports = between(q, conditions), ports_at(flows, one)
+    made = ports.inflow - ports.outflow
+    exchanged = 0.5 * jnp.abs(made[0] - made[1])
+    apart = jnp.abs(two.return_drop[0] - two.return_drop[1])
+    crossing = conductance * density(flows.oil, conditions.return_pressure, conditions.temperature) * apart
+    share = jnp.where(crossing > 0.0, exchanged / jnp.where(crossing > 0.0, exchanged + crossing, 1.0), 1.0)
+    up = one.supply_drop + share * (two.supply_drop - one.supply_drop)
+    down = one.return_drop + share * (two.return_drop - one.return_drop)
+    return jnp.where(share < 1.0, jnp.log(down / up), q)
+
+
+def coupled_blocked_ports(
+    edges: Edges, oil: Oil, heat_retention: Float[Array, "..."] | None, conditions: Conditions, coupling: Coupling
+) -> tuple[Ports, Conditions]:
+    """Both ports closed, with lines and flow between the ports: (ports, conditions inside the lines)."""
+    flows = port_flows(edges, oil, heat_retention, conditions)
+    conductance = crossing_conductance(coupling.crossings, oil, conditions) if coupling.crossings else None
+
+    def alone(q: Float[Array, "2 rows"]) -> Float[Array, "2 rows"]:
+        return _with_crossing(flows, q, None)[0]
+
+    def balance(q: Float[Array, "2 rows"], inside: Conditions) -> tuple[Float[Array, "2 rows"], Ports]:
+        return _with_crossing(eqx.tree_at(lambda f: f.conditions, flows, inside), q, conductance)
+
+    start = falling_root(alone, jnp.zeros((2, *conditions.position.shape)))
+    if conductance is not None:
+        start = _drawn_together(flows, start, conductance)
+
+    def warm(ports: Ports, inside: Conditions) -> Float[Array, " rows"]:
+        return return_temperature(ports, oil, heat_retention, inside)
+
+    return solve_with_lines(balance, start, oil, conditions, coupling.lines, warm)
+
+
+def coupled_connected_ports(
+    edges: Edges, oil: Oil, heat_retention: Float[Array, "..."] | None, conditions: Conditions, coupling: Coupling
+) -> tuple[Ports, Conditions]:
+    """Both ports joined without loss, with lines: (ports, conditions inside the lines). Nothing crosses at p_A = p_B."""
+    flows = port_flows(edges, oil, heat_retention, conditions)
+
+    def balance(q: Float[Array, "1 rows"], inside: Conditions) -> tuple[Float[Array, "1 rows"], Ports]:
+        ports = ports_at(eqx.tree_at(lambda f: f.conditions, flows, inside), between(q[0], inside))
+        return jnp.log(jnp.sum(ports.inflow, axis=0) / jnp.sum(ports.outflow, axis=0))[None], ports
+
+    def alone(q: Float[Array, " rows"]) -> Float[Array, " rows"]:
+        return balance(q[None], conditions)[0][0]
+
+    start = falling_root(alone, jnp.zeros(conditions.position.shape), CONNECTED_STEPS)[None]
+
+    def warm(ports: Ports, inside: Conditions) -> Float[Array, " rows"]:
+        return return_temperature(ports, oil, heat_retention, inside)
+
+    return solve_with_lines(balance, start, oil, conditions, coupling.lines, warm)

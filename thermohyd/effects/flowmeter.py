@@ -1,0 +1,90 @@
+"""What a flowmeter makes of a flow: first its lag, then its scale, then its offset; on every flow channel."""
+
+from typing import ClassVar, final
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..conditions import Conditions
+from ..effect import AbstractReadingEffect, as_amount
+from ..oil import Oil
+
+
+FLOW_CHANNELS = frozenset({"leakage_flow", "flow"})
+
+
+@final
+class FlowmeterOffset(AbstractReadingEffect):
+    """Read Q + q0.
+
+    Source: zero error of the meter, stated as a share of full scale.
+    Amount q0 [m3/s], either sign, typical 1e-8 to 1e-6. Shows in the leakage and the flow, at every position alike.
+    """
+
+    amount: Float[Array, ""] = eqx.field(converter=as_amount)
+    order: ClassVar[int] = 30
+
+    def reading(
+        self, channel: str, value: Float[Array, " rows"], read: Conditions, true: Conditions, oil: Oil
+    ) -> Float[Array, " rows"]:
+        return value + self.amount if channel in FLOW_CHANNELS else value
+
+
+@final
+class FlowmeterScale(AbstractReadingEffect):
+    """Read Q (1 + s).
+
+    Source: calibration error of the meter (viscosity, K-factor).
+    Amount s > -1 [-], typical 0.002 to 0.05. Shows in the leakage and the flow, in proportion to them.
+    """
+
+    amount: Float[Array, ""] = eqx.field(converter=as_amount)
+    order: ClassVar[int] = 20
+
+    def reading(
+        self, channel: str, value: Float[Array, " rows"], read: Conditions, true: Conditions, oil: Oil
+    ) -> Float[Array, " rows"]:
+        return value * (1.0 + self.amount) if channel in FLOW_CHANNELS else value
+
+
+@final
+class FlowmeterLag(AbstractReadingEffect):
+    """tau dQ_read/dt = Q - Q_read along every run, exact for a flow that is linear between rows; a run starts steady.
+
+    Source: a first-order instrument (damping of the meter, volume of its line). The rows of a run stand together, in the
+    order of time; rows at one and the same time read alike. The deviation d = Q_read - Q obeys
+    d_i = a d_(i-1) - (1 - a) tau (Q_i - Q_(i-1))/dt with a = exp(-dt/tau), summed by an associative scan.
+    Amount tau >= 0 [s], typical 0.05 to 2. Shows as a loop in flow and leakage that widens with the rate of the sweep.
+    A reading depends on the rows before it: not row by row. Raises ValueError where the conditions have no time.
+    """
+
+    amount: Float[Array, ""] = eqx.field(converter=as_amount)
+    order: ClassVar[int] = 10
+    rowwise: ClassVar[bool] = False
+
+    def reading(
+        self, channel: str, value: Float[Array, " rows"], read: Conditions, true: Conditions, oil: Oil
+    ) -> Float[Array, " rows"]:
+        if channel not in FLOW_CHANNELS:
+            return value
+        if read.time is None:
+            raise ValueError("flowmeter_lag needs conditions with the time of every row")
+        dt, same_run = jnp.diff(read.time), jnp.ones(value.shape[0] - 1, dtype=bool)
+        if read.run is not None:
+            same_run = jnp.diff(read.run) == 0.0
+        passes = dt > 0.0
+        span = jnp.where(passes, dt, 1.0)
+        # Far below dt, where exp(-dt/tau) and its derivative are 0, tau may stand for a larger one: tau = 0 is no pole.
+        exponent = span / jnp.maximum(self.amount, 1e-3 * span)
+        held = jnp.where(self.amount > 0.0, 1.0, 0.0)
+        decay = jnp.where(same_run, jnp.where(passes, jnp.exp(-exponent), held), 0.0)
+        trail = jnp.where(same_run, jnp.where(passes, -jnp.expm1(-exponent) * self.amount / span, held), 0.0)
+        source = -trail * jnp.diff(value)
+
+        def joined(before: tuple[Array, Array], after: tuple[Array, Array]) -> tuple[Array, Array]:
+            return before[0] * after[0], after[0] * before[1] + after[1]
+
+        deviation = jax.lax.associative_scan(joined, (decay, source))[1]
+        return value + jnp.concatenate([jnp.zeros(1), deviation])

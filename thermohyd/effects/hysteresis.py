@@ -1,0 +1,51 @@
+"""A position reading that depends on the way it was reached."""
+
+from typing import ClassVar, final
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..conditions import Conditions
+from ..effect import AbstractConditionEffect, as_amount
+
+
+def sweep_direction(position: Float[Array, " rows"], run: Float[Array, " rows"] | None) -> Float[Array, " rows"]:
+    """+1 or -1: sign of the last change of position within a run, whose rows stand together.
+
+    A repeated position keeps the direction, rows before the first movement take that of the first; +1 without any.
+    """
+    rows = jnp.arange(position.shape[0])
+    steps = jnp.sign(jnp.diff(position, prepend=position[:1]))
+    starts = rows == 0
+    if run is not None:
+        starts = starts | (jnp.diff(run, prepend=run[:1]) != 0.0)
+    moved = (steps != 0.0) & ~starts
+    first = jax.lax.cummax(jnp.where(starts, rows, 0))
+    # The row that starts the next run, seen from each row.
+    after = jax.lax.cummin(jnp.where(jnp.append(starts[1:], True), rows + 1, rows.size), reverse=True)
+    last = jax.lax.cummax(jnp.where(moved, rows, -1))
+    coming = jax.lax.cummin(jnp.where(moved, rows, rows.size), reverse=True)
+    ahead = jnp.where(coming < after, steps[jnp.minimum(coming, rows.size - 1)], 1.0)
+    return jnp.where(last >= first, steps[jnp.maximum(last, 0)], ahead)
+
+
+@final
+class Hysteresis(AbstractConditionEffect):
+    """True x = read x - (H/2) sign(dx/dt): a loop of constant width H, after the scale of the position.
+
+    Source: play or friction between spool and transducer, magnetic hysteresis where x is a command (ISO 10770-1).
+    The direction is that of the conditions, or that of the positions where they have none.
+    Amount H >= 0 [m], typical 0.2 to 5 um. Shows as a loop, whatever the rate of the sweep; in the pressure gain first.
+    """
+
+    amount: Float[Array, ""] = eqx.field(converter=as_amount)
+    order: ClassVar[int] = 10
+
+    def true_conditions(self, so_far: Conditions, read: Conditions) -> Conditions:
+        direction = read.direction
+        if direction is None:
+            # From the positions as read: a repeated one would not stay exactly repeated through a scale.
+            direction = jax.lax.stop_gradient(sweep_direction(read.position, read.run))
+        return eqx.tree_at(lambda c: c.position, so_far, so_far.position - 0.5 * self.amount * direction)
