@@ -105,9 +105,7 @@ def _with_crossing(
         other = jnp.flip(ports.temperature, axis=0)
         arriving = other + flows.heat_retention * throttling_rise(flows.oil, -fall, mean, other)
         warm = ports.temperature + into * (arriving - ports.temperature) / (ports.inflow + into)
-        ports = eqx.tree_at(
-            lambda p: (p.temperature, p.outflow), ports, (warm, flows.outflow(drops.return_drop, warm))
-        )
+        ports = eqx.tree_at(lambda p: (p.temperature, p.outflow), ports, (warm, flows.outflow(drops.return_drop, warm)))
     state = Ports(ports.pressure, ports.temperature, ports.inflow, ports.outflow, crossing=into - out)
     return jnp.log((ports.inflow + into) / (ports.outflow + out)), state
 

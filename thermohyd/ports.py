@@ -80,9 +80,7 @@ class PortFlows(eqx.Module):
         return mass_flow(self.return_, oil, drop, self.conditions.return_pressure + 0.5 * drop)
 
 
-def port_flows(
-    edges: Edges, oil: Oil, heat_retention: Float[Array, "..."] | None, conditions: Conditions
-) -> PortFlows:
+def port_flows(edges: Edges, oil: Oil, heat_retention: Float[Array, "..."] | None, conditions: Conditions) -> PortFlows:
     """The edges at their openings, ready for any port pressures."""
     supply, return_ = openings(edges, conditions)
     return PortFlows(

@@ -28,7 +28,9 @@ CROSSING = ("cross_port_leakage",)
 PLAIN = tuple(name for name in EFFECTS if name not in (*LINES, *CROSSING))
 
 
-@pytest.mark.parametrize("together", [PLAIN, LINES, CROSSING, tuple(EFFECTS)], ids=["plain", "lines", "crossing", "all"])
+@pytest.mark.parametrize(
+    "together", [PLAIN, LINES, CROSSING, tuple(EFFECTS)], ids=["plain", "lines", "crossing", "all"]
+)
 @pytest.mark.parametrize("test", conformance.TESTS)
 def test_conformance_rows(test, together):
     truth = conformance.truth()

@@ -63,8 +63,6 @@ def ideal_parts():
     return np.asarray(readings(seed_valve(underlap=8e-6), points()))
 
 
-
-
 def at_amounts(z):
     """Readings in units of their channel's size with every effect present, amounts z in units of their scales."""
     amounts = {name: z[i] * EFFECTS[name].scale for i, name in enumerate(EFFECTS)}

@@ -38,7 +38,7 @@ def test_registry_line(name):
 
 
 def test_unknown_name_is_told_the_known_ones():
-    with pytest.raises(KeyError, match="unknown effect 'supply_drop'; known: .*supply_droop"):
+    with pytest.raises(KeyError, match=r"unknown effect 'supply_drop'; known: .*supply_droop"):
         effect("supply_drop")
 
 

@@ -53,40 +53,133 @@ class EffectInfo:
 _LEAK, _PRESSURE, _FLOW = ("leakage",), ("pressure_gain",), ("flow_gain", "load_flow")
 _FLOWS, _ALL = (*_LEAK, *_FLOW), (*_LEAK, *_PRESSURE, *_FLOW)
 
-# fmt: off
 EFFECTS: dict[str, EffectInfo] = {
-    "supply_edge_wear": EffectInfo(SupplyEdgeWear, "m", 0.0, 200e-6, (1e-6, 20e-6), 5e-6, _ALL, "the supply edges are worn round"),
-    "return_edge_wear": EffectInfo(ReturnEdgeWear, "m", 0.0, 200e-6, (1e-6, 20e-6), 5e-6, _ALL, "the return edges are worn round"),
-    "unequal_underlap": EffectInfo(UnequalUnderlap, "m", -50e-6, 50e-6, (1e-6, 10e-6), 3e-6, _ALL, "the return edges have another lap than the supply edges"),
-    "eccentricity": EffectInfo(Eccentricity, "1", 0.0, 1.0, (0.3, 1.0), 0.5, _ALL, "the spool lies off the middle of its sleeve", even=True),
-    "land_leakage": EffectInfo(LandLeakage, "1", 0.0, 200.0, (1.0, 30.0), 10.0, _ALL, "oil leaks over the lands between the slots"),
-    "thermal_clearance": EffectInfo(ThermalClearance, "m/K", -50e-9, 50e-9, (1e-9, 20e-9), 5e-9, _ALL, "the clearance changes with the temperature"),
-    "pressure_clearance": EffectInfo(PressureClearance, "m/Pa", 0.0, 5e-13, (0.5e-14, 5e-14), 2e-14, _ALL, "the clearance grows with the pressure"),
-    "flow_saturation": EffectInfo(FlowSaturation, "Pa/(m3/s)^2", 0.0, 1e16, (5e12, 2e14), 2e13, _FLOW, "the passages inside the valve choke large flows"),
-    "supply_droop": EffectInfo(SupplyDroop, "Pa/(m3/s)", 0.0, 1e12, (1e9, 2e10), 2e9, _FLOW, "the supply pressure at the valve falls with the flow"),
-    "return_back_pressure": EffectInfo(ReturnBackPressure, "Pa/(m3/s)^2", 0.0, 1e16, (5e12, 4e14), 3e13, _FLOW, "the return pressure at the valve rises with the flow"),
-    "throttle_heating": EffectInfo(ThrottleHeating, "1", 0.0, 1.0, (0.1, 1.0), 0.5, _ALL, "the oil keeps part of its throttling heat"),
-    "pressure_viscosity": EffectInfo(PressureViscosity, "1/Pa", 0.0, 1e-7, (1e-8, 2.5e-8), 1e-8, _ALL, "the oil thickens under pressure"),
-    "viscosity_shift": EffectInfo(ViscosityShift, "1", -0.9, 5.0, (0.02, 0.3), 0.1, _ALL, "the oil is thicker or thinner than its data sheet"),
-    "temperature_offset": EffectInfo(TemperatureOffset, "K", -30.0, 30.0, (0.5, 10.0), 3.0, _ALL, "the thermometer reads another temperature than the oil has"),
-    "pilot_leakage": EffectInfo(PilotLeakage, "m3/s/sqrt(Pa)", 0.0, 1e-7, (1e-10, 5e-9), 1e-9, _LEAK, "the first stage takes its own flow"),
-    "bushing_leakage": EffectInfo(BushingLeakage, "m3/(s Pa)", 0.0, 1e-10, (1e-14, 1e-12), 2e-13, _LEAK, "oil leaks around the bushing"),
-    "cross_port_leakage": EffectInfo(CrossPortLeakage, "m3/(s Pa)", 0.0, 1e-10, (1e-14, 1e-12), 2e-13, (*_PRESSURE, *_LEAK, "load_flow"), "oil leaks from one port to the other"),
-    "flowmeter_offset": EffectInfo(FlowmeterOffset, "m3/s", -1e-3, 1e-3, (1e-8, 1e-6), 1e-7, _FLOWS, "the flowmeter's zero is off"),
-    "flowmeter_scale": EffectInfo(FlowmeterScale, "1", -0.9, 5.0, (0.002, 0.05), 0.02, _FLOWS, "the flowmeter's calibration is off"),
-    "flowmeter_lag": EffectInfo(FlowmeterLag, "s", 0.0, 60.0, (0.05, 2.0), 0.5, _FLOWS, "the flowmeter lags behind the flow"),
-    "position_scale": EffectInfo(PositionScale, "1", -0.5, 1.0, (0.005, 0.05), 0.02, _ALL, "the position transducer's calibration is off"),
-    "hysteresis": EffectInfo(Hysteresis, "m", 0.0, 100e-6, (0.2e-6, 5e-6), 1e-6, _ALL, "the position depends on the way it was reached"),
-    "pressure_offset": EffectInfo(PressureOffset, "Pa", -50e5, 50e5, (0.1e5, 5e5), 1e5, (*_PRESSURE, "load_flow"), "the differential pressure gauge's zero is off"),
-}  # noqa: E501
-# fmt: on
+    "supply_edge_wear": EffectInfo(
+        SupplyEdgeWear, "m", 0.0, 200e-6, (1e-6, 20e-6), 5e-6, _ALL, "the supply edges are worn round"
+    ),
+    "return_edge_wear": EffectInfo(
+        ReturnEdgeWear, "m", 0.0, 200e-6, (1e-6, 20e-6), 5e-6, _ALL, "the return edges are worn round"
+    ),
+    "unequal_underlap": EffectInfo(
+        UnequalUnderlap,
+        "m",
+        -50e-6,
+        50e-6,
+        (1e-6, 10e-6),
+        3e-6,
+        _ALL,
+        "the return edges have another lap than the supply edges",
+    ),
+    "eccentricity": EffectInfo(
+        Eccentricity, "1", 0.0, 1.0, (0.3, 1.0), 0.5, _ALL, "the spool lies off the middle of its sleeve", even=True
+    ),
+    "land_leakage": EffectInfo(
+        LandLeakage, "1", 0.0, 200.0, (1.0, 30.0), 10.0, _ALL, "oil leaks over the lands between the slots"
+    ),
+    "thermal_clearance": EffectInfo(
+        ThermalClearance, "m/K", -50e-9, 50e-9, (1e-9, 20e-9), 5e-9, _ALL, "the clearance changes with the temperature"
+    ),
+    "pressure_clearance": EffectInfo(
+        PressureClearance, "m/Pa", 0.0, 5e-13, (0.5e-14, 5e-14), 2e-14, _ALL, "the clearance grows with the pressure"
+    ),
+    "flow_saturation": EffectInfo(
+        FlowSaturation,
+        "Pa/(m3/s)^2",
+        0.0,
+        1e16,
+        (5e12, 2e14),
+        2e13,
+        _FLOW,
+        "the passages inside the valve choke large flows",
+    ),
+    "supply_droop": EffectInfo(
+        SupplyDroop,
+        "Pa/(m3/s)",
+        0.0,
+        1e12,
+        (1e9, 2e10),
+        2e9,
+        _FLOW,
+        "the supply pressure at the valve falls with the flow",
+    ),
+    "return_back_pressure": EffectInfo(
+        ReturnBackPressure,
+        "Pa/(m3/s)^2",
+        0.0,
+        1e16,
+        (5e12, 4e14),
+        3e13,
+        _FLOW,
+        "the return pressure at the valve rises with the flow",
+    ),
+    "throttle_heating": EffectInfo(
+        ThrottleHeating, "1", 0.0, 1.0, (0.1, 1.0), 0.5, _ALL, "the oil keeps part of its throttling heat"
+    ),
+    "pressure_viscosity": EffectInfo(
+        PressureViscosity, "1/Pa", 0.0, 1e-7, (1e-8, 2.5e-8), 1e-8, _ALL, "the oil thickens under pressure"
+    ),
+    "viscosity_shift": EffectInfo(
+        ViscosityShift, "1", -0.9, 5.0, (0.02, 0.3), 0.1, _ALL, "the oil is thicker or thinner than its data sheet"
+    ),
+    "temperature_offset": EffectInfo(
+        TemperatureOffset,
+        "K",
+        -30.0,
+        30.0,
+        (0.5, 10.0),
+        3.0,
+        _ALL,
+        "the thermometer reads another temperature than the oil has",
+    ),
+    "pilot_leakage": EffectInfo(
+        PilotLeakage, "m3/s/sqrt(Pa)", 0.0, 1e-7, (1e-10, 5e-9), 1e-9, _LEAK, "the first stage takes its own flow"
+    ),
+    "bushing_leakage": EffectInfo(
+        BushingLeakage, "m3/(s Pa)", 0.0, 1e-10, (1e-14, 1e-12), 2e-13, _LEAK, "oil leaks around the bushing"
+    ),
+    "cross_port_leakage": EffectInfo(
+        CrossPortLeakage,
+        "m3/(s Pa)",
+        0.0,
+        1e-10,
+        (1e-14, 1e-12),
+        2e-13,
+        (*_PRESSURE, *_LEAK, "load_flow"),
+        "oil leaks from one port to the other",
+    ),
+    "flowmeter_offset": EffectInfo(
+        FlowmeterOffset, "m3/s", -1e-3, 1e-3, (1e-8, 1e-6), 1e-7, _FLOWS, "the flowmeter's zero is off"
+    ),
+    "flowmeter_scale": EffectInfo(
+        FlowmeterScale, "1", -0.9, 5.0, (0.002, 0.05), 0.02, _FLOWS, "the flowmeter's calibration is off"
+    ),
+    "flowmeter_lag": EffectInfo(
+        FlowmeterLag, "s", 0.0, 60.0, (0.05, 2.0), 0.5, _FLOWS, "the flowmeter lags behind the flow"
+    ),
+    "position_scale": EffectInfo(
+        PositionScale, "1", -0.5, 1.0, (0.005, 0.05), 0.02, _ALL, "the position transducer's calibration is off"
+    ),
+    "hysteresis": EffectInfo(
+        Hysteresis, "m", 0.0, 100e-6, (0.2e-6, 5e-6), 1e-6, _ALL, "the position depends on the way it was reached"
+    ),
+    "pressure_offset": EffectInfo(
+        PressureOffset,
+        "Pa",
+        -50e5,
+        50e5,
+        (0.1e5, 5e5),
+        1e5,
+        (*_PRESSURE, "load_flow"),
+        "the differential pressure gauge's zero is off",
+    ),
+}
 
 
 def effect(name: str, amount: float | Array = 0.0) -> AbstractEffect:
     """The named effect with an amount in its SI unit. Raises KeyError, with the known names, for any other name."""
     if name not in EFFECTS:
         raise KeyError(f"unknown effect {name!r}; known: {', '.join(EFFECTS)}")
-    return EFFECTS[name].effect(amount)  # pyright: ignore[reportCallIssue]  # every concrete effect has one field
+    return EFFECTS[name].effect(amount)  # pyright: ignore  # every concrete effect has one field, which converts numbers
 
 
 def with_effects(valve: Valve, amounts: dict[str, float | Array]) -> Valve:
