@@ -1,0 +1,209 @@
+"""What a diagnosis returns: plain numbers and words, ready for the terminal, for JSON and for plots. No JAX here."""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from ..fit_result import FitResult
+from ..record import BenchRecord
+
+
+Verdict = Literal["consistent", "named", "ambiguous", "unexplained"]
+
+
+@dataclass(frozen=True)
+class Region:
+    """A box of conditions in which the fitted ideal valve misses one channel by more than its noise.
+
+    limits: {column: (low, high)} of the columns that bound it, SI (spool_position, temperature, supply_pressure,
+    load_pressure, direction -1 or +1, rate [m/s], run); a column that does not bound it is left out.
+    """
+
+    test: str
+    channel: str
+    limits: dict[str, tuple[float, float]]
+    excess_chi2: float  # of the rows inside, above one per row
+    share: float  # of the excess of all rows of the record
+    rows: int
+    mean: float  # measured - model, SI
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """An effect that explains the data about as well as the named one in its place."""
+
+    name: str
+    value: float
+    unit: str
+    chi2_more: float  # chi-square with it instead of the named effect, minus that with the named one
+
+
+@dataclass(frozen=True)
+class NamedEffect:
+    """An effect that was added to the model. Amounts in `unit`, SI; neutral value 0.
+
+    p_value: of the search that found it, corrected for the size of the library. strength: what the free parameters left
+    of it, in noise units (delta). gap_closed: the share of the excess chi-square that is lost again without it.
+    """
+
+    name: str
+    value: float
+    unit: str
+    std: float | None
+    ci95: tuple[float, float] | None
+    p_value: float
+    strength: float
+    gap_closed: float
+    sentence: str  # what it is, in plain words
+    alternatives: tuple[Alternative, ...] = ()
+    at_bound: bool = False
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One effect of the library beside the ideal valve: can this record show it, and does it?
+
+    state: "testable", "absorbed" (the free parameters swallow it), "impossible" (no row depends on it, or a column is
+    missing). z: signed score in noise units. estimate: amount by the linearised model. kept: share of its signature that
+    the free parameters leave. least: smallest amount that this record would show (80 % power at the search's level).
+    gap_closed, p_value: of a refit with this effect alone; nan where none was made.
+    """
+
+    name: str
+    unit: str
+    state: str
+    why: str
+    z: float
+    p_value: float
+    estimate: float
+    kept: float
+    least: float
+    gap_closed: float
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Rows that took no part in the choice of effects nor in their values.
+
+    before, after: excess of the reduced chi-square over noise alone (reduced chi-square - 1, not below 0), ideal valve
+    and final model. exchange: {effect put in the named one's place: gap closed on the same rows}.
+    """
+
+    rows: int
+    what: str  # which sweeps, in words
+    before: float
+    after: float
+    reduced_chi2_before: float
+    reduced_chi2_after: float
+    gap_closed: float
+    exchange: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class NextTest:
+    """The measurement that separates what this record cannot, and the chi-square difference it is predicted to show."""
+
+    sentence: str
+    evidence: float
+    options: tuple[tuple[str, float], ...] = ()  # every measurement considered, the best first: (words, evidence)
+
+
+@dataclass(frozen=True)
+class Variation:
+    """A model quantity that would have to vary smoothly with a variable: empirical, not a cause.
+
+    `curve` is the quantity's change (share of its value, or SI for underlap, null bias and readings; see `unit`) at
+    `variable_values` (SI), `band` its standard deviation there.
+    """
+
+    quantity: str
+    variable: str
+    unit: str
+    variable_values: np.ndarray
+    curve: np.ndarray
+    band: np.ndarray
+    chi2_gain: float
+    p_value: float
+    gap_closed: float
+    coefficients: tuple[float, ...]  # of Legendre polynomials of degree 0, 1, ... in the scaled variable
+    centre: float  # scaled variable = (variable - centre)/reach
+    reach: float
+    learned: bool = False  # added to the model at the user's word
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Where the evidence for a named effect sits: z = sum of `contribution` over the rows of all channels."""
+
+    effect: str
+    test: str
+    channel: str
+    position: np.ndarray
+    direction: np.ndarray
+    temperature: np.ndarray
+    contribution: np.ndarray
+
+
+@dataclass(frozen=True)
+class ParameterShift:
+    """What ignoring the named effects would have done to an identified parameter (SI)."""
+
+    name: str
+    unit: str
+    before: float
+    after: float
+    std_after: float | None
+
+
+@dataclass(frozen=True)
+class ChannelNoiseFound:
+    """Noise of a channel as the diagnosis used it. std SI; correlation of neighbouring rows."""
+
+    test: str
+    channel: str
+    std: float
+    source: str
+    correlation: float
+    correlation_source: str
+    effective_size: float
+    rows: int
+
+
+@dataclass(frozen=True)
+class DiagnosisResult:
+    """Everything that `diagnose` found. gap_before, gap_after: reduced chi-square of the ideal and of the final model.
+
+    before, after: the fits without and with the effects, row by row. left_over_p: of the smooth lack-of-fit test of the
+    final model. seconds: wall time of this record.
+    """
+
+    record: BenchRecord
+    verdict: Verdict
+    headline: str
+    sentences: tuple[str, ...]
+    where: tuple[Region, ...]
+    where_after: tuple[Region, ...]
+    effects: tuple[NamedEffect, ...]
+    candidates: tuple[Candidate, ...]
+    absorbed: tuple[str, ...]
+    gap_before: float
+    gap_after: float
+    held_out: HeldOut | None
+    next_test: NextTest | None
+    before: FitResult
+    after: FitResult
+    shifts: tuple[ParameterShift, ...]
+    variations: tuple[Variation, ...]
+    evidence: tuple[Evidence, ...]
+    noise: tuple[ChannelNoiseFound, ...]
+    left_over_p: float
+    seconds: float
+    notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def rejected(self) -> tuple[Candidate, ...]:
+        """Testable effects that were not named."""
+        named = {effect.name for effect in self.effects}
+        return tuple(c for c in self.candidates if c.state == "testable" and c.name not in named)
