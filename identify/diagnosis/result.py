@@ -175,7 +175,8 @@ class DiagnosisResult:
     """Everything that `diagnose` found. gap_before, gap_after: reduced chi-square of the ideal and of the final model.
 
     before, after: the fits without and with the effects, row by row. left_over_p: of the smooth lack-of-fit test of the
-    final model. seconds: wall time of this record.
+    final model. seconds: wall time of this record. critical_level: |z| that a candidate must reach to be named, corrected
+    for the size of the library; None where no search was made.
     """
 
     record: BenchRecord
@@ -201,6 +202,7 @@ class DiagnosisResult:
     seconds: float
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
+    critical_level: float | None = None
 
     @property
     def rejected(self) -> tuple[Candidate, ...]:
