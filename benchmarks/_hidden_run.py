@@ -1,0 +1,156 @@
+"""Diagnose the records of a set, one after the other in long-lived processes, and keep every answer as it comes.
+
+Answers go to a file of JSON lines; a run that was interrupted goes on where it stopped, as long as the program is the
+same (a hash of its source is in every line).
+"""
+
+import hashlib
+import json
+import math
+import multiprocessing
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+
+ROOT = Path(__file__).parents[1]
+WORK = ROOT / "build" / "hidden"
+
+
+def records_of_set(seed_set: int) -> Path:
+    """Folder of the set's records and truth, made if it is not there or if the generator has changed."""
+    folder = WORK / f"set{seed_set}" / "records"
+    mark = source_hash(ROOT / "tests" / "reference")
+    made = folder / "generator"
+    if not made.is_file() or made.read_text(encoding="utf-8") != mark:
+        command = [sys.executable, "-m", "reference.hidden_records", str(folder), "--set", str(seed_set)]
+        subprocess.run(command, cwd=ROOT / "tests", check=True, stdout=sys.stderr)
+        made.write_text(mark, encoding="utf-8")
+    return folder
+
+
+def source_hash(*folders: Path) -> str:
+    digest = hashlib.sha256()
+    for folder in folders:
+        for file in sorted(folder.rglob("*.py")):
+            digest.update(file.relative_to(ROOT).as_posix().encode() + file.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def answers(
+    seed_set: int, only: set[str], processes: int, *, any_version: bool, with_baselines: bool
+) -> dict[str, dict[str, Any]]:
+    """{record: answer} of a set, or of `only` some of its records; what is already answered is not asked again."""
+    folder = records_of_set(seed_set)
+    names = sorted(p.name for p in folder.iterdir() if p.is_dir() and (not only or p.name in only))
+    version = source_hash(ROOT / "thermohyd", ROOT / "identify")
+    store = WORK / f"set{seed_set}" / "answers.jsonl"
+    known = {a["record"]: a for a in stored(store) if any_version or a["version"] == version}
+    known = {n: a for n, a in known.items() if n in names and ("baselines" in a or not with_baselines)}
+    left = [n for n in names if n not in known]
+    began = time.monotonic()
+    with store.open("a", encoding="utf-8") as out:
+        for done, answer in enumerate(_asked([(folder / n, with_baselines) for n in left], processes), start=1):
+            answer["version"] = version
+            out.write(json.dumps(answer) + "\n")
+            out.flush()
+            known[answer["record"]] = answer
+            took, words = time.monotonic() - began, answer.get("error") or answer["headline"]
+            print(f"{done}/{len(left)} {took:.0f} s  {answer['record']}: {words[:110]}", file=sys.stderr, flush=True)
+    return dict(sorted(known.items()))
+
+
+def stored(store: Path) -> Iterator[dict[str, Any]]:
+    if store.is_file():
+        for line in store.read_text(encoding="utf-8").splitlines():
+            try:
+                yield json.loads(line)
+            except ValueError:  # the last line of an interrupted run
+                continue
+
+
+def _asked(jobs: list[tuple[Path, bool]], processes: int) -> Iterator[dict[str, Any]]:
+    if processes == 1 or len(jobs) < 2:
+        yield from map(ask, jobs)
+        return
+    with multiprocessing.get_context("spawn").Pool(processes) as pool:
+        yield from pool.imap_unordered(ask, jobs)
+
+
+def ask(job: tuple[Path, bool]) -> dict[str, Any]:
+    """One record's answer; a failure is an answer too."""
+    folder, with_baselines = job
+    from thermohyd.identify.jax_setup import set_up_jax
+    from thermohyd.identify.read_record import read_record
+
+    set_up_jax()
+    try:
+        from thermohyd.identify.diagnosis.diagnose import diagnose
+
+        record = read_record(folder)
+        result = diagnose(record)
+        answer = answer_of(folder.name, result)
+        if with_baselines:
+            from _hidden_adapter import problem_and_signatures
+            from _hidden_baselines import baselines
+
+            answer["baselines"] = baselines(*problem_and_signatures(record, result))
+    except Exception as error:
+        return {"record": folder.name, "error": f"{type(error).__name__}: {error}", "baselines": {}}
+    return plain(answer)
+
+
+def answer_of(name: str, result: Any) -> dict[str, Any]:
+    """What the scores need of a DiagnosisResult, as plain JSON."""
+    held = result.held_out
+    return {
+        "record": name,
+        "verdict": result.verdict,
+        "headline": result.headline,
+        "gap_before": result.gap_before,
+        "gap_after": result.gap_after,
+        "left_over_p": result.left_over_p,
+        "seconds": result.seconds,
+        "absorbed": list(result.absorbed),
+        "effects": [
+            {
+                **{k: getattr(e, k) for k in ("name", "value", "std", "p_value", "strength", "gap_closed", "at_bound")},
+                "ci95": e.ci95,
+                "alternatives": [{"name": a.name, "value": a.value, "chi2_more": a.chi2_more} for a in e.alternatives],
+            }
+            for e in result.effects
+        ],
+        "held_out": held
+        and {
+            k: getattr(held, k)
+            for k in ("rows", "before", "after", "reduced_chi2_before", "reduced_chi2_after", "gap_closed", "exchange")
+        },
+        "parameters": {
+            n: {"value": p.value, "std": p.std, "ci95": p.ci95, "at_bound": p.at_bound}
+            for n, p in result.after.parameters.items()
+        },
+        "scores": {c.name: {"state": c.state, "z": c.z} for c in result.candidates},
+        "where": [
+            {"test": r.test, "channel": r.channel, "limits": r.limits, "share": r.share} for r in result.where[:3]
+        ],
+        "variations": [
+            {"quantity": v.quantity, "variable": v.variable, "gap_closed": v.gap_closed} for v in result.variations[:3]
+        ],
+        "noise": {f"{n.test} {n.channel}": [n.std, n.correlation] for n in result.noise},
+    }
+
+
+def plain(value: Any) -> Any:
+    """NumPy numbers as Python's, what is not finite as null."""
+    if isinstance(value, dict):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(v) for v in value]
+    if hasattr(value, "item"):
+        value = value.item()
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
