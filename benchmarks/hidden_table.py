@@ -1,7 +1,7 @@
 """Records with a hidden effect: is it found, named, and its gap closed? `make hidden`, or `make hidden SET=2`.
 
 The records come from the reference simulator (tests/reference/hidden_records.py, fixed seeds); their truth lies in a file
-outside every record. Set 1 is for development; set 2 is looked at once, when nothing changes any more.
+outside every record. Set 1 is for development; sets 2 and 3 (faint effects, and none) are looked at once, when nothing changes any more.
 """
 
 import argparse
@@ -19,7 +19,7 @@ from _hidden_tables import table
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--set", type=int, choices=(1, 2), default=1, help="1: development, 2: looked at once")
+    parser.add_argument("--set", type=int, choices=(1, 2, 3), default=1, help="1: development; 2, 3: looked at once")
     parser.add_argument("--processes", type=int, default=1, help="records diagnosed at a time")
     parser.add_argument("--only", nargs="*", default=[], metavar="RECORD", help="these records, such as bench_07")
     parser.add_argument("--no-baselines", action="store_true", help="leave out AIC, BIC, stepwise and correlation")

@@ -1,4 +1,8 @@
-"""What is hidden in which record of a set: 46 single effects, 10 records with none, 10 pairs, 10 from outside the library."""
+"""What is hidden in which record of a set.
+
+Sets 1 and 2: 46 single effects, 10 records with none, 10 pairs, 10 from outside the library. Set 3: each effect once, so
+small that it is at the edge of what the record can show, and 27 records with none.
+"""
 
 from dataclasses import dataclass
 
@@ -10,7 +14,8 @@ from .hidden_strengths import EITHER_SIGN, FAMILIES, OUTSIDE, STRENGTHS
 from .valve import Effects
 
 
-SEEDS = {1: 20260101, 2: 77003}  # of set 1, for development, and set 2, looked at once at the end
+SEEDS = {1: 20260101, 2: 77003, 3: 515151}  # set 1 is for development, set 2 and 3 are looked at once at the end
+FAINT = (3.0, 8.0)  # noise units that an effect of set 3 leaves beside the six parameters
 LEAST_OF_A_PAIR = 6.0  # noise units that each of two effects leaves beside the parameters and the other one
 
 
@@ -18,7 +23,7 @@ LEAST_OF_A_PAIR = 6.0  # noise units that each of two effects leaves beside the 
 class Hidden:
     """A record's bench, and what is hidden there: `effects` of the library {name: amount}, or one from outside.
 
-    kind: "none", "single", "pair" or "outside"; strength: "weak" or "strong" of a single one.
+    kind: "none", "single", "pair" or "outside"; strength: "faint", "weak" or "strong" of a single one.
     """
 
     bench: Bench
@@ -31,15 +36,10 @@ class Hidden:
 
 
 def plan(seed_set: int) -> list[Hidden]:
-    """The 76 records of a set, in an order that tells nothing; the same ones every time."""
+    """The records of a set, in an order that tells nothing; the same ones every time."""
     seed = SEEDS[seed_set]
     shuffle = np.random.default_rng([seed, 999])
-    cases: list[tuple[str, str, str]] = [  # kind, name, strength
-        *(("single", name, strength) for name in STRENGTHS for strength in ("weak", "strong")),
-        *(("none", "", "") for _ in range(10)),
-        *(("pair", "", "") for _ in range(10)),
-        *(("outside", name, "") for name in OUTSIDE),
-    ]
+    cases = _cases(seed_set)
     declared = shuffle.permutation(np.arange(len(cases)) % 2 == 0)
     gauges = shuffle.permutation(np.arange(len(cases)) % 4 == 0)
     made = []
@@ -53,15 +53,38 @@ def plan(seed_set: int) -> list[Hidden]:
             bench = random_bench(random, correlated=correlated, ports_measured=ports)
             if kind != "pair" or min(deltas(bench, effects).values()) >= LEAST_OF_A_PAIR:
                 break
+        if strength == "faint":
+            effects = _scaled(bench, effects, random.uniform(*FAINT))
         outside = (name, OUTSIDE[name] * random.uniform(0.8, 1.25)) if kind == "outside" else None
         made.append(Hidden(bench, kind, effects, outside, strength, bool(declared[i]), (seed, i, 1)))
     return [made[i] for i in shuffle.permutation(len(made))]
 
 
+def _cases(seed_set: int) -> list[tuple[str, str, str]]:
+    """(kind, name, strength) of each record, before they are shuffled."""
+    if seed_set == 3:
+        return [*(("single", name, "faint") for name in STRENGTHS), *(("none", "", "") for _ in range(27))]
+    return [
+        *(("single", name, strength) for name in STRENGTHS for strength in ("weak", "strong")),
+        *(("none", "", "") for _ in range(10)),
+        *(("pair", "", "") for _ in range(10)),
+        *(("outside", name, "") for name in OUTSIDE),
+    ]
+
+
+def _scaled(bench: Bench, effects: dict[str, float], wanted: float) -> dict[str, float]:
+    """A single effect made as large as leaves `wanted` noise units beside the six parameters."""
+    ((name, amount),) = effects.items()
+    for _ in range(4):  # most effects are nearly linear, wear and eccentricity are not
+        factor = wanted / deltas(bench, {name: amount})[name]
+        amount *= float(np.clip(factor, 0.4, 2.5)) ** 0.7
+    return {name: float(f"{amount:.4g}")}
+
+
 def _effects(random: np.random.Generator, kind: str, name: str, strength: str) -> dict[str, float]:
     sign = lambda name: float(random.choice([-1.0, 1.0])) if name in EITHER_SIGN else 1.0
     if kind == "single":
-        return {name: sign(name) * STRENGTHS[name][0 if strength == "weak" else 1]}
+        return {name: sign(name) * STRENGTHS[name][1 if strength == "strong" else 0]}
     if kind != "pair":
         return {}
     families = random.choice(list(FAMILIES), 2, replace=False)

@@ -1,4 +1,4 @@
-"""Bench records in which an effect is hidden: `python -m reference.hidden_records FOLDER [--set 1|2|kept]`, tests/ on the path.
+"""Bench records in which an effect is hidden: `python -m reference.hidden_records FOLDER [--set 1|2|3|kept]`, tests/ on the path.
 
 FOLDER/<record>/ gets bench.toml and one CSV per test; what is hidden goes to FOLDER/truth.json, outside every record.
 Fixed seeds: the same files come out every time.
@@ -46,7 +46,7 @@ class HiddenRecord:
 
 
 def records(seed_set: int, only: tuple[str, ...] = ()) -> Iterator[HiddenRecord]:
-    """The records of set 1 (development) or 2 (looked at once, at the end); `only` those names, or all."""
+    """The records of set 1 (development), 2 or 3 (looked at once, at the end); `only` those names, or all."""
     for number, hidden in enumerate(plan(seed_set), start=1):
         name = f"bench_{number:02d}"
         if not only or name in only:
@@ -162,7 +162,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
     parser.add_argument(
-        "--set", choices=("1", "2", "kept"), default="1", help="1: development, 2: looked at once, kept: data/hidden"
+        "--set",
+        choices=("1", "2", "3", "kept"),
+        default="1",
+        help="1: development; 2, 3: looked at once; kept: data/hidden",
     )
     arguments = parser.parse_args()
     np.seterr(all="raise", under="ignore")
