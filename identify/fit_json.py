@@ -56,12 +56,12 @@ def fit_json(result: FitResult) -> dict[str, Any]:
         "warnings": list(result.warnings),
         "units": "SI: m, Pa (gauge), K, m3/s",
     }
-    return _plain(content)
+    return plain(content)
 
 
 def json_text(content: dict[str, Any]) -> str:
     """One JSON document, indented for people, strictly without NaN."""
-    return json.dumps(_plain(content), indent=2, allow_nan=False) + "\n"
+    return json.dumps(plain(content), indent=2, allow_nan=False) + "\n"
 
 
 def _parameter(estimate: ParameterEstimate) -> dict[str, Any]:
@@ -99,16 +99,16 @@ def _rms(result: FitResult, test: str, figure: str) -> float:
     return float(np.sqrt(np.sum(points * values**2) / np.sum(points)))
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """NumPy to Python, tuples to lists, NaN and infinities to None."""
     if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items()}
+        return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray):
-        return _plain(value.tolist())
+        return plain(value.tolist())
     if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
+        return [plain(item) for item in value]
     if isinstance(value, np.generic):
-        return _plain(value.item())
+        return plain(value.item())
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value

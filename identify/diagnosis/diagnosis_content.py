@@ -1,0 +1,239 @@
+"""What a diagnosis says, as rows of text in bench units: the terminal and the page both show exactly this."""
+
+import math
+from dataclasses import dataclass
+
+from ..display_units import DisplayUnit, beside, display_unit, reading_unit, significant
+from ..effect_units import amount, effect_unit
+from .condition_words import region_words
+from .result import Candidate, DiagnosisResult, NamedEffect, Region
+
+
+# p-values below are all the same to a reader, and the far tail of any noise model is a guess.
+SMALLEST_P = 1e-6
+VERDICTS = {
+    "consistent": "no disagreement beyond noise",
+    "named": "named: no rival explains the data as well",
+    "ambiguous": "ambiguous: the gap closes, but rivals remain",
+    "unexplained": "unexplained: a gap remains that no effect of the library closes",
+}
+
+
+@dataclass(frozen=True)
+class WhereRow:
+    """A region in which a model misses; `miss` says on which side the bench lies."""
+
+    reading: str
+    place: str
+    share: str
+    excess: str
+    rows: str
+    miss: str
+
+
+@dataclass(frozen=True)
+class EffectRow:
+    """An effect that was added, in bench units."""
+
+    name: str
+    value: str
+    std: str
+    unit: str
+    interval: str
+    p: str
+    strength: str
+    closed: str
+    rivals: str
+    sentence: str
+    status: str
+
+
+@dataclass(frozen=True)
+class ShiftRow:
+    """A parameter with and without the named effects, in bench units."""
+
+    name: str
+    before: str
+    after: str
+    std: str
+    unit: str
+    change: str
+
+
+@dataclass(frozen=True)
+class CandidateRow:
+    """An effect of the library beside the ideal valve."""
+
+    name: str
+    state: str
+    z: str
+    p: str
+    estimate: str
+    least: str
+    kept: str
+    closed: str
+    why: str
+    named: bool
+
+
+def percent(share: float) -> str:
+    """A share as whole per cent, with a decimal where it is nearly all; empty where there is none."""
+    if not math.isfinite(share):
+        return ""
+    shown = 100.0 * share
+    return f"{shown:.1f} %" if 99.0 <= shown < 99.95 else f"{shown:.0f} %".replace("-0 %", "0 %")
+
+
+def p_words(p: float) -> str:
+    """A p-value to two digits; empty where there is none."""
+    if not math.isfinite(p):
+        return ""
+    if p < SMALLEST_P:
+        return f"< {SMALLEST_P:.0e}".replace("e-0", "e-")
+    return f"{p:.2f}" if p >= 0.01 else f"{p:.1g}" if p >= 1e-3 else f"{p:.0e}".replace("e-0", "e-")
+
+
+def excess(gap: float) -> str:
+    """A reduced chi-square, or an excess of one, to three digits."""
+    return f"{gap:,.0f}" if math.isfinite(gap) and gap >= 1000.0 else significant(gap, 3)
+
+
+def changed(result: DiagnosisResult) -> bool:
+    """Whether the final model differs from the ideal valve."""
+    return bool(result.effects) or any(variation.learned for variation in result.variations)
+
+
+def shout(result: DiagnosisResult) -> str:
+    """The sentence that must not be overlooked where a fit did not converge; empty where both did."""
+    for fit, which in ((result.after, "final"), (result.before, "ideal valve's")):
+        if not fit.converged:
+            return f"THE {which.upper()} FIT DID NOT CONVERGE: {fit.message}. Do not rely on this diagnosis."
+    return ""
+
+
+def where_rows(result: DiagnosisResult, regions: tuple[Region, ...]) -> list[WhereRow]:
+    """Regions in the order given: the largest share first."""
+    rows = []
+    for region in regions:
+        unit = reading_unit(region.channel)
+        side = "above" if region.mean > 0 else "below"
+        record = result.record.tests.get(region.test)
+        rows.append(
+            WhereRow(
+                reading=reading_words(region.test, region.channel),
+                place=region_words(region.limits, () if record is None else record.run_names),
+                share=percent(region.share),
+                excess=f"{region.excess_chi2:,.0f}",
+                rows=f"{region.rows:,}",
+                miss=f"{significant(abs(region.mean) * unit.factor, 2)} {unit.label} {side} the model",
+            )
+        )
+    return rows
+
+
+def reading_words(test: str, channel: str) -> str:
+    """A test's reading in words; the channel is said only where the test alone does not tell."""
+    words = test.replace("_", " ")
+    return f"{words}, port {channel[-1].upper()}" if channel in ("pressure_a", "pressure_b") else words
+
+
+def effect_rows(result: DiagnosisResult) -> list[EffectRow]:
+    """One row per named effect."""
+    return [_effect_row(effect) for effect in result.effects]
+
+
+def _effect_row(effect: NamedEffect) -> EffectRow:
+    unit = effect_unit(effect.name, effect.unit)
+    std = None if effect.std is None else effect.std * unit.factor
+    interval = ""
+    if effect.ci95 is not None:
+        low, high = (beside(bound * unit.factor, std) for bound in effect.ci95)
+        interval = f"{low} to {high}"
+    return EffectRow(
+        name=effect.name,
+        value=beside(effect.value * unit.factor, std),
+        std="" if std is None else beside(std, std),
+        unit=unit.label,
+        interval=interval,
+        p=p_words(effect.p_value),
+        strength=significant(effect.strength, 3),
+        closed=percent(effect.gap_closed),
+        rivals=", ".join(rival.name for rival in effect.alternatives) or "none",
+        sentence=effect.sentence,
+        status="AT BOUND" if effect.at_bound else "",
+    )
+
+
+def rival_sentences(result: DiagnosisResult) -> list[str]:
+    """What each rival would have to amount to, and how much worse it is."""
+    sentences = []
+    for effect in result.effects:
+        if effect.alternatives:
+            fits = [
+                f"{rival.name} of {amount(rival.name, rival.value, rival.unit)} (chi-square {rival.chi2_more:+.1f})"
+                for rival in effect.alternatives
+            ]
+            sentences.append(f"In place of {effect.name} the data allow as well: {'; '.join(fits)}.")
+    return sentences
+
+
+def shift_rows(result: DiagnosisResult) -> list[ShiftRow]:
+    """The parameters that the ideal valve and the final model share."""
+    rows = []
+    for shift in result.shifts:
+        unit = display_unit(shift.unit)
+        std = None if shift.std_after is None else shift.std_after * unit.factor
+        rows.append(
+            ShiftRow(
+                name=shift.name,
+                before=beside(shift.before * unit.factor, std),
+                after=beside(shift.after * unit.factor, std),
+                std="" if std is None else beside(std, std),
+                unit=unit.label,
+                change=_in_std(shift.before - shift.after, shift.std_after),
+            )
+        )
+    return rows
+
+
+def _in_std(change: float, std: float | None) -> str:
+    if std is None or not std > 0.0:
+        return ""
+    return f"{change / std:+.1f}" if abs(change) < 100.0 * std else f"{change / std:+.0f}"
+
+
+def candidate_rows(result: DiagnosisResult) -> list[CandidateRow]:
+    """Every effect of the library: the named ones first, then by their evidence, then what cannot be tested."""
+    named = [effect.name for effect in result.effects]
+    order = {"testable": 1, "absorbed": 2, "impossible": 3}
+
+    def key(c: Candidate) -> tuple[float, float]:
+        z = -abs(c.z) if math.isfinite(c.z) else 0.0
+        return (0, named.index(c.name)) if c.name in named else (order.get(c.state, 4), z)
+
+    return [_candidate_row(c, c.name in named) for c in sorted(result.candidates, key=key)]
+
+
+def _candidate_row(c: Candidate, named: bool) -> CandidateRow:
+    unit = effect_unit(c.name, c.unit)
+    tested = c.state == "testable"
+    return CandidateRow(
+        name=c.name,
+        state="named" if named else c.state,
+        z=f"{c.z:+.1f}" if tested and math.isfinite(c.z) else "",
+        p=p_words(c.p_value),
+        estimate=with_unit(c.estimate, unit) if tested else "",
+        least=with_unit(c.least, unit),
+        kept=percent(c.kept) if c.state != "impossible" else "",
+        closed=percent(c.gap_closed),
+        why=c.why,
+        named=named,
+    )
+
+
+def with_unit(value: float, unit: DisplayUnit) -> str:
+    """An amount in SI as two digits with its bench unit; empty where there is none."""
+    if not math.isfinite(value):
+        return ""
+    shown = significant(value * unit.factor, 2)
+    return shown if unit.label == "-" else f"{shown} {unit.label}"
