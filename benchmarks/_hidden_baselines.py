@@ -7,76 +7,74 @@ Correlation names the effect whose signature correlates best with the ideal valv
 over the library finds it (no projection on what the parameters could do, no refit).
 """
 
+from collections.abc import Iterable, Mapping
 from typing import Any, Protocol
 
 import numpy as np
 from scipy import stats
 
+from thermohyd.effects.registry import EFFECTS
+
 
 MOST_EFFECTS = 4  # of a greedy path
-REFITTED = 6  # candidates of each step: those with the best scores, and the even ones, whose score says nothing
+REFITTED = 8  # candidates of each step: those with the best scores
 METHODS = ("AIC forward", "BIC forward", "likelihood ratio 5 %", "likelihood ratio, Bonferroni", "correlation")
 
 
 class Fit(Protocol):
     """See thermohyd.identify.diagnosis.library_fit.LibraryFit."""
 
-    chi2: float
-    residual: np.ndarray
-    values: dict[str, float]
+    @property
+    def chi2(self) -> float: ...
+
+    @property
+    def residual(self) -> np.ndarray: ...
+
+    @property
+    def values(self) -> dict[str, float]: ...
 
     @property
     def nuisance(self) -> np.ndarray: ...
-
-    def column(self, name: str) -> np.ndarray: ...
 
 
 class Problem(Protocol):
     """See thermohyd.identify.diagnosis.library_fit.LibraryProblem."""
 
-    @property
-    def library(self) -> Any: ...
+    library: Any
 
-    def fit(self, effects: tuple[str, ...] = (), start: dict[str, float] | None = None) -> Fit: ...
+    def fit(self, effects: Iterable[str] = (), start: Mapping[str, float] | None = None) -> Any: ...
+
+    def evaluate(self, values: Mapping[str, float], effects: Iterable[str] = ()) -> Any: ...
 
 
-def baselines(problem: Problem, signatures: dict[str, np.ndarray], even: frozenset[str]) -> dict[str, list[str]]:
-    """{method: names in the order in which they came in}.
-
-    signatures: {effect: whitened change of the readings by a step of usual size from the ideal fit}.
-    """
+def baselines(problem: Problem) -> dict[str, list[str]]:
+    """{method: names in the order in which they came in}."""
     base = problem.fit(())
-    path, gains = greedy_path(problem, base, signatures, even)
-    rows, size = len(base.residual), len(signatures)
+    path, gains = greedy_path(problem, base)
     thresholds = {
         "AIC forward": 2.0,
-        "BIC forward": float(np.log(rows)),
+        "BIC forward": float(np.log(len(base.residual))),
         "likelihood ratio 5 %": float(stats.chi2.isf(0.05, 1)),
-        "likelihood ratio, Bonferroni": float(stats.chi2.isf(0.05 / size, 1)),
+        "likelihood ratio, Bonferroni": float(stats.chi2.isf(0.05 / len(problem.library.names), 1)),
     }
     found = {}
     for method, threshold in thresholds.items():
         short = next((i for i, gain in enumerate(gains) if gain < threshold), len(gains))
         found[method] = path[:short]
-    found["correlation"] = correlated(base.residual, signatures)
+    found["correlation"] = correlated(base.residual, {n: signature(problem, base, n) for n in problem.library.names})
     return found
 
 
-def greedy_path(
-    problem: Problem, base: Fit, signatures: dict[str, np.ndarray], even: frozenset[str]
-) -> tuple[list[str], list[float]]:
+def greedy_path(problem: Problem, base: Fit) -> tuple[list[str], list[float]]:
     """Effects in the order of forward selection, and what each took off chi-square when it came in."""
     path: list[str] = []
     gains: list[float] = []
     fit = base
     for _ in range(MOST_EFFECTS):
-        left = [name for name in signatures if name not in path]
-        # A column at neutral is the signature of this moment; an even effect has none and keeps its finite step.
-        z = {name: score(fit, signatures[name] if name in even else fit.column(name)) for name in left}
+        left = [name for name in problem.library.names if name not in path]
+        z = {name: score(fit, signature(problem, fit, name)) for name in left}
         tried = sorted(left, key=lambda name: -abs(z[name]))[:REFITTED]
-        tried += [name for name in left if name in even and name not in tried]
-        start = dict(fit.values)
-        fits = {name: problem.fit((*path, name), start) for name in tried}
+        fits = {name: problem.fit((*path, name), dict(fit.values)) for name in tried}
         best = min(fits, key=lambda name: fits[name].chi2)
         gain = fit.chi2 - fits[best].chi2
         path.append(best)
@@ -85,6 +83,11 @@ def greedy_path(
         if gain < 2.0:
             break
     return path, gains
+
+
+def signature(problem: Problem, fit: Fit, name: str) -> np.ndarray:
+    """What a step of usual size of an absent effect does to the residuals of a fit."""
+    return problem.evaluate({**fit.values, name: EFFECTS[name].scale}, (name,)).residual - fit.residual
 
 
 def score(fit: Fit, signature: np.ndarray) -> float:
@@ -105,7 +108,7 @@ def correlated(residual: np.ndarray, signatures: dict[str, np.ndarray]) -> list[
         size = float(np.linalg.norm(g) * np.linalg.norm(z))
         return float(g @ z) / size if size > 0.0 else 0.0
 
-    found = {name: abs(correlation(signature)) for name, signature in signatures.items()}
+    found = {name: abs(correlation(g)) for name, g in signatures.items()}
     best = max(found, key=lambda name: found[name])
     limit = float(stats.t.isf(0.025 / len(found), len(residual) - 2)) / np.sqrt(len(residual))
     return [best] if found[best] > limit else []

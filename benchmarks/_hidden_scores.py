@@ -64,7 +64,7 @@ class Case:
 
     @property
     def first_right(self) -> bool:
-        return bool(self.effects) and self.hit(self.effects[0], self.hidden[0])
+        return bool(self.effects and self.hidden) and self.hit(self.effects[0], self.hidden[0])
 
     @property
     def inside(self) -> bool:
@@ -89,7 +89,7 @@ class Case:
         held = self.answer["held_out"]
         if not held or not self.effects or not held["rows"]:
             return False
-        return held["reduced_chi2_after"] <= 1.0 + CLOSED * np.sqrt(2.0 / held["rows"])
+        return bool(held["reduced_chi2_after"] <= 1.0 + CLOSED * np.sqrt(2.0 / held["rows"]))
 
     @property
     def left_over(self) -> float | None:

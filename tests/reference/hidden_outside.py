@@ -22,10 +22,15 @@ Readings = dict[tuple[str, str], np.ndarray]
 
 
 @dataclass(frozen=True)
-class DamagedPlant(Plant):
-    """A nick rounds edge P-A alone: its radius is larger by `amount` [m]."""
+class OddPlant(Plant):
+    """A plant whose edges are not all alike, or follow another law; `amount` as in `SENTENCES`."""
 
     amount: float = 0.0
+
+
+@dataclass(frozen=True)
+class DamagedPlant(OddPlant):
+    """A nick rounds edge P-A alone."""
 
     def edge(self, name, drop, p_mean, temperature):
         worn = replace(self.valve, edge_radius=self.valve.edge_radius + (self.amount if name == "PA" else 0.0))
@@ -33,10 +38,8 @@ class DamagedPlant(Plant):
 
 
 @dataclass(frozen=True)
-class OvershootingPlant(Plant):
-    """Discharge coefficients overshoot by `amount` around a flow number, as measured slits do before they settle."""
-
-    amount: float = 0.0
+class OvershootingPlant(OddPlant):
+    """Discharge coefficients overshoot around a flow number, as those of measured slits do before they settle."""
 
     def edge(self, name, drop, p_mean, temperature):
         v = self.valve
@@ -50,7 +53,7 @@ class OvershootingPlant(Plant):
         return Plant.edge(replace(self, valve=humped), name, drop, p_mean, temperature)
 
 
-PLANTS: dict[str, type[Plant]] = {"one_damaged_edge": DamagedPlant, "discharge_with_flow_number": OvershootingPlant}
+PLANTS: dict[str, type[OddPlant]] = {"one_damaged_edge": DamagedPlant, "discharge_with_flow_number": OvershootingPlant}
 
 SENTENCES = {
     "discharge_with_opening": "C_qmax (1 - a |x|/X_n): jets reattach as the slots open",
