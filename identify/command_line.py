@@ -12,6 +12,8 @@ from .exit_status import fail, plain_failures
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from .diagnosis.diagnose_records import Outcome
+
 
 app = typer.Typer(
     name="thermohyd",
@@ -83,6 +85,69 @@ def fit_command(bench: Bench, out: Out = None, json: Json = False) -> None:
             _print_json(fit_json(result))
         if not result.converged:
             fail(f"the fit did not converge: {result.message}")
+
+
+@app.command("diagnose")
+def diagnose_command(
+    benches: Annotated[
+        list[Path], typer.Argument(metavar="BENCH", help="Folders of one or more bench records.", show_default=False)
+    ],
+    out: Out = None,
+    json: Json = False,
+    learn: Annotated[
+        bool,
+        typer.Option(
+            "--learn", help="Where no effect explains the gap, add a smooth empirical term to the model and say so."
+        ),
+    ] = False,
+) -> None:
+    """Find where bench and ideal valve disagree, name the missing effects, add them, and show the gap shrink.
+
+    With --out: diagnosis.json, model.json (for simulate), report.html and the plots as PNG and SVG; several records get
+    a folder each, DIR/<name of the record's folder>.
+    """
+    with plain_failures():
+        from .diagnosis.diagnose_records import diagnose_all, read_records, unsettled
+        from .progress import progress_on
+
+        console = _console()
+        with progress_on(console) as progress:
+            records = read_records(benches, out, progress)
+            progress("starting JAX")
+            _set_up_jax()
+            from .diagnosis.diagnose import diagnose
+            from .diagnosis.diagnosis_files import diagnosis_files
+            from .diagnosis.model_of_diagnosis import model_content
+
+            outcome = diagnose_all(
+                records,
+                lambda record, say: diagnose(record, learn=learn, progress=say),
+                lambda result: diagnosis_files(result, model_content(result)),
+                out,
+                progress,
+            )
+        _print_diagnoses(outcome, len(records), console)
+        if json:
+            from .diagnosis.diagnosis_json import diagnoses_json, diagnosis_json
+
+            (first,) = outcome.results.values() if len(records) == 1 else (None,)
+            _print_json(diagnoses_json(outcome.results, outcome.failed) if first is None else diagnosis_json(first))
+        trouble = unsettled(outcome)
+        if trouble:
+            fail(trouble)
+
+
+def _print_diagnoses(outcome: "Outcome", count: int, console: "Console") -> None:
+    from .diagnosis.summary_of_many import print_summary_of_many
+    from .diagnosis.terminal_summary import print_summary
+
+    if count > 1:
+        print_summary_of_many(outcome.results, console)
+    else:
+        for result in outcome.results.values():
+            print_summary(result, console)
+    for folder in outcome.folders.values():
+        _say_where(console, folder, "report.html")
 
 
 @app.command("simulate")

@@ -30,14 +30,31 @@ def plain_failures() -> Iterator[None]:
         # the reader of our output has gone (`thermohyd ... | head`): stop quietly, also at Python's own flush
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         raise typer.Exit(FAILED) from None
-    except OSError as error:
-        _end(f"{error.strerror or error}{f': {error.filename}' if error.filename else ''}", FAILED)
-    except MemoryError:
-        _end("not enough memory for this record", FAILED)
     except Exception as error:
-        lines = str(error).strip().splitlines() or [""]
-        reason = f"{type(error).__name__}: {lines[0]}".rstrip(": ")
-        _end(f"the computation failed: {reason} (set {DEBUG}=1 for the whole story)", FAILED)
+        _end(in_words(error), FAILED)
+
+
+def in_words(error: Exception) -> str:
+    """A failure as its user reads it, in one line."""
+    if isinstance(error, BenchInputError):
+        return str(error)
+    if isinstance(error, OSError):
+        return f"{error.strerror or error}{f': {error.filename}' if error.filename else ''}"
+    if isinstance(error, MemoryError):
+        return "not enough memory for this record"
+    lines = str(error).strip().splitlines() or [""]
+    reason = f"{type(error).__name__}: {lines[0]}".rstrip(": ")
+    return f"the computation failed: {reason} (set {DEBUG}=1 for the whole story)"
+
+
+def wants_the_whole_story() -> bool:
+    """Whether a failure is to be raised with its traceback."""
+    return bool(os.environ.get(DEBUG))
+
+
+def interrupted(message: str) -> None:
+    """End a command that was interrupted after it had written some of its results."""
+    _end(message, INTERRUPTED)
 
 
 def fail(message: str) -> None:
@@ -46,7 +63,7 @@ def fail(message: str) -> None:
 
 
 def _end(message: str, status: int) -> None:
-    if os.environ.get(DEBUG) and sys.exc_info()[0] is not None:
+    if wants_the_whole_story() and sys.exc_info()[0] is not None:
         raise
     typer.echo(f"thermohyd: {one_line(message)[:LONGEST_REASON]}", err=True)
     raise typer.Exit(status) from None

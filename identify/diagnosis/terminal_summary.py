@@ -36,7 +36,7 @@ def _screen(result: DiagnosisResult, console: Console, rows: int) -> Group:
     if result.where:
         parts += [_heading("Where the ideal valve misses"), _where(result, rows)]
     if result.effects:
-        parts += [_heading("Effects added to the model"), _effects(result)]
+        parts += [_heading("Effects added to the model"), _effects(result, console.width >= 100)]
     shifts = content.shift_rows(result)
     if shifts:
         parts += [_heading("Parameters"), _shifts(shifts, rows + 2)]
@@ -76,7 +76,10 @@ def _table(*columns: str) -> Table:
     table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, show_edge=False, header_style="bold")
     for title in columns:
         table.add_column(
-            title.lstrip(">~"), justify="right" if title.startswith(">") else "left", no_wrap=not title.startswith("~")
+            title.lstrip(">~"),
+            justify="right" if title.startswith(">") else "left",
+            no_wrap=not title.startswith("~"),
+            overflow="fold",  # the ellipsis of the default is not ASCII, and what it hides may be the answer
         )
     return table
 
@@ -91,18 +94,18 @@ def _where(result: DiagnosisResult, rows: int) -> Padding:
     return Padding(table, (0, 0, 0, 2), expand=False)
 
 
-def _effects(result: DiagnosisResult) -> Padding:
-    table = _table("name", ">value", "unit", ">p", ">gap closed", "~cannot be told from")
+def _effects(result: DiagnosisResult, wide: bool) -> Padding:
+    table = _table("name", ">value", "unit", *([">p"] if wide else []), ">gap closed", "~rivals")
     for row in content.effect_rows(result):
         value = f"{row.value} +/- {row.std}" if row.std else row.value
         status = Text(f"{row.status} ", style="bold red") if row.status else Text("")
-        cells = [Text(cell) for cell in (row.name, value, row.unit, row.p, row.closed)]
+        cells = [Text(cell) for cell in (row.name, value, row.unit, *([row.p] if wide else []), row.closed)]
         table.add_row(*cells, status + Text(row.rivals))
     return Padding(table, (0, 0, 0, 2), expand=False)
 
 
 def _shifts(shifts: list[content.ShiftRow], rows: int) -> Padding:
-    table = _table("name", ">ideal valve", ">with the effects", ">std err", "unit", ">bias / std err")
+    table = _table("name", ">ideal valve", ">final model", ">std err", "unit", ">bias / std err")
     for row in shifts[:rows]:
         table.add_row(*[Text(cell) for cell in (row.name, row.before, row.after, row.std, row.unit, row.change)])
     return Padding(table, (0, 0, 0, 2), expand=False)

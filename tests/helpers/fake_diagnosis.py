@@ -133,6 +133,20 @@ def variation(learned: bool = False) -> Variation:
     )
 
 
+def underlap_with_pressure() -> Variation:
+    first = variation()
+    return replace(
+        first,
+        quantity="underlap",
+        unit="m",
+        curve=first.curve * UM,
+        band=first.band * UM,
+        variable="supply_pressure",
+        variable_values=np.linspace(70e5, 140e5, 40),
+        gap_closed=0.21,
+    )
+
+
 def regions() -> tuple[Region, ...]:
     return (
         Region("leakage", "leakage_flow", {"spool_position": (-203 * UM, 203 * UM)}, 9200.0, 0.71, 480, 0.64 * LPM),
@@ -222,20 +236,7 @@ def fake_diagnosis(kind: str = "named", points: int = 60, **changes: Any) -> Dia
         )
         if effects
         else (),
-        variations=(
-            variation(kind == "learned"),
-            replace(
-                variation(),
-                quantity="underlap",
-                unit="m",
-                curve=variation().curve * UM,
-                band=variation().band * UM,
-                variable="supply_pressure",
-                variable_values=np.linspace(70e5, 140e5, 40),
-            ),
-        )  # fmt: skip
-        if unclear
-        else (),
+        variations=(variation(kind == "learned"), underlap_with_pressure()) if unclear else (),
         evidence=tuple(
             _evidence(effect.name, after, test)
             for effect in effects

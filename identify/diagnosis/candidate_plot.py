@@ -1,0 +1,111 @@
+"""Figure of the evidence for every effect of the library, and of the exchange test on held-out rows."""
+
+import math
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from .. import plot_style as look
+from ..effect_units import effect_unit
+from .diagnosis_content import percent, with_unit
+from .result import Candidate, DiagnosisResult
+
+
+NAMED, RIVAL, OTHER, BLIND = "#2f6fb0", "#d99a00", "#9fb3c8", "#d6d6d6"
+BAR = 0.235  # inches
+
+
+def candidate_figure(result: DiagnosisResult) -> Figure:
+    """|z| of each effect beside the ideal valve, before anything was added, the largest first."""
+    named = {effect.name for effect in result.effects}
+    rivals = {rival.name for effect in result.effects for rival in effect.alternatives}
+    shown = sorted(
+        (c for c in result.candidates if math.isfinite(c.z)), key=lambda c: (c.state != "testable", -abs(c.z))
+    )
+    with look.style():
+        height = max(6, len(shown)) * BAR + 1.2
+        figure = Figure(figsize=(10.0, height))
+        axes = figure.add_axes((0.18, 0.62 / height, 0.44, 1.0 - 1.2 / height))
+        for row, c in enumerate(shown):
+            colour = (
+                BLIND if c.state != "testable" else NAMED if c.name in named else RIVAL if c.name in rivals else OTHER
+            )
+            axes.barh(row, abs(c.z), color=colour, height=0.72)
+            weight = "bold" if c.name in named else "normal"
+            axes.annotate(
+                _words(c, named, rivals),
+                (1.015, row),
+                xycoords=("axes fraction", "data"),
+                va="center",
+                fontsize=8,
+                weight=weight,
+            )
+        _finish(axes, result, shown)
+        axes.annotate("estimate to first order", (1.015, -1.05), xycoords=("axes fraction", "data"), fontsize=8)
+        figure.text(0.02, 1.0 - 0.28 / height, "Evidence for each effect", fontsize=12, fontweight="bold")
+    return figure
+
+
+def _words(c: Candidate, named: set[str], rivals: set[str]) -> str:
+    if c.state != "testable":
+        return "absorbed: the free parameters swallow it" if c.state == "absorbed" else "not testable here"
+    words = ["NAMED"] if c.name in named else ["rival"] if c.name in rivals else []
+    estimate = with_unit(c.estimate, effect_unit(c.name, c.unit))
+    words += [estimate] if estimate else []
+    words += [f"alone closes {percent(c.gap_closed)}"] if math.isfinite(c.gap_closed) else []
+    return ", ".join(words)
+
+
+def _finish(axes: Axes, result: DiagnosisResult, shown: list[Candidate]) -> None:
+    largest = max((abs(c.z) for c in shown), default=1.0)
+    level = result.critical_level
+    if level is not None and math.isfinite(level):
+        axes.axvline(level, color=look.INK, linewidth=0.9, linestyle="--")
+        axes.annotate(
+            f"must pass {level:.1f}",
+            (level, 1.0),
+            xycoords=("data", "axes fraction"),
+            fontsize=8,
+            ha="center",
+            va="bottom",
+        )
+        largest = max(largest, level)
+    if largest > 40.0:
+        axes.set_xscale("symlog", linthresh=10.0)
+        axes.set_xticks([t for t in (0.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 1000.0, 1e4, 1e5) if t <= 1.2 * largest])
+        look.plain_numbers(axes.xaxis)
+    axes.set_xlim(0.0, 1.08 * largest)
+    axes.set_ylim(len(shown) - 0.4, -0.6)
+    axes.set_yticks(range(len(shown)), [c.name for c in shown])
+    axes.grid(axis="y", visible=False)
+    axes.tick_params(axis="y", length=0)
+    axes.set_xlabel("evidence |z| in units of the noise, each effect alone beside the ideal valve")
+
+
+def exchange_figure(result: DiagnosisResult) -> Figure | None:
+    """How much of the gap on held-out rows the named effects close, and others in their place; None without them."""
+    held = result.held_out
+    if held is None or not result.effects or not held.exchange:
+        return None
+    bars = [(" + ".join(effect.name for effect in result.effects), held.gap_closed, NAMED)]
+    bars += [(f"instead: {name}", share, OTHER) for name, share in held.exchange.items()]
+    bars = [bar for bar in bars if math.isfinite(bar[1])]
+    with look.style():
+        height = len(bars) * 1.3 * BAR + 1.25
+        figure = Figure(figsize=(10.0, height))
+        axes = figure.add_axes((0.34, 0.62 / height, 0.55, 1.0 - 1.25 / height))
+        for row, (_, share, colour) in enumerate(bars):
+            axes.barh(row, 100.0 * share, color=colour, height=0.7)
+            axes.annotate(f" {percent(share)}", (max(100.0 * share, 0.0), row), va="center", fontsize=8)
+        axes.set_yticks(range(len(bars)), [name for name, _, _ in bars])
+        axes.set_ylim(len(bars) - 0.4, -0.6)
+        low = max(
+            -40.0, min(0.0, *(105.0 * share for _, share, _ in bars))
+        )  # one that makes it worse says so in figures
+        axes.set_xlim(low, max(100.0, *(108.0 * s for _, s, _ in bars)))
+        axes.axvline(0.0, color=look.FAINT, linewidth=0.8)
+        axes.grid(axis="y", visible=False)
+        axes.tick_params(axis="y", length=0)
+        axes.set_xlabel(f"share of the gap closed on rows that took no part: {held.what} [%]")
+        figure.text(0.02, 1.0 - 0.28 / height, "Exchange test", fontsize=12, fontweight="bold")
+    return figure
