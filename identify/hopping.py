@@ -25,6 +25,9 @@ def hop(
     best: LeastSquaresResult,
     names: tuple[str, ...],
     solve_from: Callable[[np.ndarray], LeastSquaresResult],
+    *,
+    hops: tuple[float, ...] = HOPS,
+    rounds: int = MOST_ROUNDS,
 ) -> LeastSquaresResult:
     """Restart from `best` with the underlap moved, take what is lower, until no move helps. Few, warm, cheap solves.
 
@@ -34,9 +37,9 @@ def hop(
     if "underlap" not in names:
         return best
     i = names.index("underlap")
-    for _ in range(MOST_ROUNDS):
+    for _ in range(rounds):
         start = best
-        for step in HOPS:
+        for step in hops:
             for side in (step, -step):
                 moved = start.p.copy()
                 moved[i] += side * MICRON

@@ -61,6 +61,19 @@ def noise_from_repeats(test: TestRecord, channel: Channel) -> RepeatNoise | None
     the later run is interpolated to the earlier one's positions, which the variance allows for. Curve and model fall
     out of the difference.
     """
+    differences = repeat_differences(test, channel)
+    rows = sum(len(d) for d in differences)
+    if rows < 8:
+        return None
+    variance = sum(float(d @ d) for d in differences) / rows
+    lagged = sum(float(d[1:] @ d[:-1]) for d in differences) / max(rows - len(differences), 1)
+    correlation = float(np.clip(lagged / variance, -1.0, 1.0)) if variance > 0 else 0.0
+    source = f"differences between repeated sweeps ({rows} pairs of rows)"
+    return RepeatNoise(float(np.sqrt(variance)), correlation, rows, source)
+
+
+def repeat_differences(test: TestRecord, channel: Channel) -> list[np.ndarray]:
+    """Differences between sweeps and their repeats, row by row, one array per pair, scaled to the noise of one row (SI)."""
     if test.rows < LOG_ROWS:
         sweeps, direction = sweep_ids(test), test.direction
     else:
@@ -82,14 +95,7 @@ def noise_from_repeats(test: TestRecord, channel: Channel) -> RepeatNoise | None
                 differences.append(d)
                 used.add(j)
                 break
-    rows = sum(len(d) for d in differences)
-    if rows < 8:
-        return None
-    variance = sum(float(d @ d) for d in differences) / rows
-    lagged = sum(float(d[1:] @ d[:-1]) for d in differences) / max(rows - len(differences), 1)
-    correlation = float(np.clip(lagged / variance, -1.0, 1.0)) if variance > 0 else 0.0
-    source = f"differences between repeated sweeps ({rows} pairs of rows)"
-    return RepeatNoise(float(np.sqrt(variance)), correlation, rows, source)
+    return differences
 
 
 def noise_from_neighbours(test: TestRecord, channel: Channel) -> NeighbourNoise:

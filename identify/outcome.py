@@ -15,14 +15,18 @@ from .record import Channel, TestRecord
 from .static_model import channel_slices
 
 
-def fit_result(fitted: Fitted) -> FitResult:
-    """Put a fit into figures and words; `seconds` is left to the caller."""
+def fit_result(fitted: Fitted, covariance: Covariance | None = None) -> FitResult:
+    """Put a fit into figures and words; `seconds` is left to the caller.
+
+    covariance: where the fit already weighed its rows by the correlation of their noise; else a sandwich is made here.
+    """
     slices = channel_slices(fitted.tests)
     blocks = {key: _block(fitted, key, rows) for key, rows in slices.items()}
     priors = slice(len(fitted.solution.residual) - len(fitted.free), len(fitted.solution.residual))
-    covariance = covariance_of(
-        fitted.solution.jacobian, fitted.free, fitted.solution.active, list(blocks.values()), priors
-    )
+    if covariance is None:
+        covariance = covariance_of(
+            fitted.solution.jacobian, fitted.free, fitted.solution.active, list(blocks.values()), priors
+        )
     channels = tuple(_channel_fit(fitted, key, slices[key], blocks[key], covariance) for key in slices)
     chi2 = sum(float(np.sum(((c.measured - c.predicted) / _noise(fitted, c).std) ** 2)) for c in channels)
     points = sum(len(c.measured) for c in channels)

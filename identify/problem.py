@@ -73,17 +73,17 @@ def residual_and_columns(
 
     parts, pull = jax.vjp(of_rows, spread)
     columns: dict[int, Array] = {}
-    for layer in _layers(data):
+    for layer in channel_layers(data):
         ones = tuple(jnp.ones_like(p) if i in layer else jnp.zeros_like(p) for i, p in enumerate(parts))
         slopes = pull(ones)[0]
         for i in layer:
-            columns[i] = _rows_of_test(slopes, data.channels[i].test, groups, data)
+            columns[i] = rows_of_test(slopes, data.channels[i].test, groups, data)
     prior = (values - args.prior_value) * args.prior_weight
     blocks = [columns[i] for i in range(len(parts))]
     return jnp.concatenate([*parts, prior]), jnp.concatenate([*blocks, jnp.diag(args.prior_weight)], axis=1)
 
 
-def _layers(data: StaticData) -> list[set[int]]:
+def channel_layers(data: StaticData) -> list[set[int]]:
     """Channels that can share a reverse pass: at most one of each test."""
     layers: list[set[int]] = []
     seen: dict[str, int] = {}
@@ -96,7 +96,7 @@ def _layers(data: StaticData) -> list[set[int]]:
     return layers
 
 
-def _rows_of_test(
+def rows_of_test(
     slopes: dict[str, Float[Array, "free rows"]], test: str, groups: dict[str, tuple[str, ...]], data: StaticData
 ) -> Float[Array, "free padded"]:
     for group, tests in groups.items():

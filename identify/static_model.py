@@ -4,7 +4,7 @@ Rows are padded to a few sizes (pads weigh nothing), so that records of similar 
 Leakage and pressure gain are the same balance of blocked ports: their rows run through it together.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -47,24 +47,35 @@ def padded_size(rows: int) -> int:
     return -(-rows // step) * step
 
 
-def pad(values: np.ndarray, fill: float | None = None) -> Array:
+def coarse_size(rows: int) -> int:
+    """The next of fewer sizes, at most a half above the number of rows: for programs that take long to compile."""
+    if rows <= 256:
+        return 256
+    power = 1 << (int(rows - 1).bit_length() - 1)
+    return power + power // 2 if rows <= power + power // 2 else 2 * power
+
+
+Size = Callable[[int], int]
+
+
+def pad(values: np.ndarray, fill: float | None = None, size: Size = padded_size) -> Array:
     """Pad with `fill`, by default with the last row, whose operating point is known to be sound."""
-    missing = padded_size(len(values)) - len(values)
+    missing = size(len(values)) - len(values)
     tail = np.full(missing, values[-1] if fill is None else fill, dtype=float)
     return jnp.asarray(np.concatenate([np.asarray(values, dtype=float), tail]))
 
 
-def conditions_of(test: TestRecord) -> Conditions:
+def conditions_of(test: TestRecord, size: Size = padded_size) -> Conditions:
     """A test's operating points, padded."""
     return Conditions(
-        position=pad(test.spool_position),
-        supply_pressure=pad(test.supply_pressure),
-        return_pressure=pad(test.return_pressure),
-        temperature=pad(test.temperature),
-        load_pressure=None if test.load_pressure is None else pad(test.load_pressure),
-        time=None if test.time is None else pad(test.time),
-        direction=pad(test.direction),
-        run=pad(test.run),
+        position=pad(test.spool_position, size=size),
+        supply_pressure=pad(test.supply_pressure, size=size),
+        return_pressure=pad(test.return_pressure, size=size),
+        temperature=pad(test.temperature, size=size),
+        load_pressure=None if test.load_pressure is None else pad(test.load_pressure, size=size),
+        time=None if test.time is None else pad(test.time, size=size),
+        direction=pad(test.direction, size=size),
+        run=pad(test.run, size=size),
     )
 
 
@@ -155,22 +166,29 @@ def weighted_residuals(
     return jnp.concatenate(parts)
 
 
-def static_data(tests: dict[str, TestRecord], std: dict[tuple[str, str], np.ndarray]) -> StaticData:
+def static_data(
+    tests: dict[str, TestRecord], std: dict[tuple[str, str], np.ndarray], size: Size = padded_size
+) -> StaticData:
     """Everything a fit needs of the tests; `std` gives each channel's standard deviations, row by row."""
     channels = tuple(
-        ChannelRows(test.name, channel.name, pad(channel.value), pad(1.0 / std[test.name, channel.name], fill=0.0))
+        ChannelRows(
+            test.name,
+            channel.name,
+            pad(channel.value, size=size),
+            pad(1.0 / std[test.name, channel.name], fill=0.0, size=size),
+        )
         for test in tests.values()
         for channel in test.channels
     )
-    return StaticData({test.name: conditions_of(test) for test in tests.values()}, channels)
+    return StaticData({test.name: conditions_of(test, size) for test in tests.values()}, channels)
 
 
-def channel_slices(tests: dict[str, TestRecord]) -> dict[tuple[str, str], slice]:
+def channel_slices(tests: dict[str, TestRecord], size: Size = padded_size) -> dict[tuple[str, str], slice]:
     """Where each channel's rows lie in the residual vector, pads left out."""
     slices: dict[tuple[str, str], slice] = {}
     first = 0
     for test in tests.values():
         for channel in test.channels:
             slices[test.name, channel.name] = slice(first, first + test.rows)
-            first += padded_size(test.rows)
+            first += size(test.rows)
     return slices

@@ -24,11 +24,12 @@ class Box:
     lower: float = -np.inf
     upper: float = np.inf
     logarithmic: bool = False
+    held: bool = False  # the box is its start, so that a compiled fit of more parameters serves one of fewer
 
     def __post_init__(self) -> None:
         if not (isfinite(self.start) and self.lower <= self.start <= self.upper):
             raise ValueError(f"{self.name} starts at {self.start:g}, outside its box [{self.lower:g}, {self.upper:g}]")
-        if not self.lower < self.upper:
+        if not (self.lower < self.upper or (self.held and self.lower == self.upper)):
             raise ValueError(f"the box of {self.name} is empty: lower {self.lower:g}, upper {self.upper:g}")
         if not (isfinite(self.scale) and self.scale > 0.0):
             raise ValueError(f"the scale of {self.name} must be positive, not {self.scale:g}")

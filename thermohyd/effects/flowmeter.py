@@ -3,13 +3,13 @@
 from typing import ClassVar, final
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..conditions import Conditions
 from ..effect import AbstractReadingEffect, as_amount
 from ..oil import Oil
+from ..recursion import linear_recursion
 
 
 FLOW_CHANNELS = frozenset({"leakage_flow", "flow"})
@@ -55,7 +55,7 @@ class FlowmeterLag(AbstractReadingEffect):
 
     Source: a first-order instrument (damping of the meter, volume of its line). The rows of a run stand together, in the
     order of time; rows at one and the same time read alike. The deviation d = Q_read - Q obeys
-    d_i = a d_(i-1) - (1 - a) tau (Q_i - Q_(i-1))/dt with a = exp(-dt/tau), summed by an associative scan.
+    d_i = a d_(i-1) - (1 - a) tau (Q_i - Q_(i-1))/dt with a = exp(-dt/tau), a linear recursion.
     Amount tau >= 0 [s], typical 0.05 to 2. Shows as a loop in flow and leakage that widens with the rate of the sweep.
     A reading depends on the rows before it: not row by row. Raises ValueError where the conditions have no time.
     """
@@ -83,8 +83,5 @@ class FlowmeterLag(AbstractReadingEffect):
         trail = jnp.where(same_run, jnp.where(passes, -jnp.expm1(-exponent) * self.amount / span, held), 0.0)
         source = -trail * jnp.diff(value)
 
-        def joined(before: tuple[Array, Array], after: tuple[Array, Array]) -> tuple[Array, Array]:
-            return before[0] * after[0], after[0] * before[1] + after[1]
-
-        deviation = jax.lax.associative_scan(joined, (decay, source))[1]
+        deviation = linear_recursion(decay, source)
         return value + jnp.concatenate([jnp.zeros(1), deviation])

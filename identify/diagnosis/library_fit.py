@@ -1,0 +1,236 @@
+"""Fits of one record with any of the library's effects freed: the same compiled solve for all of them."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from thermohyd.effects.registry import EFFECTS
+
+from ..hopping import hop
+from ..least_squares import LeastSquaresResult, solve
+from ..legs import piece_bounds
+from ..noise_correlation import NoiseCorrelation
+from ..parameters import ParameterPlan
+from ..problem import prior_rows
+from ..record import BenchRecord, TestRecord
+from ..static_model import base_valve, channel_slices, coarse_size, pad, static_data
+from ..transforms import Box
+from .library import Library, coupled
+from .library_model import PARAMETERS, LibraryArgs, library_residual, order_of
+from .whitening import whitening_of
+
+
+Key = tuple[str, str]  # test, channel
+
+# A search stops a thousandth of a standard error from its optimum: chi-square is then right to 1e-6.
+CLOSE_ENOUGH = 1e-4
+# Amount from which a search starts where the linearised estimate lies at the neutral value or beyond its limit.
+SMALL_START = 0.05  # of the effect's scale
+MOST_STEPS = 40
+# A search starts beside an optimum that has been hopped over already: fewer and shorter hops than a first fit's.
+HOPS, ROUNDS_OF_HOPS = (2.0, 0.7), 2
+
+
+@dataclass(frozen=True)
+class Noise:
+    """What the diagnosis believes of the noise of each channel: standard deviation per row (SI) and correlation."""
+
+    std: dict[Key, np.ndarray]
+    correlation: dict[Key, NoiseCorrelation]
+
+
+@dataclass(frozen=True)
+class LibraryFit:
+    """The end of a fit with the effects `effects` free. Rows: the real ones of every channel in turn, then the priors.
+
+    residual (rows,): whitened, model - reading. columns (rows, entries): its derivatives to every parameter and effect of
+    `order`, free or not. values: every entry of `order`. used (rows,): rows that the fit saw.
+    """
+
+    effects: tuple[str, ...]
+    order: tuple[str, ...]
+    free: tuple[str, ...]
+    values: dict[str, float]
+    chi2: float
+    residual: np.ndarray
+    columns: np.ndarray
+    used: np.ndarray
+    active: frozenset[str]  # free ones that press against a limit
+    converged: bool
+    message: str
+    solution: LeastSquaresResult
+
+    def column(self, name: str) -> np.ndarray:
+        return self.columns[:, self.order.index(name)]
+
+    @property
+    def nuisance(self) -> np.ndarray:
+        """Columns of what this fit adjusted, those at a limit left out."""
+        names = [name for name in self.free if name not in self.active]
+        return self.columns[:, [self.order.index(name) for name in names]]
+
+
+@dataclass
+class LibraryProblem:
+    """One record's refits. `used` (rows,) masks rows out of a fit (they still have residuals and columns)."""
+
+    record: BenchRecord
+    tests: dict[str, TestRecord]
+    plans: dict[str, ParameterPlan]
+    library: Library
+    noise: Noise
+    used: np.ndarray | None = None
+    evaluations: int = 0
+    _args: dict[str, LibraryArgs] = field(default_factory=dict)
+
+    def with_noise(self, noise: Noise) -> "LibraryProblem":
+        return LibraryProblem(self.record, self.tests, self.plans, self.library, noise, self.used)
+
+    def with_rows(self, used: np.ndarray | None) -> "LibraryProblem":
+        """The same problem fitted to some rows only, counted as in a fit's residual (priors are always used)."""
+        return LibraryProblem(self.record, self.tests, self.plans, self.library, self.noise, used)
+
+    @property
+    def free_parameters(self) -> tuple[str, ...]:
+        return tuple(name for name in PARAMETERS if not self.plans[name].fixed)
+
+    def sweeps(self, test: str) -> np.ndarray:
+        """Stretches of a test's rows along which its noise remembers."""
+        return noise_sweeps(self.tests[test])
+
+    def rows(self) -> dict[Key, slice]:
+        """Where each channel's rows lie in a `LibraryFit`'s residual."""
+        found, first = {}, 0
+        for key, padded in channel_slices(self.tests, coarse_size).items():
+            count = padded.stop - padded.start
+            found[key] = slice(first, first + count)
+            first += count
+        return found
+
+    def fit(
+        self,
+        effects: Iterable[str] = (),
+        start: Mapping[str, float] | None = None,
+        *,
+        hops: bool = False,
+    ) -> LibraryFit:
+        """Fit the free parameters and the amounts of `effects`, from `start` (missing entries: nominal, neutral)."""
+        chosen = tuple(name for name in self.library.names if name in set(effects))
+        program = self._program(chosen)
+        order = order_of(program)
+        free = (*self.free_parameters, *(name for name in order if name in chosen))
+        begin = self._start(order, chosen, start or {})
+        boxes = [self._box(name, begin[i], name in free) for i, name in enumerate(order)]
+        args = self._arguments()
+
+        def from_point(point: np.ndarray) -> LeastSquaresResult:
+            result = solve(library_residual(program), boxes, args, point, tolerance=CLOSE_ENOUGH, max_steps=MOST_STEPS)
+            self.evaluations += result.steps + 1
+            return result
+
+        best = from_point(np.array(begin))
+        if hops:
+            best = hop(best, order, from_point, hops=HOPS, rounds=ROUNDS_OF_HOPS)
+        return self._result(chosen, order, free, best)
+
+    def evaluate(self, values: Mapping[str, float], effects: Iterable[str] = ()) -> LibraryFit:
+        """Residuals and columns at given values; nothing is fitted. `effects` must be present in the program used."""
+        chosen = tuple(name for name in self.library.names if name in set(effects) or values.get(name, 0.0) != 0.0)
+        program = self._program(chosen)
+        order = order_of(program)
+        point = [values.get(name, 0.0 if name in EFFECTS else self.plans[name].start) for name in order]
+        boxes = [self._box(name, point[i], False) for i, name in enumerate(order)]
+        result = solve(
+            library_residual(program), boxes, self._arguments(), np.array(point), tolerance=CLOSE_ENOUGH,
+            max_steps=MOST_STEPS,
+        )  # fmt: skip
+        self.evaluations += result.steps + 1
+        return self._result((), order, (), result)
+
+    def with_all_columns(self, fit: LibraryFit) -> LibraryFit:
+        """The same fit with the columns of every effect of the library, coupled ones included."""
+        if fit.order == order_of(self.library.names):
+            return fit
+        at = self.evaluate(fit.values, self.library.names)
+        return replace(fit, order=at.order, values=at.values, residual=at.residual, columns=at.columns)
+
+    def _program(self, chosen: tuple[str, ...]) -> tuple[str, ...]:
+        """The effects present in the program that serves `chosen`: the cheap one where no balance is coupled."""
+        return self.library.names if any(coupled(name) for name in chosen) else self.library.plain
+
+    def _start(self, order: tuple[str, ...], chosen: tuple[str, ...], start: Mapping[str, float]) -> list[float]:
+        found = []
+        for name in order:
+            if name not in EFFECTS:
+                found.append(start.get(name, self.plans[name].start))
+                continue
+            if name not in chosen:
+                found.append(0.0)
+                continue
+            info = EFFECTS[name]
+            value = float(np.clip(start.get(name, 0.0), info.lower, info.upper))
+            # An effect even in its amount has no slope at neutral, and a search that starts on a wall may stay there.
+            if abs(value) < SMALL_START * info.scale:
+                value = SMALL_START * info.scale * (1.0 if value >= 0.0 else -1.0)
+            found.append(value)
+        return found
+
+    def _box(self, name: str, value: float, free: bool) -> Box:
+        if name in EFFECTS:
+            info = EFFECTS[name]
+            lower, upper, scale = info.lower, info.upper, info.scale
+        else:
+            plan = self.plans[name]
+            lower, upper, scale = plan.lower, plan.upper, plan.info.scale
+        if not free:
+            return Box(name, value, scale, value, value, held=True)
+        return Box(name, min(max(value, lower), upper), scale, lower, upper)
+
+    def _arguments(self) -> LibraryArgs:
+        if "args" not in self._args:
+            values = {name: plan.start for name, plan in self.plans.items()}
+            data = static_data(self.tests, self.noise.std, coarse_size)
+            whitening, channels = [], []
+            rows = self.rows()
+            for channel in data.channels:
+                key = (channel.test, channel.name)
+                test = self.tests[channel.test]
+                sweeps = self.sweeps(channel.test)
+                whitening.append(whitening_of(self.noise.correlation[key], sweeps, coarse_size(test.rows)))
+                weight = channel.weight
+                if self.used is not None:
+                    weight = weight * pad(self.used[rows[key]].astype(float), fill=0.0, size=coarse_size)
+                channels.append(type(channel)(channel.test, channel.name, channel.value, weight))
+            data = type(data)(data.conditions, tuple(channels))
+            plans = [self.plans[name] for name in PARAMETERS]
+            value, weight = prior_rows(plans)
+            self._args["args"] = LibraryArgs(
+                base_valve(self.record, values, heat=True), data, tuple(whitening), value, weight
+            )
+        return self._args["args"]
+
+    def _result(
+        self, chosen: tuple[str, ...], order: tuple[str, ...], free: tuple[str, ...], result: LeastSquaresResult
+    ) -> LibraryFit:
+        real = np.concatenate(
+            [np.arange(s.start, s.stop) for s in channel_slices(self.tests, coarse_size).values()]
+            + [np.arange(len(result.residual) - len(PARAMETERS), len(result.residual))]
+        )
+        values = dict(zip(order, (float(v) for v in result.p), strict=True))
+        pressed = frozenset(name for name, side in zip(order, result.active, strict=True) if side and name in free)
+        used = np.ones(len(real), dtype=bool) if self.used is None else np.append(
+            self.used[: len(real) - len(PARAMETERS)], np.ones(len(PARAMETERS), dtype=bool)
+        )  # fmt: skip
+        return LibraryFit(
+            chosen, order, free, values, result.cost, result.residual[real], result.jacobian[real], used, pressed,
+            result.converged, result.message, result,
+        )  # fmt: skip
+
+
+def noise_sweeps(test: TestRecord) -> np.ndarray:
+    """Stretches of rows along which noise remembers: one sweep after the other within a run hangs together."""
+    ids = np.zeros(test.rows, dtype=int)
+    for number, (start, stop) in enumerate(piece_bounds(test.run)):
+        ids[start:stop] = number
+    return ids

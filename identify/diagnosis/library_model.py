@@ -1,0 +1,141 @@
+"""The tests of a record with every effect of a library present at its own amount: one program for any set of effects.
+
+A fit of some effects holds the others at 0 (an effect at its neutral value changes nothing), so that all refits of a
+search share one compiled solve, and every solve returns the derivatives to all effects, the absent ones included.
+"""
+
+import functools
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from thermohyd.effects.flowmeter import FLOW_CHANNELS, FlowmeterLag
+from thermohyd.effects.registry import EFFECTS, with_effects
+from thermohyd.valve import Valve
+
+from ..least_squares import Residual
+from ..problem import channel_layers, rows_of_test
+from ..static_model import StaticData, group_rows, groups_of, predict_group, with_parameters
+from .whitening import Whitening, whiten
+
+
+PARAMETERS = (
+    "edge_radius",
+    "clearance",
+    "underlap",
+    "discharge_coefficient",
+    "transition_number",
+    "null_bias",
+    "heat_retention",
+)
+LAG = "flowmeter_lag"
+
+
+class LibraryArgs(eqx.Module):
+    """Data of the problem; `valve` gives what is neither a parameter nor an effect."""
+
+    valve: Valve
+    data: StaticData
+    whitening: tuple[Whitening, ...]  # one per channel
+    prior_value: Float[Array, " parameters"]
+    prior_weight: Float[Array, " parameters"]
+
+
+def order_of(effects: tuple[str, ...]) -> tuple[str, ...]:
+    """Names of the entries of the vector of a program with these effects: parameters, row-wise effects, then the lag."""
+    rowwise = tuple(name for name in effects if name != LAG)
+    return PARAMETERS + rowwise + ((LAG,) if LAG in effects else ())
+
+
+@functools.cache
+def library_residual(effects: tuple[str, ...]) -> Residual:
+    """residual(p, args) of whitened residuals and priors, p in the order of `order_of(effects)`; one object per set."""
+
+    # Traced once, however often a solver looks at it: tracing the coupled balances takes seconds.
+    both = jax.jit(functools.partial(residual_and_columns, effects))
+
+    @jax.custom_jvp
+    def residual(p: Float[Array, " all"], args: LibraryArgs) -> Float[Array, " residuals"]:
+        return both(p, args)[0]
+
+    @residual.defjvp
+    def pushforward(primals: tuple, tangents: tuple) -> tuple[Array, Array]:
+        out, columns = both(*primals)
+        return out, tangents[0] @ columns
+
+    return residual
+
+
+def with_amounts(valve: Valve, names: tuple[str, ...], amounts: Float[Array, "effects ..."]) -> Valve:
+    """The valve with the named effects at these amounts; one number each, or one per row of a test."""
+    added = with_effects(valve, dict.fromkeys(names, 0.0))
+    place = {EFFECTS[name].effect: i for i, name in enumerate(names)}
+    order = [place[type(effect)] for effect in added.effects]
+    return eqx.tree_at(lambda v: [effect.amount for effect in v.effects], added, [amounts[i] for i in order])
+
+
+def readings_of_rows(
+    effects: tuple[str, ...], spread: dict[str, Float[Array, "all rows"]], args: LibraryArgs
+) -> dict[str, dict[str, Float[Array, " padded"]]]:
+    """{test: {channel: reading}} before any flowmeter's lag, from parameters and amounts given row by row."""
+    rowwise = tuple(name for name in effects if name != LAG)
+    found: dict[str, dict[str, Array]] = {}
+    for group, tests in groups_of(args.data.conditions).items():
+        values = spread[group]
+        valve = with_parameters(args.valve, PARAMETERS, values[: len(PARAMETERS)])
+        valve = with_amounts(valve, rowwise, values[len(PARAMETERS) :])
+        found |= predict_group(valve, group, tests, args.data.conditions)
+    return found
+
+
+def residual_and_columns(
+    effects: tuple[str, ...], p: Float[Array, " all"], args: LibraryArgs
+) -> tuple[Float[Array, " residuals"], Float[Array, "all residuals"]]:
+    """Residuals and the columns of their Jacobian, one reverse pass per channel that shares its rows with others.
+
+    The lag acts last: it is linear in the flow and leaves constants alone, so it commutes with scale and offset.
+    """
+    data, lag = args.data, LAG in effects
+    groups = groups_of(data.conditions)
+    rowwise = p[: len(p) - lag]
+    spread = {
+        group: jnp.broadcast_to(rowwise[:, None], (rowwise.shape[0], group_rows(data.conditions, tests)))
+        for group, tests in groups.items()
+    }
+
+    def of_rows(spread: dict[str, Float[Array, "all rows"]]) -> tuple[Float[Array, " padded"], ...]:
+        found = readings_of_rows(effects, spread, args)
+        return tuple(found[c.test][c.name] for c in data.channels)
+
+    readings, pull = jax.vjp(of_rows, spread)
+    slopes: dict[int, Array] = {}
+    for layer in channel_layers(data):
+        ones = tuple(jnp.ones_like(r) if i in layer else jnp.zeros_like(r) for i, r in enumerate(readings))
+        pulled = pull(ones)[0]
+        for i in layer:
+            slopes[i] = rows_of_test(pulled, data.channels[i].test, groups, data)
+    parts, columns = [], []
+    for i, channel in enumerate(data.channels):
+        reading, column = readings[i], slopes[i]
+        if lag:
+            reading, column = _lagged(channel.name, reading, column, p[-1], args.data.conditions[channel.test])
+        parts.append(whiten(args.whitening[i], (reading - channel.value) * channel.weight))
+        columns.append(whiten(args.whitening[i], column * channel.weight))
+    priors = jnp.zeros((len(p), len(PARAMETERS))).at[: len(PARAMETERS)].set(jnp.diag(args.prior_weight))
+    parts.append((p[: len(PARAMETERS)] - args.prior_value) * args.prior_weight)
+    return jnp.concatenate(parts), jnp.concatenate([*columns, priors], axis=1)
+
+
+def _lagged(channel: str, reading: Array, columns: Array, tau: Array, conditions: eqx.Module) -> tuple[Array, Array]:
+    """A reading and its columns behind the meter's lag, with the column of the lag itself added."""
+    if channel not in FLOW_CHANNELS:
+        return reading, jnp.concatenate([columns, jnp.zeros_like(reading)[None]])
+
+    def meter(value: Array, tau: Array) -> Array:
+        return FlowmeterLag(tau).reading(channel, value, conditions, conditions, None)  # pyright: ignore  # time and run
+
+    out, own = jax.jvp(lambda t: meter(reading, t), (tau,), (jnp.ones_like(tau),))
+    passed = jax.vmap(lambda column: meter(column, tau))(columns)
+    return out, jnp.concatenate([passed, own[None]])

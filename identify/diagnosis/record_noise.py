@@ -1,0 +1,109 @@
+"""How large a record's noise is and how long it remembers: from repeated sweeps, or from what no effect can explain."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..channel_noise import ChannelNoise
+from ..noise import repeat_differences
+from ..noise_correlation import NoiseCorrelation, noise_correlation
+from ..record import Channel, TestRecord
+from .library_fit import Key, LibraryFit, LibraryProblem, Noise
+from .projection import Projection
+from .smooth_basis import smooth_block
+
+
+ENOUGH_REPEATS = 60  # rows compared, below which repeats say too little of the correlation
+# Scatter beyond the stated noise, as a ratio of variances, from which on it counts as noise that tests must allow for.
+EXCESS = 1.2
+
+
+@dataclass(frozen=True)
+class NoiseFound:
+    """The noise of one channel: rows' standard deviation (SI), correlation, and where both come from, in words."""
+
+    std: np.ndarray
+    correlation: NoiseCorrelation
+    source: str
+    correlation_source: str
+    known: bool  # stated, or measured free of any model: a reduced chi-square of 1 means "all explained"
+    warning: str = ""
+
+
+@dataclass(frozen=True)
+class Repeats:
+    """What repeated sweeps say of a channel: variance relative to the noise believed so far, and correlation."""
+
+    variance: float
+    correlation: NoiseCorrelation
+    rows: int
+
+
+def repeats_of(test: TestRecord, channel: Channel, std: np.ndarray) -> Repeats | None:
+    """Variance and correlation of the differences between repeated sweeps; None where there are too few."""
+    pieces = repeat_differences(test, channel)
+    rows = sum(len(piece) for piece in pieces)
+    if rows < ENOUGH_REPEATS:
+        return None
+    values = np.concatenate(pieces) / float(np.sqrt(np.mean(std**2)))
+    ids = np.repeat(np.arange(len(pieces)), [len(piece) for piece in pieces])
+    return Repeats(float(np.mean(values**2)), noise_correlation(values, ids, 0.0), rows)
+
+
+def first_noise(noise: dict[Key, ChannelNoise]) -> Noise:
+    """White noise of the size that the plain fit believed: where the search for the real one starts."""
+    return Noise({key: n.std for key, n in noise.items()}, dict.fromkeys(noise, NoiseCorrelation()))
+
+
+def found_noise(
+    problem: LibraryProblem, fit: LibraryFit, stated: dict[Key, ChannelNoise], repeats: dict[Key, Repeats | None]
+) -> dict[Key, NoiseFound]:
+    """The noise that tests around `fit` should believe.
+
+    What neither the parameters, nor any effect of the library, nor smooth curves over the conditions explain is noise:
+    its size where none is known, its correlation where no repeats measured it. A missing effect thus is not taken for
+    noise, as it would be if the residuals of the fit were used.
+    """
+    plain = problem.with_noise(first_noise(stated))
+    at = plain.evaluate(fit.values, problem.library.names)
+    every = np.isfinite(at.columns).all(axis=0)
+    columns = np.concatenate([at.columns[:, every], smooth_block(plain, len(at.residual))], axis=1)
+    saturated = Projection.beside(columns)
+    rest = saturated(at.residual)
+    leverage = np.sum(saturated.q**2, axis=1)
+    found = {}
+    for key, rows in problem.rows().items():
+        count = rows.stop - rows.start
+        spent = float(np.sum(leverage[rows]))
+        variance = float(np.sum(rest[rows] ** 2)) / max(count - spent, 1.0)
+        found[key] = _channel(stated[key], repeats[key], variance, rest[rows], problem.sweeps(key[0]), spent)
+    return found
+
+
+def _channel(
+    stated: ChannelNoise,
+    repeats: Repeats | None,
+    variance: float,
+    rest: np.ndarray,
+    sweeps: np.ndarray,
+    spent: float,
+) -> NoiseFound:
+    if repeats is not None:
+        correlation, source = repeats.correlation, f"differences between repeated sweeps ({repeats.rows} pairs of rows)"
+        variance = repeats.variance
+    else:
+        correlation = noise_correlation(rest, sweeps, spent)
+        source = "what neither effects nor smooth curves explain"
+    if not stated.known:
+        return NoiseFound(stated.std * np.sqrt(variance), correlation, source, source, repeats is not None)
+    warning = ""
+    std = stated.std
+    if variance > EXCESS:
+        std = stated.std * np.sqrt(variance)
+        what = "repeated sweeps differ" if repeats is not None else "the readings scatter beyond any smooth curve"
+        warning = f"{what} by {np.sqrt(variance):.2f} times the stated noise; tests allow for that"
+    return NoiseFound(std, correlation, stated.source, source, True, warning)
+
+
+def noise_of(found: dict[Key, NoiseFound]) -> Noise:
+    return Noise({key: n.std for key, n in found.items()}, {key: n.correlation for key, n in found.items()})

@@ -1,0 +1,69 @@
+"""Effects that could stand in a named one's place: refits, and who fits about as well."""
+
+from dataclasses import dataclass
+
+from thermohyd.effects.registry import EFFECTS
+
+from .library_fit import LibraryFit, LibraryProblem
+from .screening import screen
+from .search import LEVEL, implausible, merit
+
+
+# Chi-square within which two effects explain a record alike: a likelihood ratio of 20.
+ALIKE = 6.0
+# Linear scores choose who is refitted; they may be wrong by this much, or by this share.
+REACH, RELATIVE_REACH = 30.0, 0.3
+MOST_REFITS = 8
+
+
+@dataclass(frozen=True)
+class Rival:
+    """A refit with `name` in the place of `instead_of`."""
+
+    name: str
+    instead_of: str
+    fit: LibraryFit
+    chi2_more: float
+
+
+@dataclass(frozen=True)
+class Rivals:
+    """For one named effect: the fit without it, and the refits of what was put in its place, the best first."""
+
+    instead_of: str
+    without: LibraryFit
+    tried: tuple[Rival, ...]
+
+    @property
+    def alike(self) -> tuple[Rival, ...]:
+        return tuple(r for r in self.tried if r.chi2_more < ALIKE)
+
+
+def rivals_of(problem: LibraryProblem, final: LibraryFit, name: str, steps: dict, *, scale: float = 1.0) -> Rivals:
+    """Who else explains what `name` explains, beside the other effects of `final`. scale: of chi-square (1: noise known)."""
+    others = tuple(n for n in final.effects if n != name)
+    without = problem.fit(others, {**final.values, name: 0.0})
+    gain = without.chi2 - final.chi2
+    candidates = [n for n in problem.library.names if n not in final.effects]
+    scores = screen(problem.with_all_columns(without), candidates, steps, level=LEVEL)
+    worth = [s for s in scores.ranked if s.strength**2 > gain - max(REACH * scale, RELATIVE_REACH * gain)]
+    if len(worth) < 2:
+        worth = scores.ranked[:2]
+    tried = []
+    for s in worth[:MOST_REFITS]:
+        start = {**without.values, s.name: s.estimate}
+        fit = problem.fit((*others, s.name), start)
+        if 0.5 * ALIKE < (merit(fit) - merit(final)) / scale < REACH:
+            fit = problem.fit((*others, s.name), fit.values, hops=True)
+        if fit.values[s.name] == 0.0 or s.name in fit.active:
+            continue
+        tried.append(Rival(s.name, name, fit, (merit(fit) - merit(final)) / scale))
+    return Rivals(name, without, tuple(sorted(tried, key=lambda r: r.chi2_more)))
+
+
+def plausible(fit: LibraryFit, name: str) -> bool:
+    """Whether an amount lies within what such valves and benches show, generously."""
+    return abs(fit.values[name]) <= 3.0 * EFFECTS[name].typical[1]
+
+
+__all__ = ["ALIKE", "Rival", "Rivals", "implausible", "plausible", "rivals_of"]

@@ -1,0 +1,164 @@
+"""Which effects are missing: score tests over the library, refits of the leading singles and pairs, and when to stop."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from scipy.optimize import nnls
+from scipy.special import chdtrc
+
+from thermohyd.effects.registry import EFFECTS
+
+from .library_fit import LibraryFit, LibraryProblem
+from .screening import Screen, Signature, finite_steps, screen
+
+
+LEVEL = 0.01  # probability of naming anything, at each step of the search, in a record that needs nothing more
+MOST_EFFECTS = 4
+SINGLES, PAIRS = 10, 6  # refits of each step
+# A pair must beat the best single effect by this much chi-square beyond the search's own critical value.
+PAIR_PENALTY = 4.0
+BEYOND_TYPICAL = 4.0  # chi-square per squared e-fold beyond the largest amount that is usual
+
+
+@dataclass(frozen=True)
+class Step:
+    """One round of the search: what it looked at and what it added."""
+
+    screen: Screen
+    singles: dict[str, LibraryFit]
+    added: tuple[str, ...]
+    p_value: float
+
+
+@dataclass(frozen=True)
+class Found:
+    """The end of a search. `base`: the ideal valve; `final`: with the effects that were added, in that order."""
+
+    base: LibraryFit
+    final: LibraryFit
+    effects: tuple[str, ...]
+    p_values: dict[str, float]
+    steps: tuple[Step, ...]
+
+
+def implausible(fit: LibraryFit) -> float:
+    """Penalty in chi-square for amounts beyond what is usual: it decides between effects that fit alike."""
+    total = 0.0
+    for name in fit.effects:
+        excess = abs(fit.values[name]) / EFFECTS[name].typical[1]
+        if excess > 1.0:
+            total += BEYOND_TYPICAL * float(np.log(excess)) ** 2
+    return total
+
+
+def merit(fit: LibraryFit) -> float:
+    """What the search minimises."""
+    return fit.chi2 + implausible(fit) if np.isfinite(fit.chi2) else np.inf
+
+
+def search(
+    problem: LibraryProblem,
+    base: LibraryFit,
+    *,
+    level: float = LEVEL,
+    most: int = MOST_EFFECTS,
+    freedom: float = np.inf,
+    say: Callable[[str], None] = lambda _: None,
+) -> Found:
+    """Add effects to the ideal valve `base` while the strongest score is beyond what chance gives the whole library."""
+    names = problem.library.names
+    steps_of = finite_steps(problem, problem.with_all_columns(base), names)
+    current, chosen, p_values, steps = base, (), {}, []
+    while True:
+        at = problem.with_all_columns(current)
+        candidates = [name for name in names if name not in chosen]
+        scores = screen(at, candidates, steps_of, level=level, freedom=freedom)
+        ranked = scores.ranked
+        pairs = best_pairs(scores, ranked)
+        p_single = scores.p_value(ranked[0]) if ranked else 1.0
+        p_pair = _p_of_pair(pairs[0][1], len(ranked)) if pairs else 1.0
+        if len(chosen) >= most or min(p_single, p_pair) > level:
+            steps.append(Step(scores, {}, (), min(p_single, p_pair)))
+            break
+        say(f"effect {len(chosen) + 1}: refitting the leading candidates")
+        singles = {
+            s.name: problem.fit((*chosen, s.name), {**current.values, s.name: s.estimate}) for s in leading(ranked)
+        }
+        best = min(singles.values(), key=merit)
+        double = _best_pair(problem, current, chosen, scores, pairs, best)
+        threshold = scores.critical**2 + PAIR_PENALTY
+        if double is not None and merit(double) < merit(best) - threshold and len(chosen) + 2 <= most:
+            best = double
+        added = tuple(name for name in best.effects if name not in chosen)
+        steps.append(Step(scores, singles, added, min(p_single, p_pair)))
+        if merit(current) - merit(best) < 0.25 * scores.critical**2:
+            steps[-1] = Step(scores, singles, (), min(p_single, p_pair))
+            break
+        chosen += added
+        for name in added:
+            own = scores.best(name)
+            p_values[name] = min(p_single, p_pair) if own is None else min(scores.p_value(own), p_pair)
+        current = problem.fit(chosen, best.values, hops=True)
+        current, chosen = prune(problem, current, chosen, scores.critical**2)
+    return Found(base, current, chosen, {name: p_values[name] for name in chosen}, tuple(steps))
+
+
+def leading(ranked: list[Signature]) -> list[Signature]:
+    """The candidates worth a refit: linear scores may rank strong effects wrongly, not arbitrarily."""
+    return [s for s in ranked[:SINGLES] if s.strength > max(1.0, 0.2 * ranked[0].strength)] or ranked[:1]
+
+
+def best_pairs(scores: Screen, ranked: list[Signature]) -> list[tuple[tuple[Signature, Signature], float]]:
+    """Pairs of effects by the chi-square that both together take off, linearly and with their signs; best first."""
+    found = []
+    for a, b in combinations(ranked, 2):
+        gain = pair_gain(a, b, scores.residual)
+        if gain > max(a.strength, b.strength) ** 2 + PAIR_PENALTY:
+            found.append(((a, b), gain))
+    return sorted(found, key=lambda pair: -pair[1])
+
+
+def pair_gain(a: Signature, b: Signature, residual: np.ndarray) -> float:
+    """Fall of chi-square by two directions, amounts of known sign not below 0."""
+    columns = [a.direction, b.direction]
+    columns += [-s.direction for s in (a, b) if not s.one_sided]
+    _, norm = nnls(np.stack(columns, axis=1), -residual)
+    return float(residual @ residual - norm**2)
+
+
+def _p_of_pair(gain: float, candidates: int) -> float:
+    return min(1.0, candidates * (candidates - 1) / 2.0 * float(chdtrc(2, gain)))
+
+
+def _best_pair(
+    problem: LibraryProblem,
+    current: LibraryFit,
+    chosen: tuple[str, ...],
+    scores: Screen,
+    pairs: list[tuple[tuple[Signature, Signature], float]],
+    best: LibraryFit,
+) -> LibraryFit | None:
+    """The best nonlinear refit among the leading pairs; partners of the best single effect are tried too."""
+    lead = next((name for name in best.effects if name not in chosen), None)
+    partners = [pair for pair in pairs if lead in (pair[0][0].name, pair[0][1].name)][:3]
+    fits = []
+    chosen_pairs = {(a.name, b.name): (a, b) for (a, b), _ in [*pairs[:PAIRS], *partners]}
+    for a, b in chosen_pairs.values():
+        start = {**current.values, a.name: a.estimate, b.name: b.estimate}
+        fits.append(problem.fit((*chosen, a.name, b.name), start))
+    return min(fits, key=merit, default=None)
+
+
+def prune(
+    problem: LibraryProblem, fit: LibraryFit, chosen: tuple[str, ...], threshold: float
+) -> tuple[LibraryFit, tuple[str, ...]]:
+    """Drop effects whose loss costs less chi-square than naming one must gain: later ones may have replaced them."""
+    while len(chosen) > 1:
+        without = {name: problem.fit([n for n in chosen if n != name], fit.values) for name in chosen}
+        weakest = min(chosen, key=lambda name: without[name].chi2)
+        if without[weakest].chi2 - fit.chi2 > threshold:
+            break
+        fit, chosen = without[weakest], tuple(n for n in chosen if n != weakest)
+    return fit, chosen
