@@ -106,6 +106,6 @@ def exchange_figure(result: DiagnosisResult) -> Figure | None:
         axes.axvline(0.0, color=look.FAINT, linewidth=0.8)
         axes.grid(axis="y", visible=False)
         axes.tick_params(axis="y", length=0)
-        axes.set_xlabel(f"share of the gap closed on rows that took no part: {held.what} [%]")
+        axes.set_xlabel(f"share of the gap closed on the {held.rows:,} rows that took no part [%]")
         figure.text(0.02, 1.0 - 0.28 / height, "Exchange test", fontsize=12, fontweight="bold")
     return figure

@@ -9,6 +9,7 @@ from .result import DiagnosisResult, Variation
 
 
 MOST_AMOUNTS = 6
+LONGEST = 80  # characters, of which rows were held out
 
 
 def gap(result: DiagnosisResult) -> str:
@@ -21,17 +22,26 @@ def gap(result: DiagnosisResult) -> str:
     )
 
 
-def held_out(result: DiagnosisResult) -> str:
-    """What the final model does on rows that took no part in choosing it."""
+def held_out(result: DiagnosisResult, short: bool = False) -> str:
+    """What the final model does on rows that took no part in choosing it; `short`: without saying which, if that is long."""
     held = result.held_out
     if held is None:
         return (
             "No rows were held out: every figure comes from the rows that chose the effects." if result.effects else ""
         )
-    words = f"{held.what}, {held.rows:,} rows: excess of the reduced chi-square over noise {excess(held.before)}"
+    rows = f"{held.rows:,} rows" if short and len(held.what) > LONGEST else f"{held.what}, {held.rows:,} rows"
+    words = f"{rows}: excess of the reduced chi-square over noise {excess(held.before)}"
     if not changed(result):
         return f"{words}."
-    words += f" before, {excess(held.after)} after, {percent(held.gap_closed) or 'nothing to be'} closed."
+    closed = percent(held.gap_closed)
+    end = (
+        f"{closed} closed"
+        if held.gap_closed >= 0.0
+        else f"{closed[1:]} MORE than before"
+        if closed
+        else "no gap to close"
+    )
+    words += f" before, {excess(held.after)} after, {end}."
     if held.exchange:
         others = ", ".join(f"{name} {percent(share)}" for name, share in held.exchange.items())
         words += f" Put in its place instead: {others}."

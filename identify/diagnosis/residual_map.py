@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
 from matplotlib.colors import SymLogNorm
 from matplotlib.figure import Figure
 
@@ -39,8 +40,8 @@ def residual_map(before: FitResult, after: FitResult | None, run_names: dict[str
     total = sum(heights) + HEAD * len(maps) + FOOT + TOP
     with look.style():
         figure = Figure(figsize=(10.0, total))
-        largest = max((float(np.nanmax(np.abs(values))) for m in maps for values in m.values), default=3.0)
-        norm = SymLogNorm(linthresh=2.0, linscale=0.5, vmin=-max(largest, 4.0), vmax=max(largest, 4.0))
+        largest = max([4.0, *(float(np.nanmax(np.abs(values))) for m in maps for values in m.values)])
+        norm = SymLogNorm(linthresh=2.0, linscale=0.5, vmin=-largest, vmax=largest)
         width = 0.82 if len(fits) == 1 else 0.395
         top = total - TOP
         for found, height in zip(maps, heights, strict=True):
@@ -54,8 +55,8 @@ def residual_map(before: FitResult, after: FitResult | None, run_names: dict[str
                 if found is maps[-1]:
                     axes.set_xlabel("spool position [um]", fontsize=8, labelpad=1)
         scale = figure.add_axes((0.155, 0.40 / total, 0.30, 0.10 / total))
-        bar = figure.colorbar(mesh, cax=scale, orientation="horizontal")
-        decades = [tick for tick in (2.0, 10.0, 100.0, 1000.0, 1e4, 1e5) if tick <= norm.vmax]
+        bar = figure.colorbar(ScalarMappable(norm, "RdBu_r"), cax=scale, orientation="horizontal")
+        decades = [tick for tick in (2.0, 10.0, 100.0, 1000.0, 1e4, 1e5) if tick <= largest]
         bar.set_ticks([-t for t in reversed(decades)] + [0.0, *decades])
         look.plain_numbers(bar.ax.xaxis)
         figure.text(0.47, 0.38 / total, "mean residual of a cell in units of the noise of one reading", fontsize=8)

@@ -18,11 +18,9 @@ ROWS = (5, 4, 3, 2, 1)
 
 def print_summary(result: DiagnosisResult, console: Console) -> None:
     """Write at most one screen to a console; user text is never read as markup."""
-    for rows in ROWS:
-        screen = _screen(result, console, rows)
-        if len(console.render_lines(screen, pad=False)) <= SCREEN:
-            break
-    console.print(screen)
+    screens = (_screen(result, console, rows) for rows in ROWS)
+    fitting = (screen for screen in screens if len(console.render_lines(screen, pad=False)) <= SCREEN)
+    console.print(next(fitting, None) or _screen(result, console, ROWS[-1]))
 
 
 def _screen(result: DiagnosisResult, console: Console, rows: int) -> Group:
@@ -53,7 +51,7 @@ def _facts(result: DiagnosisResult, rows: int) -> Table:
     learned = [words.variation(v) for v in result.variations[: max(1, rows - 3)]]
     labelled = [
         ("gap", [words.gap(result)]),
-        ("held out", [words.held_out(result)]),
+        ("held out", [words.held_out(result, short=True)]),
         ("rivals", content.rival_sentences(result)[:rows]),
         ("next test", [] if result.next_test is None else [result.next_test.sentence]),
         ("left over", [words.left_over(result)]),
