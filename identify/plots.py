@@ -17,7 +17,8 @@ def test_figures(result: FitResult) -> dict[str, Figure]:
     with look.style():
         for test in dict.fromkeys(fit.test for fit in result.channels):
             fits = [fit for fit in result.channels if fit.test == test]
-            figures[test] = _test_figure(test, fits, _null(result))
+            record = result.record.tests.get(test)
+            figures[test] = _test_figure(test, fits, _null(result), () if record is None else record.run_names)
     return figures
 
 
@@ -26,7 +27,7 @@ def _null(result: FitResult) -> float:
     return 0.0 if estimate is None else estimate.value * 1e6
 
 
-def _test_figure(test: str, fits: list[ChannelFit], null: float) -> Figure:
+def _test_figure(test: str, fits: list[ChannelFit], null: float, run_names: tuple[str, ...]) -> Figure:
     figure = Figure(figsize=(10.0, 5.6))
     views = [(fit, "whole") for fit in fits]
     if len(fits) == 1:
@@ -38,7 +39,7 @@ def _test_figure(test: str, fits: list[ChannelFit], null: float) -> Figure:
         _draw_data(grid[0][column], fit, sweeps, view, null)
         draw_residuals(grid[1][column], sweeps, labelled=column == 0 or len(fits) > 1)
     figure.text(0.075, 0.955, TITLES.get(test, test), fontsize=12, fontweight="bold")
-    condition_legend(figure, fits[0])
+    condition_legend(figure, fits[0], run_names)
     return figure
 
 

@@ -28,6 +28,7 @@ READINGS = {
 }
 # More points than this are thinned evenly for the picture: the eye cannot tell, and the files stay small.
 MOST_POINTS = 4000
+LONGEST_NAME = 14
 
 
 @dataclass(frozen=True)
@@ -57,12 +58,21 @@ def pressure_groups(fit: ChannelFit) -> tuple[np.ndarray, list[float]]:
     return look.group(bar, max(4.0, 0.06 * float(bar.max())))
 
 
+def colour_groups(fit: ChannelFit) -> tuple[np.ndarray, list[float], bool]:
+    """(group of each row, what each group stands for, whether that is a run): degC, or the runs at one temperature."""
+    group, temperatures = temperature_groups(fit)
+    runs, of_run = np.unique(fit.run, return_inverse=True)
+    if len(temperatures) == 1 and 1 < len(runs) <= look.MOST_GROUPS:
+        return of_run.reshape(-1), [float(run) for run in runs], True
+    return group, temperatures, False
+
+
 def sweeps_of(fit: ChannelFit) -> list[Sweep]:
     """Every sweep of a channel, thinned where the eye cannot tell."""
     unit = reading_unit(fit.channel).factor
-    t_group, temperatures = temperature_groups(fit)
+    t_group, shown, _ = colour_groups(fit)
     p_group, _ = pressure_groups(fit)
-    colours = look.temperature_colours(len(temperatures))
+    colours = look.temperature_colours(len(shown))
     step = -(-len(fit.measured) // MOST_POINTS)
     sweeps = []
     banded: set[tuple[int, int]] = set()
@@ -124,18 +134,20 @@ def largest_residual(sweeps: list[Sweep]) -> float:
     return max(float(np.abs(sweep.residual).max()) for sweep in sweeps)
 
 
-def condition_legend(figure: Figure, fit: ChannelFit, lines: Sequence[Line2D] = ()) -> None:
+def condition_legend(
+    figure: Figure, fit: ChannelFit, run_names: Sequence[str] = (), lines: Sequence[Line2D] = ()
+) -> None:
     """Two lines below a figure: what colours and markers stand for, then the `lines` and the directions."""
-    _, temperatures = temperature_groups(fit)
+    _, shown, by_run = colour_groups(fit)
     _, pressures = pressure_groups(fit)
-    colours = look.temperature_colours(len(temperatures))
+    colours = look.temperature_colours(len(shown))
 
     def dot(marker: str, face: str, words: str) -> Line2D:
         return Line2D([], [], linestyle="none", marker=marker, color=look.INK, markerfacecolor=face, label=words)
 
     conditions = [
-        Line2D([], [], color=colour, linewidth=3.0, label=f"{round(celsius)} degC")
-        for colour, celsius in zip(colours, temperatures, strict=True)
+        Line2D([], [], color=colour, linewidth=3.0, label=run_label(round(x), run_names) if by_run else f"{x:.0f} degC")
+        for colour, x in zip(colours, shown, strict=True)
     ]
     conditions += [dot(m, look.INK, f"{bar:.0f} bar") for m, bar in zip(look.MARKERS, pressures, strict=False)]
     signs = [*lines] or [Line2D([], [], color=look.INK, label="line: model, with its 95 % band")]
@@ -145,3 +157,8 @@ def condition_legend(figure: Figure, fit: ChannelFit, lines: Sequence[Line2D] = 
         figure.legend(
             handles=handles, loc="lower left", ncols=len(handles), bbox_to_anchor=(0.065, height), borderpad=0.0
         )
+
+
+def run_label(run: int, names: Sequence[str]) -> str:
+    """What a run is called, cut to a length that figures can hold."""
+    return f"run {names[run][:LONGEST_NAME] if run < len(names) else run}"

@@ -28,7 +28,7 @@ LINES = (
 )
 
 
-def before_after_figure(before: ChannelFit, after: ChannelFit, name: str) -> Figure:
+def before_after_figure(before: ChannelFit, after: ChannelFit, name: str, run_names: tuple[str, ...] = ()) -> Figure:
     """One channel; `before` and `after` hold the same rows. `name` says what the final model is, in a few words."""
     with look.style():
         figure = Figure(figsize=(10.0, 6.4))
@@ -45,7 +45,7 @@ def before_after_figure(before: ChannelFit, after: ChannelFit, name: str) -> Fig
             )
         port = f", port {after.channel[-1].upper()}" if after.channel in ("pressure_a", "pressure_b") else ""
         figure.text(0.075, 0.958, f"{TITLES.get(after.test, after.test)}{port}", fontsize=12, fontweight="bold")
-        condition_legend(figure, after, LINES)
+        condition_legend(figure, after, run_names, LINES)
     return figure
 
 

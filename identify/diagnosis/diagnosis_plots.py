@@ -15,7 +15,7 @@ from .variation_plot import variation_figure
 def diagnosis_figures(result: DiagnosisResult) -> dict[str, Figure]:
     """{file name without ending: figure}; a model that stayed as it was is drawn once, not before and after."""
     names = {name: test.run_names for name, test in result.record.tests.items()}
-    figures = _tests(result)
+    figures = _tests(result, names)
     figures["residual_map"] = residual_map(result.before, result.after if _comparable(result) else None, names)
     if result.candidates:
         figures["candidates"] = candidate_figure(result)
@@ -38,7 +38,7 @@ def _comparable(result: DiagnosisResult) -> bool:
     )
 
 
-def _tests(result: DiagnosisResult) -> dict[str, Figure]:
+def _tests(result: DiagnosisResult, run_names: dict[str, tuple[str, ...]]) -> dict[str, Figure]:
     if not _comparable(result):
         return test_figures(result.after)
     added = [effect.name for effect in result.effects]
@@ -47,5 +47,6 @@ def _tests(result: DiagnosisResult) -> dict[str, Figure]:
     figures = {}
     for before, after in zip(result.before.channels, result.after.channels, strict=True):
         alone = sum(fit.test == before.test for fit in result.before.channels) == 1
-        figures[before.test if alone else f"{before.test}_{before.channel}"] = before_after_figure(before, after, words)
+        name = before.test if alone else f"{before.test}_{before.channel}"
+        figures[name] = before_after_figure(before, after, words, run_names.get(before.test, ()))
     return figures

@@ -9,6 +9,7 @@ from .result import DiagnosisResult, Variation
 
 
 MOST_AMOUNTS = 6
+CLEAR = 1e-3  # below it, what is left over decides the verdict
 LONGEST = 80  # characters, of which rows were held out
 
 
@@ -80,8 +81,11 @@ def left_over(result: DiagnosisResult) -> str:
     if not math.isfinite(p):
         return ""
     figure = f"p {p_words(p)}" if p_words(p).startswith("<") else f"p = {p_words(p)}"
-    if p >= 0.05:
-        return f"nothing smooth beyond noise (lack-of-fit test, {figure})."
+    if p >= CLEAR:
+        words = (
+            f"{'nothing smooth' if p >= 0.05 else 'hardly anything smooth'} beyond noise (lack-of-fit test, {figure})"
+        )
+        return f"{words}, but more scatter than the noise explains." if result.verdict == "unexplained" else f"{words}."
     words = f"a misfit beyond noise (lack-of-fit test, {figure})"
     if not result.where_after:
         return f"{words}."

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from .. import plot_style as look
 from ..fit_result import ChannelFit, FitResult
-from ..sweep_drawing import TITLES, pressure_groups, temperature_groups
+from ..sweep_drawing import TITLES, pressure_groups, run_label, temperature_groups
 from .condition_words import direction_word
 
 
@@ -74,7 +74,7 @@ def _label(axes: Axes, found: _Map, model: str, first: bool) -> None:
 
 
 def _map(fits: list[ChannelFit], run_names: tuple[str, ...]) -> _Map:
-    group, labels = _conditions(fits[0], run_names)
+    group, labels, same = _conditions(fits[0], run_names)
     position = fits[0].position * 1e6
     densest = int(np.bincount(group).max())
     edges = np.linspace(position.min(), position.max() + 1e-9, min(MOST_BINS, max(4, densest)) + 1)
@@ -87,11 +87,12 @@ def _map(fits: list[ChannelFit], run_names: tuple[str, ...]) -> _Map:
         total = np.bincount(cell, (fit.measured - fit.predicted) / fit.std, minlength=count.size)
         values.append(np.where(count > 0, total / np.maximum(count, 1), np.nan).reshape(shape))
     port = f", port {fits[0].channel[-1].upper()}" if fits[0].channel in ("pressure_a", "pressure_b") else ""
-    return _Map(f"{TITLES.get(fits[0].test, fits[0].test)}{port}", labels, edges, values)
+    return _Map(f"{TITLES.get(fits[0].test, fits[0].test).partition(',')[0]}{port}{same}", labels, edges, values)
 
 
-def _conditions(fit: ChannelFit, run_names: tuple[str, ...]) -> tuple[np.ndarray, list[str]]:
-    """(row of the map of each reading, label of each row): temperature, supply pressure, direction, and run if few."""
+def _conditions(fit: ChannelFit, run_names: tuple[str, ...]) -> tuple[np.ndarray, list[str], str]:
+    """(row of the map of each reading, label of each row, what all share): temperature, supply pressure, direction, and
+    the run where there are few."""
     t_group, temperatures = temperature_groups(fit)
     p_group, pressures = pressure_groups(fit)
     keys = np.stack([t_group, p_group, fit.run, np.where(fit.direction > 0, 0, 1)], axis=1).astype(int)
@@ -100,9 +101,15 @@ def _conditions(fit: ChannelFit, run_names: tuple[str, ...]) -> tuple[np.ndarray
     if not by_run:
         keys[:, 2] = 0
     rows, group = np.unique(keys, axis=0, return_inverse=True)
+    several = [len(temperatures) > 1, len(pressures) > 1, by_run, True]
     labels = []
     for t, p, run, falling in rows:
-        words = f"{temperatures[t]:.0f} degC, {pressures[p]:.0f} bar, {direction_word(-1 if falling else 1)}"
-        name = run_names[run] if run < len(run_names) else str(run)
-        labels.append(f"{words}, run {name[:8]}" if by_run else words)
-    return group.reshape(-1), labels
+        words = (
+            f"{temperatures[t]:.0f} degC",
+            f"{pressures[p]:.0f} bar",
+            run_label(int(run), run_names),
+            direction_word(-1 if falling else 1),
+        )
+        labels.append(", ".join(word for word, shown in zip(words, several, strict=True) if shown))
+    same = [f"{temperatures[0]:.0f} degC"] * (not several[0]) + [f"{pressures[0]:.0f} bar"] * (not several[1])
+    return group.reshape(-1), labels, "".join(f", {word}" for word in same)
