@@ -14,7 +14,9 @@ _SHOWN = {
     "pressure_drop": ("bar", 1e-5, 0.0),
     "temperature": ("degC", 1.0, -273.15),
     "rate": ("um/s", 1e6, 0.0),
+    "opening": ("um", 1e6, 0.0),
     "time": ("s", 1.0, 0.0),
+    "elapsed": ("s", 1.0, 0.0),
 }
 _AFTER = {"supply_pressure": " supply", "return_pressure": " return", "load_pressure": " load"}
 

@@ -164,6 +164,15 @@ def _effect_row(effect: NamedEffect) -> EffectRow:
     )
 
 
+def meanings(result: DiagnosisResult) -> list[str]:
+    """What each named effect is, where the diagnosis's own sentences do not say it."""
+    return [
+        f"{effect.name}: {effect.sentence}."
+        for effect in result.effects
+        if not any(sentence.startswith(f"{effect.name}:") for sentence in result.sentences)
+    ]
+
+
 def rival_sentences(result: DiagnosisResult) -> list[str]:
     """What each rival would have to amount to, and how much worse it is."""
     sentences = []

@@ -93,19 +93,32 @@ def left_over(result: DiagnosisResult) -> str:
     return f"{words}, most in {worst.reading}, {worst.place}: bench {worst.miss} ({worst.share} of what is left)."
 
 
-def variation(found: Variation) -> str:
+def variations(result: DiagnosisResult) -> list[str]:
     """What would have to vary with what to close the rest: empirical, and said to be so."""
+    sentences = [_variation(found) for found in result.variations]
+    if sentences and not any(found.learned for found in result.variations):
+        sentences[0] += " --learn adds it to the model."
+    return sentences
+
+
+def _variation(found: Variation) -> str:
     quantity, variable = found.quantity.replace("_", " "), found.variable.replace("_", " ")
-    unit, factor, offset = condition_unit(found.variable)
-    low, high = (float(bound(found.variable_values)) * factor + offset for bound in (min, max))
-    span = f"{low:.3g} to {high:.3g}{f' {unit}' if unit else ''}"
     closes = f"{percent(found.gap_closed)} of the gap" if math.isfinite(found.gap_closed) else "part of the gap"
     if found.learned:
         return (
-            f"Learned at your word: {quantity} varies with {variable} ({span}) and closes {closes}. It is a fitted curve, "
-            "not a cause, and holds inside that range only."
+            f"Learned at your word: {quantity} varies with {variable} ({_span(found)}) and closes {closes}. It is a fitted "
+            "curve, not a cause, and holds inside that range only."
         )
     return (
-        f"If {quantity} varied smoothly with {variable} ({span}), that would close {closes}: a fitted curve, not a cause "
-        "(--learn adds the leading one to the model)."
+        f"If {quantity} varied smoothly with {variable} ({_span(found)}), that would close {closes}: a fitted curve, not a "
+        "cause."
     )
+
+
+def _span(found: Variation) -> str:
+    if found.variable == "direction":
+        return "rising against falling"
+    unit, factor, offset = condition_unit(found.variable)
+    ends = [float(end(found.variable_values)) * factor + offset for end in (min, max)]
+    low, high = (f"{end:,.0f}" if abs(end) >= 1000.0 else f"{end:.3g}" for end in ends)
+    return f"{low} to {high}{f' {unit}' if unit else ''}"

@@ -40,7 +40,14 @@ def residual_map(before: FitResult, after: FitResult | None, run_names: dict[str
     total = sum(heights) + HEAD * len(maps) + FOOT + TOP
     with look.style():
         figure = Figure(figsize=(10.0, total))
-        largest = max([4.0, *(float(np.nanmax(np.abs(values))) for m in maps for values in m.values)])
+        largest = max(
+            [
+                10.0,
+                *(  # noise alone stays pale
+                    float(np.nanmax(np.abs(values))) for m in maps for values in m.values
+                ),
+            ]
+        )
         norm = SymLogNorm(linthresh=2.0, linscale=0.5, vmin=-largest, vmax=largest)
         width = 0.82 if len(fits) == 1 else 0.395
         top = total - TOP
@@ -60,7 +67,7 @@ def residual_map(before: FitResult, after: FitResult | None, run_names: dict[str
         bar.set_ticks([-t for t in reversed(decades)] + [0.0, *decades])
         look.plain_numbers(bar.ax.xaxis)
         figure.text(0.47, 0.38 / total, "mean residual of a cell in units of the noise of one reading", fontsize=8)
-        figure.text(0.02, 1.0 - 0.25 / total, "Where the models miss", fontsize=12, fontweight="bold")
+        figure.text(0.02, 1.0 - 0.25 / total, "Residuals over the record", fontsize=12, fontweight="bold")
     return figure
 
 

@@ -48,14 +48,14 @@ def _heading(title: str) -> Text:
 
 def _facts(result: DiagnosisResult, rows: int) -> Table:
     """What fits on a line or two each, with its label before it."""
-    learned = [words.variation(v) for v in result.variations[: max(1, rows - 3)]]
     labelled = [
+        ("meaning", result.sentences[: max(0, rows - 2)]),
         ("gap", [words.gap(result)]),
         ("held out", [words.held_out(result, short=True)]),
         ("rivals", content.rival_sentences(result)[:rows]),
         ("next test", [] if result.next_test is None else [result.next_test.sentence]),
         ("left over", [words.left_over(result)]),
-        ("empirical", learned),
+        ("empirical", words.variations(result)[: max(1, rows - 3)]),
         ("absorbed", [words.absorbed(result)]),
         ("least seen", [words.would_show(result)] if result.verdict == "consistent" else []),
     ]

@@ -114,7 +114,8 @@ def test_wrong_usage_is_bad_input(bench, arguments):
 
 
 @pytest.mark.parametrize(
-    "arguments", [["--help"], ["fit", "--help"], ["simulate", "-h"], ["new", "--help"], ["--version"]]
+    "arguments",
+    [["--help"], ["fit", "--help"], ["diagnose", "--help"], ["simulate", "-h"], ["new", "--help"], ["--version"]],
 )
 def test_help_imports_nothing_heavy(arguments):
     code = (

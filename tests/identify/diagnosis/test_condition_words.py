@@ -15,6 +15,7 @@ from thermohyd.identify.diagnosis.condition_words import region_words
         ({"direction": (1.0, 1.0), "supply_pressure": (69e5, 71e5)}, "rising sweeps, 69 to 71 bar supply"),
         ({"direction": (-1.0, 1.0)}, "everywhere"),
         ({"rate": (10e-6, 52e-6)}, "10 to 52 um/s"),
+        ({"elapsed": (0.0, 49.6)}, "0 to 50 s"),
         ({"run": (1.0, 1.0)}, "run fast"),
         ({"run": (0.0, 1.0)}, "runs slow to fast"),
         ({"run": (4.0, 5.0)}, "runs 4 to 5"),

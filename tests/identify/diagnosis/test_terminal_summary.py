@@ -76,7 +76,8 @@ def test_rivals_and_what_separates_them():
 def test_a_curve_is_not_called_a_cause():
     text = words(summary(fake_diagnosis("unexplained")))
     assert "If clearance varied smoothly with temperature (20 to 70 degC), that would close 55 % of the gap" in text
-    assert "not a cause" in text
+    assert "not a cause. --learn adds it to the model." in text
+    assert text.count("--learn") == 1
     assert "Learned at your word: clearance varies with temperature" in words(summary(fake_diagnosis("learned")))
 
 
