@@ -2,11 +2,9 @@
 
 from dataclasses import dataclass
 
-from thermohyd.effects.registry import EFFECTS
-
 from .library_fit import LibraryFit, LibraryProblem
 from .screening import screen
-from .search import LEVEL, implausible, merit
+from .search import LEVEL, merit
 
 
 # Chi-square within which two effects explain a record alike: a likelihood ratio of 20.
@@ -14,6 +12,8 @@ ALIKE = 6.0
 # Linear scores choose who is refitted; they may be wrong by this much, or by this share.
 REACH, RELATIVE_REACH = 30.0, 0.3
 MOST_REFITS = 8
+MOST_SWAPS = 3
+BETTER = 0.01
 
 
 @dataclass(frozen=True)
@@ -61,9 +61,21 @@ def rivals_of(problem: LibraryProblem, final: LibraryFit, name: str, steps: dict
     return Rivals(name, without, tuple(sorted(tried, key=lambda r: r.chi2_more)))
 
 
-def plausible(fit: LibraryFit, name: str) -> bool:
-    """Whether an amount lies within what such valves and benches show, generously."""
-    return abs(fit.values[name]) <= 3.0 * EFFECTS[name].typical[1]
+def settle_rivals(
+    problem: LibraryProblem, final: LibraryFit, steps: dict, *, scale: float = 1.0
+) -> tuple[LibraryFit, dict[str, Rivals]]:
+    """The rivals of every effect of `final`; where one does better on all rows, it takes the place and all is asked again.
+
+    Among equals the data of all rows decide who is named first; that they are equals is said either way.
+    """
+    for _ in range(MOST_SWAPS):
+        rivals = all_rivals(problem, final, steps, scale)
+        best = min((r for rival in rivals.values() for r in rival.tried), key=lambda r: r.chi2_more, default=None)
+        if best is None or best.chi2_more >= -BETTER:
+            return final, rivals
+        final = problem.fit(best.fit.effects, best.fit.values, hops=True)
+    return final, all_rivals(problem, final, steps, scale)
 
 
-__all__ = ["ALIKE", "Rival", "Rivals", "implausible", "plausible", "rivals_of"]
+def all_rivals(problem: LibraryProblem, final: LibraryFit, steps: dict, scale: float) -> dict[str, Rivals]:
+    return {name: rivals_of(problem, final, name, steps, scale=scale) for name in final.effects}

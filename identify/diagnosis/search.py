@@ -11,12 +11,14 @@ from scipy.special import chdtrc
 from thermohyd.effects.registry import EFFECTS
 
 from .library_fit import LibraryFit, LibraryProblem
-from .screening import Screen, Signature, finite_steps, screen
+from .screening import Screen, Signature, screen
 
 
 LEVEL = 0.01  # probability of naming anything, at each step of the search, in a record that needs nothing more
 MOST_EFFECTS = 4
 SINGLES, PAIRS = 10, 6  # refits of each step
+FAR = 3.0  # reduced chi-square from which a model counts as bent by what it misses
+HOPPED = 4
 # A pair must beat the best single effect by this much chi-square beyond the search's own critical value.
 PAIR_PENALTY = 4.0
 BEYOND_TYPICAL = 4.0  # chi-square per squared e-fold beyond the largest amount that is usual
@@ -61,16 +63,20 @@ def merit(fit: LibraryFit) -> float:
 def search(
     problem: LibraryProblem,
     base: LibraryFit,
+    steps_of: dict[str, np.ndarray],
     *,
+    begin: LibraryFit | None = None,
     level: float = LEVEL,
     most: int = MOST_EFFECTS,
     freedom: float = np.inf,
     say: Callable[[str], None] = lambda _: None,
 ) -> Found:
-    """Add effects to the ideal valve `base` while the strongest score is beyond what chance gives the whole library."""
+    """Add effects to the ideal valve `base` while the strongest score is beyond what chance gives the whole library.
+
+    steps_of: finite-step signatures (see `screening`). begin: a fit of effects to start from instead of none.
+    """
     names = problem.library.names
-    steps_of = finite_steps(problem, problem.with_all_columns(base), names)
-    current, chosen, p_values, steps = base, (), {}, []
+    current, chosen, p_values, steps = begin or base, begin.effects if begin else (), {}, []
     while True:
         at = problem.with_all_columns(current)
         candidates = [name for name in names if name not in chosen]
@@ -83,9 +89,7 @@ def search(
             steps.append(Step(scores, {}, (), min(p_single, p_pair)))
             break
         say(f"effect {len(chosen) + 1}: refitting the leading candidates")
-        singles = {
-            s.name: problem.fit((*chosen, s.name), {**current.values, s.name: s.estimate}) for s in leading(ranked)
-        }
+        singles = _singles(problem, current, chosen, ranked)
         best = min(singles.values(), key=merit)
         double = _best_pair(problem, current, chosen, scores, pairs, best)
         threshold = scores.critical**2 + PAIR_PENALTY
@@ -102,7 +106,31 @@ def search(
             p_values[name] = min(p_single, p_pair) if own is None else min(scores.p_value(own), p_pair)
         current = problem.fit(chosen, best.values, hops=True)
         current, chosen = prune(problem, current, chosen, scores.critical**2)
-    return Found(base, current, chosen, {name: p_values[name] for name in chosen}, tuple(steps))
+    return Found(base, current, chosen, {name: p_values[name] for name in chosen if name in p_values}, tuple(steps))
+
+
+def _singles(
+    problem: LibraryProblem, current: LibraryFit, chosen: tuple[str, ...], ranked: list[Signature]
+) -> dict[str, LibraryFit]:
+    """Refits of the leading candidates, each beside the effects chosen so far.
+
+    A model that misses by far has bent its parameters to the misfit: scores beside it say little, and refits that start
+    from it end in local minima. Then every candidate is tried, from the nominal valve too, and the best ones hop.
+    """
+    found = {s.name: problem.fit((*chosen, s.name), {**current.values, s.name: s.estimate}) for s in leading(ranked)}
+    if current.chi2 <= FAR * max(int(current.used.sum()), 1):
+        return found
+    null = {"null_bias": current.values["null_bias"]}
+    for name in dict.fromkeys([*found, *problem.library.names]):
+        if name in chosen:
+            continue
+        start = {**{n: current.values[n] for n in chosen}, **null, name: EFFECTS[name].scale}
+        fit = problem.fit((*chosen, name), start)
+        if name not in found or merit(fit) < merit(found[name]):
+            found[name] = fit
+    for name in sorted(found, key=lambda n: merit(found[n]))[:HOPPED]:
+        found[name] = problem.fit(found[name].effects, found[name].values, hops=True)
+    return found
 
 
 def leading(ranked: list[Signature]) -> list[Signature]:

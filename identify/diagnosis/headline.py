@@ -1,0 +1,100 @@
+"""The answer in plain words with figures: one sentence for the verdict, then what an engineer asks next."""
+
+import numpy as np
+
+from ..display_units import display_unit, reading_unit
+from ..effect_units import amount
+from ..fit_result import FitResult
+from .condition_words import region_words
+from .result import HeldOut, NamedEffect, ParameterShift, Region, Variation, Verdict
+
+
+def headline(
+    verdict: Verdict,
+    effects: tuple[NamedEffect, ...],
+    where: tuple[Region, ...],
+    held: HeldOut | None,
+    gap: tuple[float, float],
+    shifts: tuple[ParameterShift, ...],
+) -> str:
+    """The first sentence of every report."""
+    place = _place(where)
+    if verdict == "consistent":
+        return "The ideal valve explains this record within its noise: no effect of the library is needed."
+    names = _and([f"{e.name} ({amount(e.name, e.value, e.unit, e.std)})" for e in effects])
+    if verdict == "unexplained":
+        first = f"{place or 'Model and bench disagree beyond noise'}, and nothing in the library explains it"
+        if effects:
+            rest = f"but a misfit beyond noise remains (reduced chi-square {gap[0]:.3g} to {gap[1]:.3g})"
+            return f"{first}: {names} {_verb(effects, 'helps', 'help')}, {rest}."
+        return f"{first} (reduced chi-square {gap[0]:.3g})."
+    closes = _closes(held, gap)
+    lead = f"{place}: " if place else ""
+    if verdict == "named":
+        return f"{lead}{names} {_verb(effects, 'is', 'are')} missing from the model; {closes}{_bias(shifts)}."
+    open_ = [e for e in effects if e.alternatives]
+    rivals = "; ".join(
+        f"{e.name} cannot be told from {_or([a.name for a in e.alternatives])} by these data" for e in open_
+    )
+    return f"{lead}{names} would explain it, and {closes}, but {rivals}."
+
+
+def _place(where: tuple[Region, ...]) -> str:
+    if not where:
+        return ""
+    worst = where[0]
+    unit = reading_unit(worst.channel)
+    side = "high" if worst.mean > 0 else "low"
+    what = worst.channel.replace("_", " ").capitalize()
+    miss = f"{abs(worst.mean) * unit.factor:.2g} {unit.label}"
+    return f"{what} is {miss} too {side} on average at {region_words(worst.limits)} in {worst.test}"
+
+
+def _closes(held: HeldOut | None, gap: tuple[float, float]) -> str:
+    if held is not None and held.before > 0.0:
+        return f"with {'it' if held else ''} {100 * max(held.gap_closed, 0.0):.0f} % of the gap closes on rows held out"
+    return f"reduced chi-square falls from {gap[0]:.3g} to {gap[1]:.3g}"
+
+
+def _bias(shifts: tuple[ParameterShift, ...]) -> str:
+    """The identified parameter that ignoring the effects would have spoiled most, in its own error bars."""
+    seen = [s for s in shifts if s.std_after]
+    if not seen:
+        return ""
+    worst = max(seen, key=lambda s: abs(s.before - s.after) / (s.std_after or np.inf))
+    off = worst.before - worst.after
+    if abs(off) < 2.0 * (worst.std_after or np.inf):
+        return ""
+    unit = display_unit(worst.unit)
+    word = "inflated" if off > 0 else "lowered"
+    label = "" if unit.label in ("", "-") else f" {unit.label}"
+    return f"; ignoring it would have {word} {worst.name} by {abs(off) * unit.factor:.2g}{label}"
+
+
+def further_sentences(
+    effects: tuple[NamedEffect, ...], before: FitResult, variations: tuple[Variation, ...]
+) -> tuple[str, ...]:
+    """What stands under the headline, one line each."""
+    lines = []
+    for effect in effects:
+        line = f"{effect.name}: {effect.sentence}"
+        if effect.name == "unequal_underlap" and not _ports_measured(before):
+            line += "; the same with the other sign fits as well unless both port pressures are measured"
+        lines.append(f"{line}.")
+    return tuple(lines)
+
+
+def _ports_measured(fit: FitResult) -> bool:
+    return any(c.channel in ("pressure_a", "pressure_b") for c in fit.channels)
+
+
+def _verb(effects: tuple[NamedEffect, ...], one: str, many: str) -> str:
+    return one if len(effects) == 1 else many
+
+
+def _and(words: list[str]) -> str:
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}" if words else ""
+
+
+def _or(words: list[str]) -> str:
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} or {words[-1]}" if words else ""

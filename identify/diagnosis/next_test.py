@@ -1,0 +1,109 @@
+"""The measurement that separates what a record cannot: the rivals' predictions elsewhere, after each adapts itself.
+
+T-optimal design (Atkinson and Fedorov, Biometrika 62, 1975) over a small menu of changes to the tests that were run.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from ..record import TestRecord
+from .library_fit import LibraryFit, LibraryProblem
+from .projection import Projection
+from .result import NextTest
+from .rivals import Rivals
+
+
+ENOUGH = 12.0  # chi-square that settles a choice: odds of 400 to 1
+
+
+def next_test(
+    problem: LibraryProblem,
+    final: LibraryFit,
+    rivals: dict[str, Rivals],
+    scale: float,
+    say: Callable[[str], None] = lambda _: None,
+) -> NextTest | None:
+    """The change of conditions under which the closest pair of rivals differs most, with the evidence to expect."""
+    pairs = [(final, r.fit) for rival in rivals.values() for r in rival.alike]
+    if not pairs:
+        return None
+    say("designing the next test")
+    found = []
+    for words, tests in menu(problem.tests):
+        elsewhere = replace(problem, tests=tests, used=None, _args={})
+        # Every pair has to come apart, so the weakest one counts.
+        evidence = min(min(_apart(problem, elsewhere, a, b), _apart(problem, elsewhere, b, a)) for a, b in pairs)
+        found.append((words, evidence / scale))
+    found.sort(key=lambda option: -option[1])
+    words, evidence = found[0]
+    names = sorted(
+        {r.name for rival in rivals.values() for r in rival.alike} | {n for n, r in rivals.items() if r.alike}
+    )
+    if evidence < ENOUGH:
+        sentence = (
+            f"No change of temperature, supply pressure or sweep rate of these tests separates {', '.join(names)}: the best, "
+            f"{words}, would show a chi-square difference of {evidence:.1f}; a direct measurement is needed "
+            "(the other port's pressure, the oil's viscosity, a calibrated flowmeter or position)"
+        )
+    else:
+        sentence = (
+            f"repeat the tests {words}: {', '.join(names)} would then differ by about {evidence:.0f} in chi-square"
+        )
+    return NextTest(sentence, evidence, tuple(found))
+
+
+def menu(tests: dict[str, TestRecord]) -> list[tuple[str, dict[str, TestRecord]]]:
+    """Changes of conditions that a bench can make, in words, and the tests under them."""
+    every = list(tests.values())
+    warm = float(max(np.max(t.temperature) for t in every))
+    cold = float(min(np.min(t.temperature) for t in every))
+    high = float(max(np.max(t.supply_pressure) for t in every))
+    options: list[tuple[str, dict[str, TestRecord]]] = [("once more as they were", dict(tests))]
+
+    def add(words: str, change: Callable[[TestRecord], TestRecord]) -> None:
+        options.append((words, {name: change(test) for name, test in tests.items()}))
+
+    for temperature in (cold - 25.0, warm + 25.0):
+        if 233.0 < temperature < 403.0:
+            add(f"at {temperature - 273.15:.0f} degC", lambda t, k=temperature: _at_temperature(t, k))
+    for pressure in (0.4 * high, 1.5 * high):
+        if pressure < 355e5:
+            add(f"at {pressure / 1e5:.0f} bar supply pressure", lambda t, p=pressure: _at_supply(t, p))
+    back = 0.15 * high
+    add(f"with {back / 1e5:.0f} bar in the return", lambda t: replace(t, return_pressure=np.full(t.rows, back)))
+    if all(t.time is not None for t in every):
+        add("at five times the sweep rate", lambda t: _at_rate(t, 5.0))
+        add("at a fifth of the sweep rate", lambda t: _at_rate(t, 0.2))
+    return options
+
+
+def _at_temperature(test: TestRecord, temperature: float) -> TestRecord:
+    return replace(test, temperature=np.full(test.rows, temperature))
+
+
+def _at_supply(test: TestRecord, pressure: float) -> TestRecord:
+    factor = pressure / np.maximum(test.supply_pressure, 1.0)
+    load = None if test.load_pressure is None else test.load_pressure * factor
+    return replace(test, supply_pressure=np.full(test.rows, pressure), load_pressure=load)
+
+
+def _at_rate(test: TestRecord, factor: float) -> TestRecord:
+    assert test.time is not None
+    rate = None if test.rate is None else test.rate * factor
+    return replace(test, time=test.time / factor, rate=rate)
+
+
+def _apart(here: LibraryProblem, there: LibraryProblem, true: LibraryFit, other: LibraryFit) -> float:
+    """Chi-square by which `other` would miss new data that follow `true`, once refitted to old and new data together."""
+    made = there.evaluate(true.values, true.effects)
+    claimed = there.evaluate(other.values, other.effects)
+    columns = [other.order.index(name) for name in other.free]
+    new_columns = claimed.columns[:, [claimed.order.index(name) for name in other.free]]
+    at = np.concatenate([here.evaluate(other.values, other.effects).columns[:, columns], new_columns])
+    difference = np.concatenate([np.zeros(len(at) - len(made.residual)), claimed.residual - made.residual])
+    if not (np.isfinite(at).all() and np.isfinite(difference).all()):
+        return 0.0
+    left = Projection.beside(at)(difference)
+    return float(left @ left)

@@ -1,0 +1,49 @@
+"""Smooth empirical terms: Legendre polynomials of a record's condition, and the conditions that may stand under them. NumPy."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.polynomial import legendre
+
+from ...oil_definition import OilDefinition
+from ..record import TestRecord
+
+
+# Quantities to which a term is added, in m; every other one is multiplied by 1 + the term.
+ABSOLUTE = frozenset({"underlap", "null_bias"})
+
+
+def legendre_basis(values: np.ndarray, centre: float, reach: float, degree: int) -> np.ndarray:
+    """P_0 .. P_degree (rows, degree + 1) of s = clip((v - centre)/reach, -1, 1): constant beyond what was seen."""
+    return legendre.legvander(np.clip((values - centre) / reach, -1.0, 1.0), degree)
+
+
+def variable_values(name: str, test: TestRecord, reference: Mapping[str, Any]) -> np.ndarray:
+    """A condition of each row (rows,), SI. reference: the fitted `underlap` and `null_bias`, and the `oil`'s definition.
+
+    opening: |x - x0|. flow_number: 2 (|x - x0| + U) / nu(T) sqrt((P_s - P_t)/rho), the scale of the edges' flow number,
+    of conditions only. elapsed: time since the start of the run. Raises ValueError where a column is missing.
+    """
+    opening = np.abs(test.spool_position - float(reference["null_bias"]))
+    if name == "opening":
+        return opening
+    if name == "flow_number":
+        oil = reference["oil"]
+        drop = np.maximum(test.supply_pressure - test.return_pressure, 0.0)
+        gap = opening + max(float(reference["underlap"]), 0.0)
+        return 2.0 * gap / kinematic_viscosity(oil, test.temperature) * np.sqrt(drop / oil.density)
+    if name == "elapsed":
+        if test.time is None:
+            raise ValueError("the record has no time")
+        first = {run: float(np.min(test.time[test.run == run])) for run in np.unique(test.run)}
+        return test.time - np.array([first[run] for run in test.run])
+    column = getattr(test, name)
+    if column is None:
+        raise ValueError(f"the record has no {name}")
+    return np.asarray(column, dtype=float)
+
+
+def kinematic_viscosity(oil: OilDefinition, temperature: np.ndarray) -> np.ndarray:
+    """ASTM D341 (MODEL section 2), m2/s."""
+    return 1e-6 * (10.0 ** (10.0 ** (oil.viscosity_a - oil.viscosity_b * np.log10(temperature))) - 0.7)
