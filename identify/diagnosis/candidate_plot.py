@@ -28,7 +28,13 @@ def candidate_figure(result: DiagnosisResult) -> Figure:
         axes = figure.add_axes((0.18, 0.62 / height, 0.44, 1.0 - 1.2 / height))
         for row, c in enumerate(shown):
             colour = (
-                BLIND if c.state != "testable" else NAMED if c.name in named else RIVAL if c.name in rivals else OTHER
+                BLIND
+                if c.state != "testable" or _wrong_sign(c)
+                else NAMED
+                if c.name in named
+                else RIVAL
+                if c.name in rivals
+                else OTHER
             )
             axes.barh(row, abs(c.z), color=colour, height=0.72)
             weight = "bold" if c.name in named else "normal"
@@ -41,14 +47,21 @@ def candidate_figure(result: DiagnosisResult) -> Figure:
                 weight=weight,
             )
         _finish(axes, result, shown)
-        axes.annotate("estimate to first order", (1.015, -1.05), xycoords=("axes fraction", "data"), fontsize=8)
+        axes.annotate("amount of this effect alone", (1.015, -1.05), xycoords=("axes fraction", "data"), fontsize=8)
         figure.text(0.02, 1.0 - 0.28 / height, "Evidence for each effect", fontsize=12, fontweight="bold")
     return figure
+
+
+def _wrong_sign(c: Candidate) -> bool:
+    """Whether the data ask for an amount that the effect cannot have."""
+    return bool(c.state == "testable" and c.estimate == 0.0 and abs(c.z) > 1.0)
 
 
 def _words(c: Candidate, named: set[str], rivals: set[str]) -> str:
     if c.state != "testable":
         return "absorbed: the free parameters swallow it" if c.state == "absorbed" else "not testable here"
+    if _wrong_sign(c):
+        return "would need the sign that it cannot have"
     words = ["NAMED"] if c.name in named else ["rival"] if c.name in rivals else []
     estimate = with_unit(c.estimate, effect_unit(c.name, c.unit))
     words += [estimate] if estimate else []

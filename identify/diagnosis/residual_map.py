@@ -83,8 +83,7 @@ def _label(axes: Axes, found: _Map, model: str, first: bool) -> None:
 def _map(fits: list[ChannelFit], run_names: tuple[str, ...]) -> _Map:
     group, labels, same = _conditions(fits[0], run_names)
     position = fits[0].position * 1e6
-    densest = int(np.bincount(group).max())
-    edges = np.linspace(position.min(), position.max() + 1e-9, min(MOST_BINS, max(4, densest)) + 1)
+    edges = _edges(position, group)
     bins = np.clip(np.searchsorted(edges, position, side="right") - 1, 0, len(edges) - 2)
     shape = (len(labels), len(edges) - 1)
     cell = group * shape[1] + bins
@@ -95,6 +94,15 @@ def _map(fits: list[ChannelFit], run_names: tuple[str, ...]) -> _Map:
         values.append(np.where(count > 0, total / np.maximum(count, 1), np.nan).reshape(shape))
     port = f", port {fits[0].channel[-1].upper()}" if fits[0].channel in ("pressure_a", "pressure_b") else ""
     return _Map(f"{TITLES.get(fits[0].test, fits[0].test).partition(',')[0]}{port}{same}", labels, edges, values)
+
+
+def _edges(position: np.ndarray, group: np.ndarray) -> np.ndarray:
+    """Cells where the readings are: benches step finely around null and coarsely elsewhere."""
+    densest = int(np.bincount(group).argmax())
+    steps = len(np.unique(np.round(position[group == densest], 1)))
+    cells = min(MOST_BINS, max(4, int(0.7 * steps)))
+    edges = np.unique(np.quantile(position, np.linspace(0.0, 1.0, cells + 1)))
+    return edges if len(edges) > 1 else edges[0] + np.array([-0.5, 0.5])
 
 
 def _conditions(fit: ChannelFit, run_names: tuple[str, ...]) -> tuple[np.ndarray, list[str], str]:
