@@ -68,7 +68,8 @@ def diagnosis_json(result: DiagnosisResult) -> dict[str, Any]:
             },
             "reduced_chi2": result.before.reduced_chi2,
         },
-        "fit": fit_json(result.after),
+        # without the plain fit's own sentences: they speak of the ideal valve
+        "fit": {key: value for key, value in fit_json(result.after).items() if key != "verdict"},
     }
     return plain(content)
 
