@@ -49,7 +49,9 @@ def answers(
     version = source_hash(ROOT / "thermohyd", ROOT / "identify")
     store = WORK / f"set{seed_set}" / "answers.jsonl"
     known = {a["record"]: a for a in stored(store) if any_version or a["version"] == version}
-    known = {n: a for n, a in known.items() if n in names and ("baselines" in a or not with_baselines)}
+    known = {
+        n: a for n, a in known.items() if n in names and "error" not in a and ("baselines" in a or not with_baselines)
+    }
     left = [n for n in names if n not in known]
     began = time.monotonic()
     with store.open("a", encoding="utf-8") as out:
@@ -88,18 +90,18 @@ def ask(job: tuple[Path, bool]) -> dict[str, Any]:
 
     set_up_jax()
     try:
-        from thermohyd.identify.diagnosis.diagnose import diagnose
+        from thermohyd.identify.diagnosis.diagnose import diagnose, open_case
 
         record = read_record(folder)
         result = diagnose(record)
         answer = answer_of(folder.name, result)
         if with_baselines:
-            from _hidden_adapter import problem_and_signatures
             from _hidden_baselines import baselines
 
-            answer["baselines"] = baselines(*problem_and_signatures(record, result))
+            case = open_case(record)
+            answer["baselines"] = baselines(case.problem, case.base)
     except Exception as error:
-        return {"record": folder.name, "error": f"{type(error).__name__}: {error}", "baselines": {}}
+        return {"record": folder.name, "error": f"{type(error).__name__}: {error}"}
     return plain(answer)
 
 
