@@ -36,7 +36,7 @@ class Bench:
             raise BenchInputError("no such folder", file=folder)
         return replace(fake_diagnosis(points=4).record, folder=Path(folder))
 
-    def diagnose(self, record, *, learn=False, progress=None):
+    def diagnose(self, record, *, learn, progress):
         self.computed.append(record.folder.name)
         self.learned.append(learn)
         progress("working")

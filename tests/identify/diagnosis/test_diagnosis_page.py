@@ -69,7 +69,7 @@ def test_files(tmp_path: Path):
     figures = FIGURES | MORE["named"]
     pictures = {f"{name}.{kind}" for name in figures for kind in ("png", "svg")}
     assert set(files) == pictures | {"diagnosis.json", "model.json", "report.html"}
-    assert '"value": null' in files["model.json"]
+    assert '"value": null' in str(files["model.json"])
     shown = str(files["report.html"])
     assert shown.count("data:image/svg+xml;base64,") == len(figures)
     for tag, attributes in Tags(shown).opened:
@@ -118,7 +118,8 @@ def test_port_pressures_get_a_figure_each():
 def test_runs_are_called_by_their_names():
     result = fake_diagnosis("named", points=12)
     channel = replace(result.before.channels[0], run=np.arange(96) % 12 // 6)  # two runs of every condition
-    names = TestRecord("leakage", Path("x"), *([channel.position] * 4), (), channel.run, ("slow", "fast"), channel.direction)  # fmt: skip
+    where = (channel.position, channel.supply_pressure, channel.supply_pressure, channel.temperature)
+    names = TestRecord("leakage", Path("x"), *where, (), channel.run, ("slow", "fast"), channel.direction)
     record = replace(result.record, tests={"leakage": names})
     fit = replace(result.before, channels=(channel,))
     figure = diagnosis_figures(replace(result, record=record, before=fit, after=fit))["residual_map"]
