@@ -76,6 +76,7 @@ def conditions_of(test: TestRecord, size: Size = padded_size) -> Conditions:
         time=None if test.time is None else pad(test.time, size=size),
         direction=pad(test.direction, size=size),
         run=pad(test.run, size=size),
+        rate=None if test.rate is None else pad(test.rate, size=size),
     )
 
 
@@ -118,6 +119,7 @@ def _joined(parts: list[Conditions]) -> Conditions:
         time=column("time"),
         direction=column("direction"),
         run=jnp.concatenate(runs) if len(runs) == len(parts) else None,
+        rate=column("rate"),
     )
 
 

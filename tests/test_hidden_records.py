@@ -20,6 +20,8 @@ from thermohyd.identify.read_record import read_record
 
 KEPT = Path(__file__).parents[1] / "data" / "hidden"
 NAMES = hidden_records.KEPT
+# position_lag was found on a real bench after the sets had been fixed; they are left as they were.
+HIDDEN = set(EFFECTS) - {"position_lag"}
 
 
 def text_of(path: Path) -> str:
@@ -88,15 +90,16 @@ def test_a_set_holds_what_it_should(plan):
     kinds = [hidden.kind for hidden in plan]
     assert {k: kinds.count(k) for k in set(kinds)} == {"single": 46, "none": 10, "pair": 10, "outside": 10}
     singles = {(next(iter(h.effects)), h.strength) for h in plan if h.kind == "single"}
-    assert singles == {(name, strength) for name in EFFECTS for strength in ("weak", "strong")}
+    assert singles == {(name, strength) for name in HIDDEN for strength in ("weak", "strong")}
     assert len({h.outside[0] for h in plan if h.outside}) >= 5
     for trait in (lambda h: h.bench.phi > 0.0, lambda h: h.declared):
         assert 0.4 < np.mean([trait(h) for h in plan]) < 0.6
 
 
 def test_strengths_cover_the_library_and_lie_in_its_limits():
-    assert set(STRENGTHS) == set(EFFECTS) == {f.name for f in fields(Effects)}
-    assert {n for family in FAMILIES.values() for n in family} == set(EFFECTS) - {"flowmeter_scale"}
+    assert set(STRENGTHS) == HIDDEN
+    assert set(EFFECTS) == {f.name for f in fields(Effects)}
+    assert {n for family in FAMILIES.values() for n in family} == HIDDEN - {"flowmeter_scale"}
     for name, (weak, strong) in STRENGTHS.items():
         assert 0.0 < weak < strong < EFFECTS[name].upper
         assert (EFFECTS[name].lower < 0.0) == (name in EITHER_SIGN)

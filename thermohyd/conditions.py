@@ -10,7 +10,8 @@ class Conditions(eqx.Module):
 
     position: spool position as read [m]; supply_pressure, return_pressure [Pa]; temperature: of the oil supplied [K].
     load_pressure: imposed p_A - p_B [Pa], for the load-flow test. time [s], direction (+1, -1: sign of the motion) and
-    run (0, 1, ...: which sweep) serve the effects that depend on the sweep.
+    run (0, 1, ...: which sweep) serve the effects that depend on the sweep, rate (dx/dt as read [m/s]) those that depend
+    on its speed.
     """
 
     position: Float[Array, " rows"]
@@ -21,6 +22,7 @@ class Conditions(eqx.Module):
     time: Float[Array, " rows"] | None = None
     direction: Float[Array, " rows"] | None = None
     run: Float[Array, " rows"] | None = None
+    rate: Float[Array, " rows"] | None = None
 
 
 def operating_points(

@@ -36,11 +36,12 @@ def as_amount(value: float | Array) -> Array:
 class AbstractEffect(eqx.Module):
     """One physical effect with one parameter whose neutral value, 0, switches it off exactly.
 
+    The amount is one number, or one per row of a test (a smooth term, a derivative taken row by row).
     `order`: among the effects of a stage, lower ones act first; effects of equal order commute.
     `rowwise`: whether a reading still depends on the parameters through its own row only (see `valve.rowwise`).
     """
 
-    amount: eqx.AbstractVar[Float[Array, ""]]
+    amount: eqx.AbstractVar[Float[Array, "..."]]
     order: ClassVar[int] = 0
     rowwise: ClassVar[bool] = True
 

@@ -23,7 +23,7 @@ class Valve:
 
 @dataclass(frozen=True)
 class Effects:
-    """The effects of MODEL section 6 by name; 0 switches one off exactly. `throttle_heating` is eta (0: HM, 1: THM)."""
+    """The effects of MODEL section 6 and `position_lag` by name; 0 switches one off exactly. `throttle_heating` is eta."""
 
     supply_edge_wear: Array = 0.0
     return_edge_wear: Array = 0.0
@@ -47,6 +47,7 @@ class Effects:
     flowmeter_lag: Array = 0.0
     position_scale: Array = 0.0
     hysteresis: Array = 0.0
+    position_lag: Array = 0.0
     pressure_offset: Array = 0.0
 
 
@@ -55,7 +56,7 @@ class Rows:
     """Operating points as the bench reads them (SI, one entry per row).
 
     direction: +1 or -1, or None: found from the positions. load_pressure: p_A - p_B as imposed in load_flow.
-    time and run matter to the flowmeter's lag only.
+    time and run matter to the flowmeter's lag only, rate (dx/dt as read, m/s) to the position's.
     """
 
     spool_position: np.ndarray
@@ -66,6 +67,7 @@ class Rows:
     time: np.ndarray | None = None
     run: np.ndarray | None = None
     load_pressure: np.ndarray | None = None
+    rate: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -139,6 +141,10 @@ def plant_of(valve: Valve, effects: Effects, oil: Oil, rows: Rows) -> Plant:
     read = np.asarray(rows.spool_position, dtype=float)
     x = read * (1.0 + np.asarray(effects.position_scale)) - valve.null_bias
     x = x - 0.5 * np.asarray(effects.hysteresis) * direction
+    if np.any(effects.position_lag):
+        if rows.rate is None:
+            raise ValueError("a lag of the position needs the rate of every row")
+        x = x - np.asarray(effects.position_lag) * rows.rate
     true_oil = replace(
         oil,
         viscosity_factor=oil.viscosity_factor * (1.0 + np.asarray(effects.viscosity_shift)),

@@ -1,4 +1,4 @@
-"""The registry against its classes, the order of effects, row by row or not, and a 24th effect as CONTRIBUTING adds it."""
+"""The registry against its classes, the order of effects, row by row or not, and one more as CONTRIBUTING adds it."""
 
 import re
 from pathlib import Path
@@ -16,9 +16,9 @@ from thermohyd.static_tests import leakage_flow
 from thermohyd.valve import rowwise
 
 
-def test_the_23_effects_of_the_reference():
+def test_the_23_effects_of_the_model_and_position_lag():
     assert set(EFFECTS) == set(Effects.__dataclass_fields__)
-    assert len({info.effect for info in EFFECTS.values()}) == 23
+    assert len({info.effect for info in EFFECTS.values()}) == 24
 
 
 @pytest.mark.parametrize("name", EFFECTS)
@@ -43,12 +43,12 @@ def test_unknown_name_is_told_the_known_ones():
 
 
 def test_listing_order_does_not_matter():
-    names = ["flowmeter_offset", "hysteresis", "flowmeter_lag", "position_scale", "flowmeter_scale"]
+    names = ["flowmeter_offset", "position_lag", "hysteresis", "flowmeter_lag", "position_scale", "flowmeter_scale"]
     one = with_effects(seed_valve(), dict.fromkeys(names, 0.1)).effects
     two = with_effects(seed_valve(), dict.fromkeys(reversed(names), 0.1)).effects
     assert [type(e) for e in one] == [type(e) for e in two]
     order = [type(e).__name__ for e in one]
-    assert order.index("PositionScale") < order.index("Hysteresis")
+    assert order.index("PositionScale") < min(order.index("Hysteresis"), order.index("PositionLag"))
     assert order.index("FlowmeterLag") < order.index("FlowmeterScale") < order.index("FlowmeterOffset")
 
 
@@ -58,7 +58,7 @@ def test_only_the_lag_ties_rows_together():
     assert not rowwise(with_effects(seed_valve(), {"hysteresis": 1e-6, "flowmeter_lag": 0.0}))
 
 
-def test_the_24th_effect_of_contributing(monkeypatch):
+def test_one_more_effect_as_contributing_adds_it(monkeypatch):
     page = (Path(__file__).parents[2] / "CONTRIBUTING.md").read_text(encoding="utf-8")
     section = page.split("## Adding an effect")[1].split("\n## ")[0]
     blocks = re.findall(r"```python\n(.*?)```", section, flags=re.DOTALL)

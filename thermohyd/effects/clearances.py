@@ -24,7 +24,7 @@ class ThermalClearance(AbstractEdgeEffect):
     Amount k [m/K], either sign, typical 1 to 20 nm/K. Shows in the leakage away from null, over temperature.
     """
 
-    amount: Float[Array, ""] = eqx.field(converter=as_amount)
+    amount: Float[Array, "..."] = eqx.field(converter=as_amount)
 
     def edges(self, ideal: Edges, conditions: Conditions) -> Edges:
         growth = self.amount * (conditions.temperature - REFERENCE_TEMPERATURE)
@@ -44,7 +44,7 @@ class PressureClearance(AbstractEdgeEffect):
     the supply pressure.
     """
 
-    amount: Float[Array, ""] = eqx.field(converter=as_amount)
+    amount: Float[Array, "..."] = eqx.field(converter=as_amount)
 
     def edges(self, ideal: Edges, conditions: Conditions) -> Edges:
         return on_both(ideal, "clearance_per_pressure", lambda own: self.amount if own is None else own + self.amount)

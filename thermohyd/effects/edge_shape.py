@@ -17,7 +17,7 @@ class SupplyEdgeWear(AbstractEdgeEffect):
     Amount d >= 0 [m], typical 1 to 20 um. Shows in the leakage peak and raises the null pressure (p_A + p_B)/2.
     """
 
-    amount: Float[Array, ""] = eqx.field(converter=as_amount)
+    amount: Float[Array, "..."] = eqx.field(converter=as_amount)
 
     def edges(self, ideal: Edges, conditions: Conditions) -> Edges:
         return eqx.tree_at(lambda e: e.supply.radius, ideal, ideal.supply.radius + self.amount)
@@ -31,7 +31,7 @@ class ReturnEdgeWear(AbstractEdgeEffect):
     Amount d >= 0 [m], typical 1 to 20 um. Shows in the leakage peak and lowers the null pressure (p_A + p_B)/2.
     """
 
-    amount: Float[Array, ""] = eqx.field(converter=as_amount)
+    amount: Float[Array, "..."] = eqx.field(converter=as_amount)
 
     def edges(self, ideal: Edges, conditions: Conditions) -> Edges:
         return eqx.tree_at(lambda e: e.return_.radius, ideal, ideal.return_.radius + self.amount)
@@ -45,7 +45,7 @@ class UnequalUnderlap(AbstractEdgeEffect):
     Amount d [m], either sign, typical 1 to 10 um. Shows in the leakage peak and the null pressure (p_A + p_B)/2.
     """
 
-    amount: Float[Array, ""] = eqx.field(converter=as_amount)
+    amount: Float[Array, "..."] = eqx.field(converter=as_amount)
 
     def edges(self, ideal: Edges, conditions: Conditions) -> Edges:
         return eqx.tree_at(lambda e: e.return_.underlap, ideal, ideal.return_.underlap + self.amount)

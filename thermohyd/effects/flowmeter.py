@@ -23,7 +23,7 @@ class FlowmeterOffset(AbstractReadingEffect):
     Amount q0 [m3/s], either sign, typical 1e-8 to 1e-6. Shows in the leakage and the flow, at every position alike.
     """
 
-    amount: Float[Array, ""] = eqx.field(converter=as_amount)
+    amount: Float[Array, "..."] = eqx.field(converter=as_amount)
     order: ClassVar[int] = 30
 
     def reading(
@@ -40,7 +40,7 @@ class FlowmeterScale(AbstractReadingEffect):
     Amount s > -1 [-], typical 0.002 to 0.05. Shows in the leakage and the flow, in proportion to them.
     """
 
-    amount: Float[Array, ""] = eqx.field(converter=as_amount)
+    amount: Float[Array, "..."] = eqx.field(converter=as_amount)
     order: ClassVar[int] = 20
 
     def reading(
@@ -60,7 +60,7 @@ class FlowmeterLag(AbstractReadingEffect):
     A reading depends on the rows before it: not row by row. Raises ValueError where the conditions have no time.
     """
 
-    amount: Float[Array, ""] = eqx.field(converter=as_amount)
+    amount: Float[Array, "..."] = eqx.field(converter=as_amount)
     order: ClassVar[int] = 10
     rowwise: ClassVar[bool] = False
 

@@ -18,7 +18,7 @@ class TemperatureOffset(AbstractConditionEffect):
     Amount d [K], either sign, typical 0.5 to 10. Shows wherever viscosity does: leakage away from null, cold oil most.
     """
 
-    amount: Float[Array, ""] = eqx.field(converter=as_amount)
+    amount: Float[Array, "..."] = eqx.field(converter=as_amount)
 
     def true_conditions(self, so_far: Conditions, read: Conditions) -> Conditions:
         return eqx.tree_at(lambda c: c.temperature, so_far, so_far.temperature + self.amount)
@@ -32,7 +32,7 @@ class PositionScale(AbstractConditionEffect):
     Amount s > -1 [-], typical 0.005 to 0.05. Shows as a stretched axis: slopes of flow and pressure gain.
     """
 
-    amount: Float[Array, ""] = eqx.field(converter=as_amount)
+    amount: Float[Array, "..."] = eqx.field(converter=as_amount)
 
     def true_conditions(self, so_far: Conditions, read: Conditions) -> Conditions:
         return eqx.tree_at(lambda c: c.position, so_far, so_far.position * (1.0 + self.amount))
@@ -46,7 +46,7 @@ class PressureOffset(AbstractConditionEffect, AbstractReadingEffect):
     Amount o [Pa], either sign, typical 0.1e5 to 5e5. Shows in the pressure gain, at every position alike.
     """
 
-    amount: Float[Array, ""] = eqx.field(converter=as_amount)
+    amount: Float[Array, "..."] = eqx.field(converter=as_amount)
 
     def true_conditions(self, so_far: Conditions, read: Conditions) -> Conditions:
         if so_far.load_pressure is None:

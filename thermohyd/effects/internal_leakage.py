@@ -27,7 +27,7 @@ class PilotLeakage(AbstractReadingEffect):
     position alike, nearly independent of temperature.
     """
 
-    amount: Float[Array, ""] = eqx.field(converter=as_amount)
+    amount: Float[Array, "..."] = eqx.field(converter=as_amount)
 
     def reading(
         self, channel: str, value: Float[Array, " rows"], read: Conditions, true: Conditions, oil: Oil
@@ -48,7 +48,7 @@ class BushingLeakage(AbstractReadingEffect):
     alike, with the oil's thinning.
     """
 
-    amount: Float[Array, ""] = eqx.field(converter=as_amount)
+    amount: Float[Array, "..."] = eqx.field(converter=as_amount)
 
     def reading(
         self, channel: str, value: Float[Array, " rows"], read: Conditions, true: Conditions, oil: Oil
@@ -68,7 +68,7 @@ class CrossPortLeakage(AbstractCrossingEffect):
     Amount G >= 0 [m3/(s Pa)], typical 1e-14 to 1e-12. Shows in the pressure gain (slope and saturation), and in the leakage.
     """
 
-    amount: Float[Array, ""] = eqx.field(converter=as_amount)
+    amount: Float[Array, "..."] = eqx.field(converter=as_amount)
 
     def conductance(self, oil: Oil, conditions: Conditions) -> Float[Array, "..."]:
         return self.amount * thinning(oil, conditions.temperature)

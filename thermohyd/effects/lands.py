@@ -31,7 +31,7 @@ class Eccentricity(AbstractEdgeEffect):
     so look at it in finite steps. Shows in the leakage away from null and in the pressure gain of overlapped edges.
     """
 
-    amount: Float[Array, ""] = eqx.field(converter=as_amount)
+    amount: Float[Array, "..."] = eqx.field(converter=as_amount)
 
     def edges(self, ideal: Edges, conditions: Conditions) -> Edges:
         factor = 1.0 + 1.5 * jnp.square(self.amount)
@@ -46,7 +46,7 @@ class LandLeakage(AbstractEdgeEffect):
     Amount k >= 0 [-], typical 1 to 30. Shows in the leakage at all positions, laminar: it grows with temperature.
     """
 
-    amount: Float[Array, ""] = eqx.field(converter=as_amount)
+    amount: Float[Array, "..."] = eqx.field(converter=as_amount)
 
     def edges(self, ideal: Edges, conditions: Conditions) -> Edges:
         return on_both(ideal, "land_leakage", lambda own: self.amount if own is None else own + self.amount)

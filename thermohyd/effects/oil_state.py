@@ -17,7 +17,7 @@ class PressureViscosity(AbstractOilEffect):
     Amount b >= 0 [1/Pa], typical 1e-8 to 2.5e-8. Shows in the leakage, over the supply pressure.
     """
 
-    amount: Float[Array, ""] = eqx.field(converter=as_amount)
+    amount: Float[Array, "..."] = eqx.field(converter=as_amount)
 
     def oil(self, nominal: Oil) -> Oil:
         own = nominal.pressure_viscosity
@@ -33,7 +33,7 @@ class ViscosityShift(AbstractOilEffect):
     Amount d > -1 [-], typical 0.02 to 0.3. Shows in the leakage away from null and in the flow at small openings.
     """
 
-    amount: Float[Array, ""] = eqx.field(converter=as_amount)
+    amount: Float[Array, "..."] = eqx.field(converter=as_amount)
 
     def oil(self, nominal: Oil) -> Oil:
         factor = 1.0 + self.amount
@@ -50,7 +50,7 @@ class ThrottleHeating(AbstractHeatEffect):
     Amount [-], eta + amount from 0 to 1, typical 0.1 to 1. Shows in the leakage and the pressure gain of cold oil.
     """
 
-    amount: Float[Array, ""] = eqx.field(converter=as_amount)
+    amount: Float[Array, "..."] = eqx.field(converter=as_amount)
 
     def heat_retention(self, own: Float[Array, "..."]) -> Float[Array, "..."]:
         return own + self.amount

@@ -28,7 +28,7 @@ class FlowSaturation(AbstractLineEffect):
     Amount K >= 0 [Pa/(m3/s)^2], typical 5e12 to 2e14 (2.2 bar at 9.8 l/min per 8e12). Shows in the flow at large openings.
     """
 
-    amount: Float[Array, ""] = eqx.field(converter=as_amount)
+    amount: Float[Array, "..."] = eqx.field(converter=as_amount)
 
     def losses(self, supply_flow: Float[Array, "..."], return_flow: Float[Array, "..."]) -> Losses:
         return self.amount * _squared(supply_flow), self.amount * _squared(return_flow)
@@ -42,7 +42,7 @@ class SupplyDroop(AbstractLineEffect):
     Amount R >= 0 [Pa/(m3/s)], typical 1e9 to 2e10 (1.6 bar at 9.8 l/min per 1e9). Shows in the flow at large openings.
     """
 
-    amount: Float[Array, ""] = eqx.field(converter=as_amount)
+    amount: Float[Array, "..."] = eqx.field(converter=as_amount)
 
     def losses(self, supply_flow: Float[Array, "..."], return_flow: Float[Array, "..."]) -> Losses:
         return self.amount * supply_flow, jnp.zeros_like(return_flow)
@@ -56,7 +56,7 @@ class ReturnBackPressure(AbstractLineEffect):
     Amount K >= 0 [Pa/(m3/s)^2], typical 5e12 to 4e14 (1.3 bar at 9.8 l/min per 5e12). Shows in the flow at large openings.
     """
 
-    amount: Float[Array, ""] = eqx.field(converter=as_amount)
+    amount: Float[Array, "..."] = eqx.field(converter=as_amount)
 
     def losses(self, supply_flow: Float[Array, "..."], return_flow: Float[Array, "..."]) -> Losses:
         return jnp.zeros_like(supply_flow), self.amount * _squared(return_flow)

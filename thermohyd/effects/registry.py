@@ -13,7 +13,7 @@ from .clearances import PressureClearance, ThermalClearance
 from .edge_shape import ReturnEdgeWear, SupplyEdgeWear, UnequalUnderlap
 from .flowmeter import FlowmeterLag, FlowmeterOffset, FlowmeterScale
 from .gauges import PositionScale, PressureOffset, TemperatureOffset
-from .hysteresis import Hysteresis
+from .hysteresis import Hysteresis, PositionLag
 from .internal_leakage import BushingLeakage, CrossPortLeakage, PilotLeakage
 from .lands import Eccentricity, LandLeakage
 from .oil_state import PressureViscosity, ThrottleHeating, ViscosityShift
@@ -161,6 +161,9 @@ EFFECTS: dict[str, EffectInfo] = {
     ),
     "hysteresis": EffectInfo(
         Hysteresis, "m", 0.0, 100e-6, (0.2e-6, 5e-6), 1e-6, _ALL, "the position depends on the way it was reached"
+    ),
+    "position_lag": EffectInfo(
+        PositionLag, "s", 0.0, 60.0, (0.05, 2.0), 0.5, _ALL, "the spool lags behind the position that is read"
     ),
     "pressure_offset": EffectInfo(
         PressureOffset,
