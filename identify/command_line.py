@@ -175,9 +175,9 @@ def simulate_command(
         with progress_on(console) as progress:
             progress(f"reading {bench}")
             record = read_record(bench, readings_required=False)
-            chosen = nominal_model(record) if model is None else load_model(model)
             progress("starting JAX")
-            _set_up_jax()
+            _set_up_jax()  # first: effects in a model file are checked against the library of effects, which brings JAX
+            chosen = nominal_model(record) if model is None else load_model(model)
             from .predict import simulate_record
             from .simulation_output import simulation_files, simulation_json, simulation_table
 

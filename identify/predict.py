@@ -10,13 +10,16 @@ import pandas as pd
 from jaxtyping import Array, Float
 
 from thermohyd.conditions import Conditions
+from thermohyd.effects.flowmeter import FLOW_CHANNELS, behind_meter
+from thermohyd.effects.registry import with_effects
 from thermohyd.precision import require_float64
 from thermohyd.valve import Valve
 
-from .model_file import Model
+from .model import Model
+from .model_valve import LAG, acting_effects, require_columns, row_terms, valve_without_effects, with_terms
 from .record import BenchRecord, TestRecord
 from .signs import reversed_channels, warning_of
-from .static_model import base_valve, conditions_of, predict, with_parameters
+from .static_model import conditions_of, pad, predict, with_parameters
 from .units import from_si
 
 
@@ -34,27 +37,58 @@ BENCH_UNITS = {
     "pressure_a": "bar",
     "pressure_b": "bar",
 }
-# Rows per evaluation: large logs are predicted piece by piece, so that memory stays flat.
+# Rows per evaluation: large logs are predicted piece by piece, so that what the balances need of memory stays flat.
 CHUNK = 16384
 
 
 @eqx.filter_jit
 def readings_and_slopes(
-    valve: Valve, names: tuple[str, ...], values: Float[Array, " free"], conditions: dict[str, Conditions]
+    valve: Valve,
+    free: tuple[str, ...],
+    values: Float[Array, " free"],
+    amounts: dict[str, Array],
+    terms: dict[str, Array],
+    conditions: dict[str, Conditions],
 ) -> tuple[dict, dict]:
-    """Every channel's readings, and their derivatives to the free parameters (one row per reading)."""
+    """Every channel's readings, and their derivatives to the free parameters and amounts (one row per reading).
+
+    amounts: of every effect that acts row by row, the free ones too. terms: see `model_valve.row_terms`.
+    """
 
     def of(v: Float[Array, " free"]) -> dict:
-        return predict(with_parameters(valve, names, v), conditions)
+        changed = {name: v[i] for i, name in enumerate(free)}
+        own = tuple(name for name in free if name not in amounts)
+        of_parameters = with_parameters(valve, own, jnp.stack([changed[name] for name in own])) if own else valve
+        of_effects = with_effects(of_parameters, {name: changed.get(name, a) for name, a in amounts.items()})
+        return predict(with_terms(of_effects, terms), conditions)
 
-    if not names:
-        found = predict(valve, conditions)
+    if not free:
+        found = of(values)
         return found, jax.tree.map(lambda a: a[:, None][:, :0], found)
     return of(values), jax.jacfwd(of)(values)
 
 
-def _pieces(test: TestRecord) -> Iterator[tuple[slice, Conditions]]:
-    whole = conditions_of(test)
+@eqx.filter_jit
+def readings_behind_lag(
+    lag: Float[Array, ""],
+    columns: Float[Array, "columns rows"],
+    time: Float[Array, " rows"],
+    run: Float[Array, " rows"],
+) -> tuple[Float[Array, "columns rows"], Float[Array, " rows"]]:
+    """Readings (first) and their derivatives (the others) behind a flowmeter's lag, and the derivative to the lag itself.
+
+    The lag is linear in the flow and lets constants pass, so it may come after the meter's scale and offset.
+    """
+    passed = jax.vmap(lambda column: behind_meter(column, lag, time, run))(columns)
+    own = jax.jvp(lambda tau: behind_meter(columns[0], tau, time, run), (lag,), (jnp.ones_like(lag),))[1]
+    return passed, own
+
+
+Piece = tuple[Conditions, dict[str, Array]]
+
+
+def _pieces(test: TestRecord, terms: dict[str, Array]) -> Iterator[tuple[slice, Piece]]:
+    whole = conditions_of(test), terms
     if test.rows <= CHUNK:
         yield slice(0, test.rows), whole
         return
@@ -64,24 +98,49 @@ def _pieces(test: TestRecord) -> Iterator[tuple[slice, Conditions]]:
 
 
 def predict_test(model: Model, record: BenchRecord, test: TestRecord) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """{channel: (reading, standard deviation)} for each row of a test, SI units."""
-    free = model.free if model.covariance is not None else ()
-    covariance = np.zeros((0, 0)) if model.covariance is None else model.covariance
-    of_model = BenchRecord(record.folder, record.name, model.valve, model.oil, record.tests)
-    valve = base_valve(of_model, model.parameters, heat="heat_retention" in free)
-    values = jnp.asarray([model.parameters[name] for name in free], dtype=float)
+    """{channel: (reading, standard deviation)} for each row of a test, SI units.
+
+    The deviation is that of the parameters and amounts in the model's covariance; learned terms count as known. Raises
+    BenchInputError where the model has an effect or a learned term that needs a column which the test does not have.
+    """
     channels = tuple(channel.name for channel in test.channels) or READINGS[test.name]
-    out = {name: (np.empty(test.rows), np.empty(test.rows)) for name in channels}
-    for rows, conditions in _pieces(test):
-        found, slopes = readings_and_slopes(valve, free, values, {test.name: conditions})
-        for name, (reading, std) in out.items():
-            count = rows.stop - rows.start
-            reading[rows] = np.asarray(found[test.name][name])[:count]
-            jacobian = np.asarray(slopes[test.name][name])[:count]
-            variance = np.einsum("ij,jk,ik->i", jacobian, covariance, jacobian)
-            # Without a covariance nothing is known of the error, which is not the same as no error.
-            std[rows] = np.sqrt(np.maximum(variance, 0.0)) if free else np.nan
+    require_columns(model, test, channels)
+    free = model.free if model.covariance is not None else ()
+    rowwise = tuple(name for name in free if name != LAG)
+    acting = acting_effects(model)
+    valve = valve_without_effects(model, record)
+    values = jnp.asarray([model.value(name) for name in rowwise], dtype=float)
+    amounts = {name: jnp.asarray(amount) for name, amount in acting.items() if name != LAG}
+    columns = {name: np.empty((1 + len(rowwise), test.rows)) for name in channels}
+    for rows, (conditions, terms) in _pieces(test, row_terms(model, test)):
+        found, slopes = readings_and_slopes(valve, rowwise, values, amounts, terms, {test.name: conditions})
+        count = rows.stop - rows.start
+        for name in channels:
+            columns[name][0, rows] = np.asarray(found[test.name][name])[:count]
+            columns[name][1:, rows] = np.asarray(slopes[test.name][name])[:count].T
+    out: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+    for name in channels:
+        passed, own = columns[name], np.zeros(test.rows)
+        if LAG in acting and name in FLOW_CHANNELS:
+            passed, own = _behind_lag(acting[LAG], passed, test)
+        slope = {**dict(zip(rowwise, passed[1:], strict=True)), LAG: own}
+        out[name] = passed[0], _deviation([slope[n] for n in free], model.covariance, test.rows)
     return out
+
+
+def _behind_lag(lag: float, columns: np.ndarray, test: TestRecord) -> tuple[np.ndarray, np.ndarray]:
+    assert test.time is not None
+    padded = jnp.stack([pad(column) for column in columns])
+    passed, own = readings_behind_lag(jnp.asarray(lag), padded, pad(test.time), pad(test.run))
+    return np.asarray(passed)[:, : test.rows], np.asarray(own)[: test.rows]
+
+
+def _deviation(slopes: list[np.ndarray], covariance: np.ndarray | None, rows: int) -> np.ndarray:
+    if not slopes or covariance is None:
+        # Without a covariance nothing is known of the error, which is not the same as no error.
+        return np.full(rows, np.nan)
+    jacobian = np.stack(slopes)
+    return np.sqrt(np.maximum(np.einsum("ir,ij,jr->r", jacobian, covariance, jacobian), 0.0))
 
 
 def simulate_record(

@@ -49,6 +49,30 @@ class FlowmeterScale(AbstractReadingEffect):
         return value * (1.0 + self.amount) if channel in FLOW_CHANNELS else value
 
 
+def behind_meter(
+    flow: Float[Array, " rows"],
+    lag: Float[Array, ""],
+    time: Float[Array, " rows"],
+    run: Float[Array, " rows"] | None,
+) -> Float[Array, " rows"]:
+    """What a meter of first order shows of a flow: lag [s], time [s]; each run on its own, steady at its start.
+
+    Linear in the flow, and a constant passes unchanged: it may act before or after the meter's scale and offset.
+    """
+    dt, same_run = jnp.diff(time), jnp.ones(flow.shape[0] - 1, dtype=bool)
+    if run is not None:
+        same_run = jnp.diff(run) == 0.0
+    passes = dt > 0.0
+    span = jnp.where(passes, dt, 1.0)
+    # Far below dt, where exp(-dt/tau) and its derivative are 0, tau may stand for a larger one: tau = 0 is no pole.
+    exponent = span / jnp.maximum(lag, 1e-3 * span)
+    held = jnp.where(lag > 0.0, 1.0, 0.0)
+    decay = jnp.where(same_run, jnp.where(passes, jnp.exp(-exponent), held), 0.0)
+    trail = jnp.where(same_run, jnp.where(passes, -jnp.expm1(-exponent) * lag / span, held), 0.0)
+    deviation = linear_recursion(decay, -trail * jnp.diff(flow))
+    return flow + jnp.concatenate([jnp.zeros(1), deviation])
+
+
 @final
 class FlowmeterLag(AbstractReadingEffect):
     """tau dQ_read/dt = Q - Q_read along every run, exact for a flow that is linear between rows; a run starts steady.
@@ -71,17 +95,4 @@ class FlowmeterLag(AbstractReadingEffect):
             return value
         if read.time is None:
             raise ValueError("flowmeter_lag needs conditions with the time of every row")
-        dt, same_run = jnp.diff(read.time), jnp.ones(value.shape[0] - 1, dtype=bool)
-        if read.run is not None:
-            same_run = jnp.diff(read.run) == 0.0
-        passes = dt > 0.0
-        span = jnp.where(passes, dt, 1.0)
-        # Far below dt, where exp(-dt/tau) and its derivative are 0, tau may stand for a larger one: tau = 0 is no pole.
-        exponent = span / jnp.maximum(self.amount, 1e-3 * span)
-        held = jnp.where(self.amount > 0.0, 1.0, 0.0)
-        decay = jnp.where(same_run, jnp.where(passes, jnp.exp(-exponent), held), 0.0)
-        trail = jnp.where(same_run, jnp.where(passes, -jnp.expm1(-exponent) * self.amount / span, held), 0.0)
-        source = -trail * jnp.diff(value)
-
-        deviation = linear_recursion(decay, source)
-        return value + jnp.concatenate([jnp.zeros(1), deviation])
+        return behind_meter(value, self.amount, read.time, read.run)

@@ -1,0 +1,159 @@
+"""Checks a decoded `model.json` and makes a `Model` of it; every mistake gets one line that names the key at fault."""
+
+import json
+import math
+from contextlib import suppress
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..oil_definition import OilDefinition
+from .errors import BenchInputError, quoted, suggestion
+from .learned_terms import learned_term
+from .model import Model
+from .parameters import heat_retention, identified_by_default
+from .record import ValveData
+
+
+SCHEMA = "thermohyd-model/1"
+PLAIN_NUMBERS = ("1", "dimensionless")  # units of parameters and of effects name them differently
+
+
+class ModelReader:
+    """Reads the tables of one file."""
+
+    def __init__(self, path: Path):
+        self.path = path
+
+    def fail(self, message: str) -> BenchInputError:
+        return BenchInputError(message, file=self.path)
+
+    def table(self, content: Any, key: str) -> dict[str, Any]:
+        found = content.get(key)
+        if not isinstance(found, dict):
+            raise self.fail(f'"{key}" is missing or not a table; thermohyd fit writes one')
+        return found
+
+    def number(self, value: Any, key: str) -> float:
+        if isinstance(value, int | float) and not isinstance(value, bool):
+            with suppress(OverflowError):  # an integer of hundreds of digits
+                if math.isfinite(value):
+                    return float(value)
+        raise self.fail(f"{key} must be a finite number in SI units, not {quoted(json.dumps(value)[:40])}")
+
+    def model(self, content: Any) -> Model:
+        if not isinstance(content, dict) or content.get("schema") != SCHEMA:
+            raise self.fail(f'is not a model of this version: "schema" must be "{SCHEMA}"')
+        valve = self.valve(self.table(content, "valve"))
+        parameters = self.parameters(self.table(content, "parameters"), valve)
+        effects = self.effects(content.get("effects", {}), parameters)
+        free, covariance = self.covariance(content.get("covariance"), {**parameters, **effects})
+        learned = content.get("learned", [])
+        if not isinstance(learned, list):
+            raise self.fail('"learned" must be a list of terms; leave it empty for a model of physics only')
+        terms = tuple(learned_term(entry, i, self.fail, self.number) for i, entry in enumerate(learned, start=1))
+        return Model(valve, self.oil(self.table(content, "oil")), parameters, free, covariance, effects, terms)
+
+    def amount(self, entry: Any, unit: str, where: str) -> float:
+        """A plain number in SI, or a table with one in "value", whose "unit" must then be the SI one."""
+        if not isinstance(entry, dict):
+            return self.number(entry, where)
+        said = entry.get("unit", unit)
+        if said != unit and not (said in PLAIN_NUMBERS and unit in PLAIN_NUMBERS):
+            raise self.fail(f"{where} is in {quoted(said)}; a model.json is in SI units, here {unit}")
+        return self.number(entry.get("value"), where)
+
+    def effects(self, table: Any, parameters: dict[str, float]) -> dict[str, float]:
+        if not isinstance(table, dict):
+            raise self.fail('"effects" must be a table; leave it empty for the ideal valve')
+        if not table:
+            return {}
+        from thermohyd.effects.registry import EFFECTS  # it brings JAX, which an ideal valve is read without
+
+        amounts: dict[str, float] = {}
+        for name, entry in table.items():
+            if name not in EFFECTS:
+                raise self.fail(f'"effects" has no {quoted(name)}; {suggestion(name, EFFECTS)}')
+            info, where = EFFECTS[name], f'"effects" "{name}"'
+            amounts[name] = self.amount(entry, info.unit, where)
+            if not info.lower <= amounts[name] <= info.upper:
+                limits = f"{info.lower:g} to {info.upper:g} {info.unit}"
+                raise self.fail(f"{where} is {amounts[name]:g} {info.unit}, expected {limits}")
+        kept = amounts.get("throttle_heating", 0.0) + parameters.get("heat_retention", 0.0)
+        if kept > 1.0:
+            raise self.fail(
+                f'"effects" "throttle_heating" and "heat_retention" add up to {kept:g}, more than all the heat'
+            )
+        return amounts
+
+    def valve(self, table: dict[str, Any]) -> ValveData:
+        known = [field.name for field in fields(ValveData)]
+        self.refuse_unknown(table, known, "valve")
+        numbers = {
+            key: None if table.get(key) is None else self.number(table[key], f'"valve" "{key}"')
+            for key in known
+            if key not in ("name", "polarity")
+        }
+        for key in ("stroke", "slot_width"):
+            if not numbers[key] or numbers[key] <= 0.0:  # pyright: ignore[reportOptionalOperand]
+                raise self.fail(f'"valve" "{key}" must be a positive length in m')
+        return ValveData(name=str(table.get("name", "")), polarity=-1 if table.get("polarity") == -1 else 1, **numbers)  # pyright: ignore[reportArgumentType]
+
+    def oil(self, table: dict[str, Any]) -> OilDefinition:
+        known = [field.name for field in fields(OilDefinition)]
+        self.refuse_unknown(table, known, "oil")
+        words = {key: str(table[key]) for key in ("name", "source") if key in table}
+        numbers = {
+            key: self.number(table[key], f'"oil" "{key}"')
+            for key in known
+            if key in table and key not in ("name", "source")
+        }
+        for key in ("viscosity_a", "viscosity_b"):
+            if key not in numbers:
+                raise self.fail(f'"oil" has no "{key}"')
+        for key in ("viscosity_b", "density", "bulk_modulus", "specific_heat"):
+            if numbers.get(key, 1.0) <= 0.0:
+                raise self.fail(f'"oil" "{key}" must be positive')
+        return OilDefinition(**numbers, **words)  # pyright: ignore[reportArgumentType]
+
+    def parameters(self, table: dict[str, Any], valve: ValveData) -> dict[str, float]:
+        infos = {**identified_by_default(valve), "heat_retention": heat_retention()}
+        self.refuse_unknown(table, list(infos), "parameters")
+        values: dict[str, float] = {}
+        for name, info in infos.items():
+            if name not in table:
+                if name == "heat_retention":
+                    continue
+                raise self.fail(f'"parameters" has no "{name}"')
+            value = self.amount(table[name], info.unit, f'"parameters" "{name}"')
+            if not info.lower <= value <= info.upper:
+                raise self.fail(
+                    f'"parameters" "{name}" is {value:g} {info.unit}, expected {info.lower:g} to {info.upper:g} {info.unit}'
+                )
+            values[name] = value
+        return values
+
+    def covariance(self, table: Any, known: dict[str, float]) -> tuple[tuple[str, ...], np.ndarray | None]:
+        if table is None:
+            return (), None
+        names = table.get("of") if isinstance(table, dict) else None
+        if (
+            not isinstance(names, list)
+            or any(not isinstance(n, str) or n not in known for n in names)
+            or len(set(names)) < len(names)
+        ):
+            raise self.fail('"covariance" "of" must list names of "parameters" and "effects", each once')
+        try:
+            matrix = np.asarray(table.get("matrix"), dtype=float).reshape(len(names), len(names))
+        except (TypeError, ValueError):
+            raise self.fail(f'"covariance" "matrix" must be {len(names)} rows of {len(names)} numbers') from None
+        if not np.all(np.isfinite(matrix)) or np.any(np.diag(matrix) < 0.0):
+            raise self.fail('"covariance" "matrix" must be finite with a diagonal that is not negative')
+        return tuple(names), matrix
+
+    def refuse_unknown(self, table: dict[str, Any], known: list[str], where: str) -> None:
+        for key in table:
+            if key not in known:
+                raise self.fail(f'"{where}" has the unknown key "{key}"; known are {", ".join(known)}')
