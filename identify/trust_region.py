@@ -85,7 +85,10 @@ class BoxedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         ratio = jnp.where(finite, ratio, -1.0)
 
         def take() -> Linearisation:
-            return Linearisation(residual, columns, *triangular(columns, residual), cost)
+            triangle, projection = triangular(columns, residual)
+            # A start without finite values is refused on the host; LAPACK's SVD may not return from them.
+            sound = lambda values: jnp.where(finite, values, 0.0)
+            return Linearisation(residual, columns, sound(triangle), sound(projection), cost)
 
         at = jax.lax.cond(accept, take, lambda: state.at)
         z = jnp.where(accept, state.trial, y)

@@ -14,14 +14,15 @@ SEED = 20110913
 
 def held_out_result(
     whole: LibraryProblem,
+    final_whole: LibraryProblem,
     split: Split,
     base: LibraryFit,
     final: LibraryFit,
     exchanged: dict[str, LibraryFit],
     what: str,
 ) -> HeldOut:
-    """Judge fits of the other rows on the rows kept back."""
-    before, after = (mean_square(whole, fit, split) for fit in (base, final))
+    """Judge fits of the other rows on the rows kept back. final_whole: the problem with the terms that `final` learned."""
+    before, after = mean_square(whole, base, split), mean_square(final_whole, final, split)
     exchange = {name: _closed(before, mean_square(whole, fit, split)) for name, fit in exchanged.items()}
     return HeldOut(
         rows=int(split.held.sum()),

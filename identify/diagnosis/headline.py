@@ -44,10 +44,17 @@ def _place(where: tuple[Region, ...]) -> str:
         return ""
     worst = where[0]
     unit = reading_unit(worst.channel)
-    side = "high" if worst.mean > 0 else "low"
+    off = "too high" if worst.mean > 0 else "too low"
+    size = abs(worst.mean)
+    if worst.rms > 2.0 * size:  # of both signs
+        off, size = "off", worst.rms
     what = worst.channel.replace("_", " ").capitalize()
-    miss = f"{abs(worst.mean) * unit.factor:.2g} {unit.label}"
-    return f"{what} is {miss} too {side} on average at {region_words(worst.limits)} in {worst.test}"
+    miss = f"{size * unit.factor:.2g} {unit.label} {off}"
+    return f"{what} is {miss}{_at(region_words(worst.limits))} in {worst.test}"
+
+
+def _at(place: str) -> str:
+    return f" {place}" if place == "everywhere" else f" at {place}"
 
 
 def _closes(held: HeldOut | None, gap: tuple[float, float]) -> str:

@@ -14,10 +14,11 @@ from ..noise_correlation import NoiseCorrelation
 from ..parameters import ParameterPlan
 from ..problem import prior_rows
 from ..record import BenchRecord, TestRecord
-from ..static_model import base_valve, channel_slices, coarse_size, pad, static_data
+from ..static_model import StaticData, base_valve, channel_slices, coarse_size, groups_of, pad, static_data
 from ..transforms import Box
 from .library import Library, coupled
-from .library_model import PARAMETERS, LibraryArgs, library_residual, order_of
+from .library_model import PARAMETERS, LibraryArgs, RowTerms, library_residual, order_of
+from .variation_terms import ABSOLUTE, LearnedTerm, term_values
 from .whitening import whitening_of
 
 
@@ -27,6 +28,7 @@ Key = tuple[str, str]  # test, channel
 CLOSE_ENOUGH = 1e-4
 # Amount from which a search starts where the linearised estimate lies at the neutral value or beyond its limit.
 SMALL_START = 0.05  # of the effect's scale
+START_WITHIN = 3.0  # times the largest usual amount
 MOST_STEPS = 40
 # A search starts beside an optimum that has been hopped over already: fewer and shorter hops than a first fit's.
 HOPS, ROUNDS_OF_HOPS = (2.0, 0.7), 2
@@ -81,15 +83,20 @@ class LibraryProblem:
     library: Library
     noise: Noise
     used: np.ndarray | None = None
+    terms: tuple[LearnedTerm, ...] = ()
     evaluations: int = 0
     _args: dict[str, LibraryArgs] = field(default_factory=dict)
 
     def with_noise(self, noise: Noise) -> "LibraryProblem":
-        return LibraryProblem(self.record, self.tests, self.plans, self.library, noise, self.used)
+        return replace(self, noise=noise, evaluations=0, _args={})
 
     def with_rows(self, used: np.ndarray | None) -> "LibraryProblem":
         """The same problem fitted to some rows only, counted as in a fit's residual (priors are always used)."""
-        return LibraryProblem(self.record, self.tests, self.plans, self.library, self.noise, used)
+        return replace(self, used=used, evaluations=0, _args={})
+
+    def with_terms(self, *terms: LearnedTerm) -> "LibraryProblem":
+        """The same problem with learned smooth terms in the model, instead of those that it had."""
+        return replace(self, terms=terms, evaluations=0, _args={})
 
     @property
     def free_parameters(self) -> tuple[str, ...]:
@@ -169,7 +176,9 @@ class LibraryProblem:
                 found.append(0.0)
                 continue
             info = EFFECTS[name]
-            value = float(np.clip(start.get(name, 0.0), info.lower, info.upper))
+            # A linear estimate may lie far outside of what the balances can solve.
+            most = START_WITHIN * info.typical[1]
+            value = float(np.clip(start.get(name, 0.0), max(info.lower, -most), min(info.upper, most)))
             # An effect even in its amount has no slope at neutral, and a search that starts on a wall may stay there.
             if abs(value) < SMALL_START * info.scale:
                 value = SMALL_START * info.scale * (1.0 if value >= 0.0 else -1.0)
@@ -206,9 +215,30 @@ class LibraryProblem:
             plans = [self.plans[name] for name in PARAMETERS]
             value, weight = prior_rows(plans)
             self._args["args"] = LibraryArgs(
-                base_valve(self.record, values, heat=True), data, tuple(whitening), value, weight
+                base_valve(self.record, values, heat=True), data, tuple(whitening), self._row_terms(data), value, weight
             )
         return self._args["args"]
+
+    def _row_terms(self, data: StaticData) -> dict[str, RowTerms]:
+        found = {}
+        for group, tests in groups_of(data.conditions).items():
+            sizes = [coarse_size(self.tests[name].rows) for name in tests]
+            factor, shift = np.ones((len(PARAMETERS), sum(sizes))), np.zeros((len(PARAMETERS), sum(sizes)))
+            viscosity = np.ones(sum(sizes))
+            first = 0
+            for name, size in zip(tests, sizes, strict=True):
+                rows = slice(first, first + self.tests[name].rows)
+                for term in self.terms:
+                    change = term_values(term, self.tests[name], self.record.oil)
+                    if term.quantity == "viscosity":
+                        viscosity[rows] *= 1.0 + change
+                    elif term.quantity in ABSOLUTE:
+                        shift[PARAMETERS.index(term.quantity), rows] += change
+                    else:
+                        factor[PARAMETERS.index(term.quantity), rows] *= 1.0 + change
+                first += size
+            found[group] = RowTerms(factor, shift, viscosity)
+        return found
 
     def _result(
         self, chosen: tuple[str, ...], order: tuple[str, ...], free: tuple[str, ...], result: LeastSquaresResult

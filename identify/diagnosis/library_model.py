@@ -9,6 +9,7 @@ import functools
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from thermohyd.effects.flowmeter import FLOW_CHANNELS, FlowmeterLag
@@ -33,12 +34,21 @@ PARAMETERS = (
 LAG = "flowmeter_lag"
 
 
+class RowTerms(eqx.Module):
+    """Learned smooth terms, row by row of a group of tests: parameter = fitted factor + shift, viscosity times `viscosity`."""
+
+    factor: Float[Array | np.ndarray, "parameters rows"]
+    shift: Float[Array | np.ndarray, "parameters rows"]
+    viscosity: Float[Array | np.ndarray, " rows"]
+
+
 class LibraryArgs(eqx.Module):
     """Data of the problem; `valve` gives what is neither a parameter nor an effect."""
 
     valve: Valve
     data: StaticData
     whitening: tuple[Whitening, ...]  # one per channel
+    terms: dict[str, RowTerms]  # by group
     prior_value: Float[Array, " parameters"]
     prior_weight: Float[Array, " parameters"]
 
@@ -84,8 +94,12 @@ def readings_of_rows(
     found: dict[str, dict[str, Array]] = {}
     for group, tests in groups_of(args.data.conditions).items():
         values = spread[group]
-        valve = with_parameters(args.valve, PARAMETERS, values[: len(PARAMETERS)])
-        valve = with_amounts(valve, rowwise, values[len(PARAMETERS) :])
+        terms = args.terms[group]
+        parameters, amounts = values[: len(PARAMETERS)], values[len(PARAMETERS) :]
+        valve = with_parameters(args.valve, PARAMETERS, parameters * terms.factor + terms.shift)
+        thicker = rowwise.index("viscosity_shift")
+        amounts = amounts.at[thicker].set((1.0 + amounts[thicker]) * terms.viscosity - 1.0)
+        valve = with_amounts(valve, rowwise, amounts)
         found |= predict_group(valve, group, tests, args.data.conditions)
     return found
 

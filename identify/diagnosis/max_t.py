@@ -12,6 +12,7 @@ from scipy.special import ndtr, ndtri, stdtr
 
 DRAWS = 20_000
 SEED = 20110913
+SMALLEST = 1e-300  # a p-value of exactly 0 says more than any noise model knows
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,8 @@ class MaxT:
             return 1.0
         over = len(self.draws) - int(np.searchsorted(self.draws, score))
         bound = self.count * (2.0 if two_sided else 1.0) * float(ndtr(-score))
-        return min(bound, 1.0) if over < 20 else min(over / len(self.draws), bound, 1.0)
+        p = min(bound, 1.0) if over < 20 else min(over / len(self.draws), bound, 1.0)
+        return max(p, SMALLEST)
 
     def critical(self, level: float) -> float:
         """The score that a record without any effect exceeds with probability `level`."""

@@ -1,4 +1,7 @@
-"""What the free parameters leave of a signature: least-squares projection by QR, never through normal equations."""
+"""What the free parameters leave of a signature: least-squares projection by orthogonal columns, never normal equations.
+
+Gram-Schmidt and not LAPACK, whose threads wait for one another where other threads run (see `orthogonal`).
+"""
 
 from dataclasses import dataclass
 
@@ -18,12 +21,20 @@ class Projection:
     @classmethod
     def beside(cls, columns: np.ndarray) -> "Projection":
         """Columns (rows, k), of any scale; dependent ones are dropped."""
-        lengths = np.sqrt(np.sum(columns**2, axis=0))
-        kept = columns[:, lengths > 0.0] / lengths[lengths > 0.0]
-        if not kept.shape[1]:
-            return cls(np.zeros((len(columns), 0)))
-        left, singular, _ = np.linalg.svd(kept, full_matrices=False)
-        return cls(left[:, singular > DEPENDENT * singular[0]])
+        basis = np.empty((columns.shape[1], len(columns)))
+        count = 0
+        for column in columns.T:
+            length = float(np.linalg.norm(column))
+            if not length > 0.0:
+                continue
+            unit = column / length
+            for _ in range(2):  # twice is enough (Kahan, in Parlett, "The Symmetric Eigenvalue Problem", 1980)
+                unit = unit - basis[:count].T @ (basis[:count] @ unit)
+            left = float(np.linalg.norm(unit))
+            if left > DEPENDENT:
+                basis[count] = unit / left
+                count += 1
+        return cls(basis[:count].T)
 
     def __call__(self, values: np.ndarray) -> np.ndarray:
         """P values for (rows,) or (rows, k); twice, because once leaves rounding of the order of the input."""

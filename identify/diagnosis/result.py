@@ -7,6 +7,7 @@ import numpy as np
 
 from ..fit_result import FitResult
 from ..record import BenchRecord
+from .variation_terms import LearnedTerm
 
 
 Verdict = Literal["consistent", "named", "ambiguous", "unexplained"]
@@ -27,6 +28,7 @@ class Region:
     share: float  # of the excess of all rows of the record
     rows: int
     mean: float  # measured - model, SI
+    rms: float = float("nan")  # of the misfit beyond noise, SI: where it changes sign, the mean says little
 
 
 @dataclass(frozen=True)
@@ -202,6 +204,7 @@ class DiagnosisResult:
     seconds: float
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
+    learned: tuple[LearnedTerm, ...] = ()  # smooth terms that the model of `after` holds: empirical
     critical_level: float | None = None
 
     @property

@@ -77,6 +77,7 @@ def search(
     """
     names = problem.library.names
     current, chosen, p_values, steps = begin or base, begin.effects if begin else (), {}, []
+    seen = {frozenset(chosen)}
     while True:
         at = problem.with_all_columns(current)
         candidates = [name for name in names if name not in chosen]
@@ -106,6 +107,9 @@ def search(
             p_values[name] = min(p_single, p_pair) if own is None else min(scores.p_value(own), p_pair)
         current = problem.fit(chosen, best.values, hops=True)
         current, chosen = prune(problem, current, chosen, scores.critical**2)
+        if frozenset(chosen) in seen:  # what was added replaced what was pruned before: going round in a circle
+            break
+        seen.add(frozenset(chosen))
     return Found(base, current, chosen, {name: p_values[name] for name in chosen if name in p_values}, tuple(steps))
 
 

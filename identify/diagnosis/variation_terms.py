@@ -1,6 +1,7 @@
 """Smooth empirical terms: Legendre polynomials of a record's condition, and the conditions that may stand under them. NumPy."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,32 @@ from ..record import TestRecord
 
 # Quantities to which a term is added, in m; every other one is multiplied by 1 + the term.
 ABSOLUTE = frozenset({"underlap", "null_bias"})
+
+
+@dataclass(frozen=True)
+class LearnedTerm:
+    """A smooth variation of a model quantity, fitted to data: empirical, not a cause, and constant beyond what was seen.
+
+    quantity: a parameter's name or "viscosity"; multiplied by 1 + sum, or in `ABSOLUTE` plus sum [m], where sum is that of
+    coefficients[i] P_i(s), s = clip((variable - centre)/reach, -1, 1). underlap, null_bias: fixed numbers [m] that
+    `opening` and `flow_number` are counted with.
+    """
+
+    quantity: str
+    variable: str
+    centre: float
+    reach: float
+    coefficients: tuple[float, ...]
+    underlap: float = 0.0
+    null_bias: float = 0.0
+
+
+def term_values(term: LearnedTerm, test: TestRecord, oil: OilDefinition) -> np.ndarray:
+    """The sum of a term at each row (rows,)."""
+    reference = {"underlap": term.underlap, "null_bias": term.null_bias, "oil": oil}
+    values = variable_values(term.variable, test, reference)
+    basis = legendre_basis(values, term.centre, term.reach, len(term.coefficients) - 1)
+    return basis @ np.asarray(term.coefficients)
 
 
 def legendre_basis(values: np.ndarray, centre: float, reach: float, degree: int) -> np.ndarray:

@@ -10,11 +10,11 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.special import fdtrc
 
-from .library_fit import Key, LibraryFit, LibraryProblem
+from ..noise_correlation import NoiseCorrelation
+from .library_fit import LibraryFit, LibraryProblem, Noise
 from .projection import Projection
-from .record_noise import NoiseFound
 from .result import Variation
-from .variation_terms import ABSOLUTE, legendre_basis, variable_values
+from .variation_terms import ABSOLUTE, LearnedTerm, legendre_basis, term_values, variable_values
 from .whitening import whiten_on_host, whitening_of
 
 
@@ -39,9 +39,7 @@ CURVE_POINTS = 41
 MICRON = 1e-6  # unit of an absolute quantity's coefficients while they are solved for
 
 
-def variations_of(
-    problem: LibraryProblem, fit: LibraryFit, noise: dict[Key, NoiseFound], most: int = MOST
-) -> tuple[Variation, ...]:
+def variations_of(problem: LibraryProblem, fit: LibraryFit, most: int = MOST) -> tuple[Variation, ...]:
     """The leading smooth variations beside `fit`, those that closes most first; empty where none is beyond chance."""
     base = Projection.beside(fit.nuisance)
     residual = base(fit.residual)
@@ -80,41 +78,56 @@ def _columns(
     problem: LibraryProblem, fit: LibraryFit
 ) -> Iterator[tuple[str, str, np.ndarray, float, float, np.ndarray]]:
     """(quantity, variable, its values over all rows, centre, reach, whitened columns (rows, degrees)) of every pair."""
-    white = problem.with_noise(first_noise_of(problem))
-    at = white.evaluate(fit.values, fit.effects)
-    reference = {name: fit.values[name] for name in ("underlap", "null_bias")}
-    tests = problem.tests
-    rows = problem.rows()
+    at = _white(problem, fit)
+    reference = {"underlap": fit.values["underlap"], "null_bias": fit.values["null_bias"], "oil": problem.record.oil}
     for variable in VARIABLES:
         try:
-            of_test = {
-                name: variable_values(variable, test, {**reference, "oil": problem.record.oil})
-                for name, test in tests.items()
-            }
+            of_test = {name: variable_values(variable, test, reference) for name, test in problem.tests.items()}
         except ValueError:  # a column that this record does not have
             continue
-        values = np.concatenate([of_test[key[0]] for key in rows])
+        values = np.concatenate([of_test[key[0]] for key in problem.rows()])
         low, high = float(np.min(values)), float(np.max(values))
         if not np.isfinite(high - low) or high - low <= 1e-9 * max(abs(low), abs(high), 1e-300):
             continue
         centre, reach = 0.5 * (low + high), 0.5 * (high - low)
         levels = len(np.unique(np.round((values - centre) / reach, 2)))
-        degree = min(DEGREE, max(levels - 1, 1))
-        shapes = legendre_basis(values, centre, reach, degree)[:, 1:]
-        for quantity, column in COLUMNS.items():
-            if column not in at.order:
-                continue
-            size = MICRON if quantity in ABSOLUTE else _size(quantity, fit)
-            slope = at.column(column) * size
-            block = np.zeros((len(at.residual), degree))
-            first = 0
-            for key, place in rows.items():
-                count = place.stop - place.start
-                own = slope[place, None] * shapes[first : first + count]
-                filter_ = whitening_of(problem.noise.correlation[key], problem.sweeps(key[0]), count)
-                block[place] = whiten_on_host(filter_, own)
-                first += count
-            yield quantity, variable, values, centre, reach, block
+        shapes = legendre_basis(values, centre, reach, min(DEGREE, max(levels - 1, 1)))[:, 1:]
+        for quantity in COLUMNS:
+            yield quantity, variable, values, centre, reach, _times(problem, at, quantity, shapes)
+
+
+def term_columns(problem: LibraryProblem, fit: LibraryFit, term: LearnedTerm) -> np.ndarray:
+    """Whitened columns (rows, degrees) of a term's coefficients but the constant one; absolute ones per micron."""
+    reference = {"underlap": term.underlap, "null_bias": term.null_bias, "oil": problem.record.oil}
+    values = np.concatenate(
+        [variable_values(term.variable, problem.tests[key[0]], reference) for key in problem.rows()]
+    )
+    shapes = legendre_basis(values, term.centre, term.reach, len(term.coefficients) - 1)[:, 1:]
+    if term.quantity not in ABSOLUTE:  # a column holds the slope to the fitted value, which the term multiplies
+        now = np.concatenate([term_values(term, problem.tests[key[0]], problem.record.oil) for key in problem.rows()])
+        shapes = shapes / (1.0 + now)[:, None]
+    columns = _times(problem, _white(problem, fit), term.quantity, shapes)
+    return columns if problem.used is None else columns * fit.used[:, None]
+
+
+def _white(problem: LibraryProblem, fit: LibraryFit) -> LibraryFit:
+    """Columns at a fit in units of the noise, not whitened."""
+    white = Noise(problem.noise.std, dict.fromkeys(problem.noise.correlation, NoiseCorrelation()))
+    return problem.with_noise(white).evaluate(fit.values, fit.effects)
+
+
+def _times(problem: LibraryProblem, at: LibraryFit, quantity: str, shapes: np.ndarray) -> np.ndarray:
+    """A quantity's own column times shapes (readings, degrees), whitened; zero in the rows of priors."""
+    size = MICRON if quantity in ABSOLUTE else _size(quantity, at)
+    slope = at.column(COLUMNS[quantity]) * size
+    block = np.zeros((len(at.residual), shapes.shape[1]))
+    first = 0
+    for key, place in problem.rows().items():
+        count = place.stop - place.start
+        filter_ = whitening_of(problem.noise.correlation[key], problem.sweeps(key[0]), count)
+        block[place] = whiten_on_host(filter_, slope[place, None] * shapes[first : first + count])
+        first += count
+    return block
 
 
 def _size(quantity: str, fit: LibraryFit) -> float:

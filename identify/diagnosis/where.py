@@ -44,8 +44,11 @@ def _of_channel(fit: ChannelFit, test: TestRecord, total: float) -> Iterator[Reg
             return
         inside, limits = best
         excess = float(np.sum(squares[inside])) - float(inside.sum())
-        mean = float(np.mean((fit.measured - fit.predicted)[inside]))
-        yield Region(fit.test, fit.channel, limits, excess, excess / total, int(inside.sum()), mean)
+        misfit = (fit.measured - fit.predicted)[inside]
+        rms = float(np.sqrt(max(np.mean(misfit**2 - fit.std[inside] ** 2), 0.0)))
+        yield Region(
+            fit.test, fit.channel, limits, excess, excess / total, int(inside.sum()), float(np.mean(misfit)), rms
+        )
         left &= ~inside
 
 
