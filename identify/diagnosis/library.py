@@ -14,6 +14,9 @@ from ..record import TestRecord
 RATES_DIFFER = 1.2
 
 
+HEAT = "throttle_heating"
+
+
 @dataclass(frozen=True)
 class Library:
     """Effects that a record's columns allow, in the registry's order, and why the others are out: {name: reason}."""
@@ -25,6 +28,11 @@ class Library:
     def plain(self) -> tuple[str, ...]:
         """Those that leave the ports' balances apart: cheap to compile and to run."""
         return tuple(name for name in self.names if not coupled(name))
+
+    @property
+    def cold(self) -> tuple[str, ...]:
+        """Those that need no heat computed, coupled ones included: half as dear as all together."""
+        return tuple(name for name in self.names if name != HEAT)
 
 
 def coupled(name: str) -> bool:

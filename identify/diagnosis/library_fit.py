@@ -16,7 +16,7 @@ from ..problem import prior_rows
 from ..record import BenchRecord, TestRecord
 from ..static_model import StaticData, base_valve, channel_slices, coarse_size, groups_of, pad, static_data
 from ..transforms import Box
-from .library import Library, coupled
+from .library import HEAT, Library, coupled
 from .library_model import PARAMETERS, LibraryArgs, RowTerms, library_residual, order_of
 from .variation_terms import ABSOLUTE, LearnedTerm, term_values
 from .whitening import whitening_of
@@ -129,7 +129,7 @@ class LibraryProblem:
         free = (*self.free_parameters, *(name for name in order if name in chosen))
         begin = self._start(order, chosen, start or {})
         boxes = [self._box(name, begin[i], name in free) for i, name in enumerate(order)]
-        args = self._arguments()
+        args = self._arguments(program)
 
         def from_point(point: np.ndarray) -> LeastSquaresResult:
             result = solve(library_residual(program), boxes, args, point, tolerance=CLOSE_ENOUGH, max_steps=MOST_STEPS)
@@ -144,27 +144,47 @@ class LibraryProblem:
     def evaluate(self, values: Mapping[str, float], effects: Iterable[str] = ()) -> LibraryFit:
         """Residuals and columns at given values; nothing is fitted. `effects` must be present in the program used."""
         chosen = tuple(name for name in self.library.names if name in set(effects) or values.get(name, 0.0) != 0.0)
-        program = self._program(chosen)
+        return self._evaluate(values, self._program(chosen))
+
+    def _evaluate(self, values: Mapping[str, float], program: tuple[str, ...]) -> LibraryFit:
         order = order_of(program)
         point = [values.get(name, 0.0 if name in EFFECTS else self.plans[name].start) for name in order]
         boxes = [self._box(name, point[i], False) for i, name in enumerate(order)]
         result = solve(
-            library_residual(program), boxes, self._arguments(), np.array(point), tolerance=CLOSE_ENOUGH,
-            max_steps=MOST_STEPS,
+            library_residual(program), boxes, self._arguments(program), np.array(point), tolerance=CLOSE_ENOUGH,
+            max_steps=MOST_STEPS, large=True,
         )  # fmt: skip
         self.evaluations += result.steps + 1
         return self._result((), order, (), result)
 
     def with_all_columns(self, fit: LibraryFit) -> LibraryFit:
-        """The same fit with the columns of every effect of the library, coupled ones included."""
-        if fit.order == order_of(self.library.names):
+        """The same fit with the columns of every effect of the library: those of its own program, then of others.
+
+        Beside a coupled effect the column of the heating is that of the valve without the coupling: close enough to say
+        whether a refit, which is exact, is worth its while.
+        """
+        missing = [name for name in self.library.names if name not in fit.order]
+        if not missing:
             return fit
-        at = self.evaluate(fit.values, self.library.names)
-        return replace(fit, order=at.order, values=at.values, residual=at.residual, columns=at.columns)
+        present = [name for name in fit.order if name in EFFECTS and fit.values[name] != 0.0]
+        other = self.library.plain if HEAT in missing else self._program((*present, *missing))
+        held = {name: value for name, value in fit.values.items() if name not in EFFECTS or name in other}
+        at = self._evaluate(held, other)
+        order = order_of(self.library.names)
+        columns = [(fit if name in fit.order else at).column(name) for name in order]
+        values = {name: fit.values.get(name, 0.0) for name in order}
+        return replace(fit, order=order, values=values, columns=np.stack(columns, axis=1))
 
     def _program(self, chosen: tuple[str, ...]) -> tuple[str, ...]:
-        """The effects present in the program that serves `chosen`: the cheap one where no balance is coupled."""
-        return self.library.names if any(coupled(name) for name in chosen) else self.library.plain
+        """The effects present in the cheapest program that serves `chosen`."""
+        if not any(coupled(name) for name in chosen):
+            return self.library.plain
+        return self.library.names if HEAT in chosen or self._heat_asked else self.library.cold
+
+    @property
+    def _heat_asked(self) -> bool:
+        plan = self.plans["heat_retention"]
+        return not plan.fixed or plan.start > 0.0
 
     def _start(self, order: tuple[str, ...], chosen: tuple[str, ...], start: Mapping[str, float]) -> list[float]:
         found = []
@@ -196,7 +216,13 @@ class LibraryProblem:
             return Box(name, value, scale, value, value, held=True)
         return Box(name, min(max(value, lower), upper), scale, lower, upper)
 
-    def _arguments(self) -> LibraryArgs:
+    def _arguments(self, program: tuple[str, ...]) -> LibraryArgs:
+        args = self._all_arguments()
+        if HEAT in program or self._heat_asked:
+            return args
+        return replace(args, valve=replace(args.valve, heat_retention=None))
+
+    def _all_arguments(self) -> LibraryArgs:
         if "args" not in self._args:
             values = {name: plan.start for name, plan in self.plans.items()}
             data = static_data(self.tests, self.noise.std, coarse_size)

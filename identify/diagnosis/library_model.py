@@ -96,7 +96,10 @@ def readings_of_rows(
         values = spread[group]
         terms = args.terms[group]
         parameters, amounts = values[: len(PARAMETERS)], values[len(PARAMETERS) :]
-        valve = with_parameters(args.valve, PARAMETERS, parameters * terms.factor + terms.shift)
+        # Without heat (valve.heat_retention None) its entry stands in the vector but nothing depends on it.
+        heat = args.valve.heat_retention is not None
+        names = PARAMETERS if heat else PARAMETERS[:-1]
+        valve = with_parameters(args.valve, names, parameters * terms.factor + terms.shift)
         thicker = rowwise.index("viscosity_shift")
         amounts = amounts.at[thicker].set((1.0 + amounts[thicker]) * terms.viscosity - 1.0)
         valve = with_amounts(valve, rowwise, amounts)

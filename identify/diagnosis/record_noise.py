@@ -65,7 +65,7 @@ def found_noise(
     noise, as it would be if the residuals of the fit were used.
     """
     plain = problem.with_noise(first_noise(stated))
-    at = plain.evaluate(fit.values, problem.library.names)
+    at = plain.with_all_columns(plain.evaluate(fit.values, fit.effects))
     every = np.isfinite(at.columns).all(axis=0)
     columns = np.concatenate([at.columns[:, every], smooth_block(plain, len(at.residual))], axis=1)
     saturated = Projection.beside(columns)

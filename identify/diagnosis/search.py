@@ -10,6 +10,7 @@ from scipy.special import chdtrc
 
 from thermohyd.effects.registry import EFFECTS
 
+from .library import HEAT, coupled
 from .library_fit import LibraryFit, LibraryProblem
 from .screening import Screen, Signature, screen
 
@@ -174,13 +175,23 @@ def _best_pair(
 ) -> LibraryFit | None:
     """The best nonlinear refit among the leading pairs; partners of the best single effect are tried too."""
     lead = next((name for name in best.effects if name not in chosen), None)
-    partners = [pair for pair in pairs if lead in (pair[0][0].name, pair[0][1].name)][:3]
+    # Heat beside a coupled effect needs a program of its own, which takes long to compile: only where it leads by far.
+    dear = lambda pair: (
+        HEAT in (pair[0][0].name, pair[0][1].name) and (coupled(pair[0][0].name) or coupled(pair[0][1].name))
+    )
+    cheap = [pair for pair in pairs if not dear(pair) or pair[1] > pairs[0][1] - 1e-9 and not _nearly(pairs)]
+    partners = [pair for pair in cheap if lead in (pair[0][0].name, pair[0][1].name)][:3]
     fits = []
-    chosen_pairs = {(a.name, b.name): (a, b) for (a, b), _ in [*pairs[:PAIRS], *partners]}
+    chosen_pairs = {(a.name, b.name): (a, b) for (a, b), _ in [*cheap[:PAIRS], *partners]}
     for a, b in chosen_pairs.values():
         start = {**current.values, a.name: a.estimate, b.name: b.estimate}
         fits.append(problem.fit((*chosen, a.name, b.name), start))
     return min(fits, key=merit, default=None)
+
+
+def _nearly(pairs: list[tuple[tuple[Signature, Signature], float]]) -> bool:
+    """Whether a second pair explains about as much as the first, so that the first may be left out."""
+    return len(pairs) > 1 and pairs[1][1] > 0.95 * pairs[0][1]
 
 
 def prune(
