@@ -40,6 +40,7 @@ def conclude(
     case: Case, found: Found, split: Split, model: FinalModel, *, learn: bool, say: Progress = lambda _: None
 ) -> DiagnosisResult:
     """Confirm on the rows held out, and put everything into figures and words."""
+    case = replace(case, base=model.base)
     problem, base = case.problem, case.base
     first = screen(problem.with_all_columns(base), problem.library.names, case.steps, level=LEVEL)
     smooth = variations_of(problem, model.fit) if model.disagrees else ()

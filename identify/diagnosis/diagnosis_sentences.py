@@ -9,7 +9,7 @@ from .result import DiagnosisResult, Variation
 
 
 MOST_AMOUNTS = 6
-CLEAR = 1e-3  # below it, what is left over decides the verdict
+CLEAR = 1e-5  # below it, what is left over decides the verdict
 LONGEST = 80  # characters, of which rows were held out
 
 

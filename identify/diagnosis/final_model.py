@@ -6,17 +6,35 @@ import numpy as np
 
 from .case import Case, Progress
 from .choice import LEVEL_OF_ALL_ROWS
-from .library_fit import LibraryFit
+from .library_fit import LibraryFit, LibraryProblem
 from .rivals import Rivals, settle_rivals
 from .search import Found, search
 from .smooth_basis import LackOfFit, lack_of_fit, smooth_block
 
 
-LEVEL_OF_LEFT_OVER = 1e-3
-# Share of the gap that an effect must close to be named while a misfit of unknown cause remains.
-WORTH_NAMING = 0.1
+# Far below the level of the search: the test trusts a correlation of the noise that was itself estimated.
+LEVEL_OF_LEFT_OVER = 1e-5
+# Share of the whole gap, or of one channel's, that an effect must close to be named while a misfit of unknown cause remains.
+OF_THE_GAP, OF_A_CHANNEL = 0.1, 0.3
+A_GAP = 0.2  # reduced chi-square beyond 1 from which a channel has a gap to speak of
 # A reduced chi-square beyond this, and beyond chance, is a misfit even where it is not smooth.
 MISFIT, MISFIT_SCORE = 1.08, 5.0
+
+
+def worth_naming(problem: LibraryProblem, base: LibraryFit, without: LibraryFit, fit: LibraryFit) -> float:
+    """At least 1 where an effect closes a good part of the gap: of all of it, or of what one channel shows.
+
+    One channel with little noise has most of the chi-square, but a gap in another is a gap as well.
+    """
+    loss, excess = without.chi2 - fit.chi2, base.chi2 - len(base.residual)
+    worth = loss / max(excess, 1e-300) / OF_THE_GAP if excess > 0.0 else 0.0
+    for rows in problem.rows().values():
+        count = rows.stop - rows.start
+        square = lambda f, rows=rows: float(np.sum(f.residual[rows] ** 2))
+        gap = square(base) - count
+        if gap > A_GAP * count:
+            worth = max(worth, (square(without) - square(fit)) / gap / OF_A_CHANNEL)
+    return worth
 
 
 @dataclass(frozen=True)
@@ -27,6 +45,7 @@ class FinalModel:
     seen_apart: every effect was found without the rows held out.
     """
 
+    base: LibraryFit  # the ideal valve, in the deepest valley that was seen
     fit: LibraryFit
     rivals: dict[str, Rivals]
     p_values: dict[str, float]
@@ -53,15 +72,17 @@ def final_model(case: Case, found: Found, say: Progress = lambda _: None) -> Fin
     scale = lambda fit: max(fit.chi2 / max(rows - len(fit.free), 1), 1.0)
     fit, rivals = settle_rivals(problem, whole.final, case.steps, scale=scale(whole.final))
 
+    # The way back from a model that fits may lead to a better ideal valve than any first search found.
+    base = min([base, *(r.without for r in rivals.values() if not r.without.effects)], key=lambda f: f.chi2)
     say("looking at what is left")
     block = smooth_block(problem, len(base.residual))
     excess = base.chi2 - freedom
     left = lack_of_fit(problem, fit, block)
     while left.p_value < LEVEL_OF_LEFT_OVER and fit.effects:
         # Beside a misfit of unknown cause small gains are found everywhere: only what closes a good part may be named.
-        closes = {name: (rival.without.chi2 - fit.chi2) / max(excess, 1e-300) for name, rival in rivals.items()}
-        weakest = min(closes, key=lambda name: closes[name])
-        if closes[weakest] >= WORTH_NAMING:
+        worth = {name: worth_naming(problem, base, rival.without, fit) for name, rival in rivals.items()}
+        weakest = min(worth, key=lambda name: worth[name])
+        if worth[weakest] >= 1.0:
             break
         fit = problem.fit([n for n in fit.effects if n != weakest], fit.values, hops=True)
         fit, rivals = settle_rivals(problem, fit, case.steps, scale=scale(fit))
@@ -71,6 +92,7 @@ def final_model(case: Case, found: Found, say: Progress = lambda _: None) -> Fin
     p_values = {**whole.p_values, **found.p_values}
     worst = max(p_values.values(), default=1.0)  # of one that took a rival's place
     return FinalModel(
+        base=base,
         fit=fit,
         rivals=rivals,
         p_values={name: p_values.get(name, worst) for name in fit.effects},

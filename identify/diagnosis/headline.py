@@ -28,7 +28,7 @@ def headline(
             rest = f"but a misfit beyond noise remains (reduced chi-square {gap[0]:.3g} to {gap[1]:.3g})"
             return f"{first}: {names} {_verb(effects, 'helps', 'help')}, {rest}."
         return f"{first} (reduced chi-square {gap[0]:.3g})."
-    closes = _closes(held, gap)
+    closes = _closes(held, gap, "it" if len(effects) == 1 else "them")
     lead = f"{place}: " if place else ""
     if verdict == "named":
         return f"{lead}{names} {_verb(effects, 'is', 'are')} missing from the model; {closes}{_bias(shifts)}."
@@ -57,9 +57,9 @@ def _at(place: str) -> str:
     return f" {place}" if place == "everywhere" else f" at {place}"
 
 
-def _closes(held: HeldOut | None, gap: tuple[float, float]) -> str:
+def _closes(held: HeldOut | None, gap: tuple[float, float], it: str) -> str:
     if held is not None and held.before > 0.0:
-        return f"with {'it' if held else ''} {100 * max(held.gap_closed, 0.0):.0f} % of the gap closes on rows held out"
+        return f"with {it} {100 * max(held.gap_closed, 0.0):.0f} % of the gap closes on rows held out"
     return f"reduced chi-square falls from {gap[0]:.3g} to {gap[1]:.3g}"
 
 

@@ -40,6 +40,12 @@ def coupled(name: str) -> bool:
     return any(stage in ("lines", "crossing") for stage in EFFECTS[name].stages)
 
 
+def dear(names: Iterable[str]) -> bool:
+    """Whether effects need heat and a coupled balance together: a program of its own, which takes long to compile."""
+    names = tuple(names)
+    return HEAT in names and any(coupled(name) for name in names)
+
+
 def library_for(tests: Iterable[TestRecord]) -> Library:
     """The part of the library that the columns of these tests can show."""
     tests = list(tests)

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..record import TestRecord
+from .both_ports import BOTH_PORTS, can_measure_ports, ports_apart
 from .library_fit import LibraryFit, LibraryProblem
 from .projection import Projection
 from .result import NextTest
@@ -36,16 +37,21 @@ def next_test(
         # Every pair has to come apart, so the weakest one counts.
         evidence = min(min(_apart(problem, elsewhere, a, b), _apart(problem, elsewhere, b, a)) for a, b in pairs)
         found.append((words, evidence / scale))
+    if can_measure_ports(problem):
+        evidence = min(min(ports_apart(problem, a, b), ports_apart(problem, b, a)) for a, b in pairs)
+        found.append((BOTH_PORTS, evidence / scale))
     found.sort(key=lambda option: -option[1])
     words, evidence = found[0]
     names = sorted(
         {r.name for rival in rivals.values() for r in rival.alike} | {n for n, r in rivals.items() if r.alike}
     )
-    if evidence < ENOUGH:
+    if words == BOTH_PORTS and evidence >= ENOUGH:
+        sentence = f"repeat the pressure-gain test {words}: {', '.join(names)} would then differ by about {evidence:.0f} in chi-square"
+    elif evidence < ENOUGH:
         sentence = (
             f"No change of temperature, supply pressure or sweep rate of these tests separates {', '.join(names)}: the best, "
             f"{words}, would show a chi-square difference of {evidence:.1f}; a direct measurement is needed "
-            "(the other port's pressure, the oil's viscosity, a calibrated flowmeter or position)"
+            "(the oil's viscosity, a calibrated flowmeter or position transducer)"
         )
     else:
         sentence = (

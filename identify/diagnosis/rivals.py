@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from .library import dear
 from .library_fit import LibraryFit, LibraryProblem
 from .screening import screen
 from .search import LEVEL, merit
@@ -49,6 +50,8 @@ def rivals_of(problem: LibraryProblem, final: LibraryFit, name: str, steps: dict
     worth = [s for s in scores.ranked if s.strength**2 > gain - max(REACH * scale, RELATIVE_REACH * gain)]
     if len(worth) < 2:
         worth = scores.ranked[:2]
+    # Heat beside a coupled effect compiles for long: only where the linear score says that it could be an equal.
+    worth = [s for s in worth if not dear((*others, s.name)) or dear(final.effects) or s.strength**2 > gain - ALIKE]
     tried = []
     for s in worth[:MOST_REFITS]:
         start = {**without.values, s.name: s.estimate}

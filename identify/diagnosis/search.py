@@ -10,13 +10,13 @@ from scipy.special import chdtrc
 
 from thermohyd.effects.registry import EFFECTS
 
-from .library import HEAT, coupled
+from .library import dear
 from .library_fit import LibraryFit, LibraryProblem
 from .screening import Screen, Signature, screen
 
 
-LEVEL = 0.01  # probability of naming anything, at each step of the search, in a record that needs nothing more
-MOST_EFFECTS = 4
+LEVEL = 0.005  # probability of naming anything, at each step of the search, in a record that needs nothing more
+MOST_EFFECTS = 6
 SINGLES, PAIRS = 10, 6  # refits of each step
 FAR = 3.0  # reduced chi-square from which a model counts as bent by what it misses
 HOPPED = 4
@@ -91,7 +91,7 @@ def search(
             steps.append(Step(scores, {}, (), min(p_single, p_pair)))
             break
         say(f"effect {len(chosen) + 1}: refitting the leading candidates")
-        singles = _singles(problem, current, chosen, ranked)
+        singles = _singles(problem, current, chosen, ranked, scores.critical)
         best = min(singles.values(), key=merit)
         double = _best_pair(problem, current, chosen, scores, pairs, best)
         threshold = scores.critical**2 + PAIR_PENALTY
@@ -115,19 +115,27 @@ def search(
 
 
 def _singles(
-    problem: LibraryProblem, current: LibraryFit, chosen: tuple[str, ...], ranked: list[Signature]
+    problem: LibraryProblem,
+    current: LibraryFit,
+    chosen: tuple[str, ...],
+    ranked: list[Signature],
+    critical: float,
 ) -> dict[str, LibraryFit]:
     """Refits of the leading candidates, each beside the effects chosen so far.
 
     A model that misses by far has bent its parameters to the misfit: scores beside it say little, and refits that start
     from it end in local minima. Then every candidate is tried, from the nominal valve too, and the best ones hop.
     """
-    found = {s.name: problem.fit((*chosen, s.name), {**current.values, s.name: s.estimate}) for s in leading(ranked)}
+    found = {}
+    for s in leading(ranked):
+        if dear((*chosen, s.name)) and not dear(chosen) and s.strength < critical:
+            continue
+        found[s.name] = problem.fit((*chosen, s.name), {**current.values, s.name: s.estimate})
     if current.chi2 <= FAR * max(int(current.used.sum()), 1):
         return found
     null = {"null_bias": current.values["null_bias"]}
     for name in dict.fromkeys([*found, *problem.library.names]):
-        if name in chosen:
+        if name in chosen or (dear((*chosen, name)) and not dear(chosen)):
             continue
         start = {**{n: current.values[n] for n in chosen}, **null, name: EFFECTS[name].scale}
         fit = problem.fit((*chosen, name), start)
@@ -175,11 +183,8 @@ def _best_pair(
 ) -> LibraryFit | None:
     """The best nonlinear refit among the leading pairs; partners of the best single effect are tried too."""
     lead = next((name for name in best.effects if name not in chosen), None)
-    # Heat beside a coupled effect needs a program of its own, which takes long to compile: only where it leads by far.
-    dear = lambda pair: (
-        HEAT in (pair[0][0].name, pair[0][1].name) and (coupled(pair[0][0].name) or coupled(pair[0][1].name))
-    )
-    cheap = [pair for pair in pairs if not dear(pair) or pair[1] > pairs[0][1] - 1e-9 and not _nearly(pairs)]
+    too_dear = lambda pair: dear((*chosen, pair[0][0].name, pair[0][1].name)) and not dear(chosen)
+    cheap = [pair for pair in pairs if not too_dear(pair) or (pair is pairs[0] and not _nearly(pairs))]
     partners = [pair for pair in cheap if lead in (pair[0][0].name, pair[0][1].name)][:3]
     fits = []
     chosen_pairs = {(a.name, b.name): (a, b) for (a, b), _ in [*cheap[:PAIRS], *partners]}
