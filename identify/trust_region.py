@@ -73,6 +73,13 @@ class BoxedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         self, fn: Any, y: Any, args: Any, options: dict[str, Any], state: State, tags: Any
     ) -> tuple[Array, State, Any]:
         residual, columns, aux = linearise(fn, state.trial, args)
+        z, new = self.advance(y, options, state, residual, columns)
+        return z, new, aux
+
+    def advance(
+        self, y: Array, options: dict[str, Any], state: State, residual: Array, columns: Array
+    ) -> tuple[Array, State]:
+        """Judge the trial by its residual and columns, and make the next one."""
         cost = jnp.sum(residual**2)
         finite = jnp.isfinite(cost) & jnp.all(jnp.isfinite(columns))
         # (r - s)(r + s) loses less than r^2 - s^2 when the two are nearly equal.
@@ -126,7 +133,7 @@ class BoxedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
             done=failed | (accept & ((offset <= options["tolerance"]) | small | stuck)) | lost,
             result=optx.RESULTS.successful,
         )
-        return z, new, aux
+        return z, new
 
     def terminate(
         self, fn: Any, y: Any, args: Any, options: Any, state: State, tags: Any

@@ -55,6 +55,6 @@ def with_noise_around(case: Case, fit: LibraryFit) -> Case:
     """The case with its noise measured beside `fit`, and the ideal valve fitted with it."""
     noise = found_noise(case.problem, fit, case.fitted.noise, case.repeats)
     problem = case.problem.with_noise(noise_of(noise))
-    base = problem.fit(start=case.base.values)
+    base = problem.fit(start=case.base.values, hops=True)
     steps = finite_steps(problem, problem.with_all_columns(base), problem.library.names)
     return replace(case, problem=problem, noise=noise, base=base, steps=steps)

@@ -17,7 +17,7 @@ from ..record import BenchRecord, TestRecord
 from ..static_model import StaticData, base_valve, channel_slices, coarse_size, groups_of, pad, static_data
 from ..transforms import Box
 from .library import HEAT, Library, coupled
-from .library_model import PARAMETERS, LibraryArgs, RowTerms, library_residual, order_of
+from .library_model import PARAMETERS, LibraryArgs, RowTerms, library_program, order_of
 from .variation_terms import ABSOLUTE, LearnedTerm, term_values
 from .whitening import whitening_of
 
@@ -29,7 +29,7 @@ CLOSE_ENOUGH = 1e-4
 # Amount from which a search starts where the linearised estimate lies at the neutral value or beyond its limit.
 SMALL_START = 0.05  # of the effect's scale
 START_WITHIN = 3.0  # times the largest usual amount
-MOST_STEPS = 40
+MOST_STEPS, PATIENCE = 40, 5  # a refit that crawls is no candidate; one that is to stay may go on
 # A search starts beside an optimum that has been hopped over already: fewer and shorter hops than a first fit's.
 HOPS, ROUNDS_OF_HOPS = (2.0, 0.7), 2
 
@@ -122,7 +122,10 @@ class LibraryProblem:
         *,
         hops: bool = False,
     ) -> LibraryFit:
-        """Fit the free parameters and the amounts of `effects`, from `start` (missing entries: nominal, neutral)."""
+        """Fit the free parameters and the amounts of `effects`, from `start` (missing entries: nominal, neutral).
+
+        hops: with patience, and over the kinks of the underlap, for a fit that is to stay.
+        """
         chosen = tuple(name for name in self.library.names if name in set(effects))
         program = self._program(chosen)
         order = order_of(program)
@@ -132,11 +135,17 @@ class LibraryProblem:
         args = self._arguments(program)
 
         def from_point(point: np.ndarray) -> LeastSquaresResult:
-            result = solve(library_residual(program), boxes, args, point, tolerance=CLOSE_ENOUGH, max_steps=MOST_STEPS)
+            result = solve(
+                None, boxes, args, point, tolerance=CLOSE_ENOUGH, max_steps=MOST_STEPS, both=library_program(program)
+            )
             self.evaluations += result.steps + 1
             return result
 
         best = from_point(np.array(begin))
+        for _ in range(PATIENCE if hops else 0):
+            if best.converged or best.exhausted:
+                break
+            best = from_point(best.p)
         if hops:
             best = hop(best, order, from_point, hops=HOPS, rounds=ROUNDS_OF_HOPS)
         return self._result(chosen, order, free, best)
@@ -151,8 +160,8 @@ class LibraryProblem:
         point = [values.get(name, 0.0 if name in EFFECTS else self.plans[name].start) for name in order]
         boxes = [self._box(name, point[i], False) for i, name in enumerate(order)]
         result = solve(
-            library_residual(program), boxes, self._arguments(program), np.array(point), tolerance=CLOSE_ENOUGH,
-            max_steps=MOST_STEPS, large=True,
+            None, boxes, self._arguments(program), np.array(point), tolerance=CLOSE_ENOUGH,
+            max_steps=MOST_STEPS, both=library_program(program),
         )  # fmt: skip
         self.evaluations += result.steps + 1
         return self._result((), order, (), result)
