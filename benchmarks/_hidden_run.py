@@ -8,6 +8,7 @@ import hashlib
 import json
 import math
 import multiprocessing
+import signal
 import subprocess
 import sys
 import time
@@ -16,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 
+PATIENCE = 900  # s, for one record, compiling included
 ROOT = Path(__file__).parents[1]
 WORK = ROOT / "build" / "hidden"
 
@@ -41,9 +43,12 @@ def source_hash(*folders: Path) -> str:
 
 
 def answers(
-    seed_set: int, only: set[str], processes: int, *, any_version: bool, with_baselines: bool
+    seed_set: int, only: set[str], processes: int, *, any_version: bool, with_baselines: bool, ask_more: bool = True
 ) -> dict[str, dict[str, Any]]:
-    """{record: answer} of a set, or of `only` some of its records; what is already answered is not asked again."""
+    """{record: answer} of a set, or of `only` some of its records; what is already answered is not asked again.
+
+    any_version: answers of an earlier state of the program count too. ask_more: else only what is already there.
+    """
     folder = records_of_set(seed_set)
     names = sorted(p.name for p in folder.iterdir() if p.is_dir() and (not only or p.name in only))
     version = source_hash(ROOT / "thermohyd", ROOT / "identify")
@@ -52,7 +57,7 @@ def answers(
     known = {
         n: a for n, a in known.items() if n in names and "error" not in a and ("baselines" in a or not with_baselines)
     }
-    left = [n for n in names if n not in known]
+    left = [n for n in names if n not in known] if ask_more else []
     began = time.monotonic()
     with store.open("a", encoding="utf-8") as out:
         for done, answer in enumerate(_asked([(folder / n, with_baselines) for n in left], processes), start=1):
@@ -89,6 +94,8 @@ def ask(job: tuple[Path, bool]) -> dict[str, Any]:
     from thermohyd.identify.read_record import read_record
 
     set_up_jax()
+    signal.signal(signal.SIGALRM, _too_long)
+    signal.alarm(PATIENCE)
     try:
         from thermohyd.identify.diagnosis.diagnose import diagnose, open_case
 
@@ -102,7 +109,13 @@ def ask(job: tuple[Path, bool]) -> dict[str, Any]:
             answer["baselines"] = baselines(case.problem, case.base)
     except Exception as error:
         return {"record": folder.name, "error": f"{type(error).__name__}: {error}"}
+    finally:
+        signal.alarm(0)
     return plain(answer)
+
+
+def _too_long(*_: Any) -> None:
+    raise TimeoutError(f"no answer in {PATIENCE} s")
 
 
 def answer_of(name: str, result: Any) -> dict[str, Any]:

@@ -50,6 +50,10 @@ def headline_table(cases: list[Case]) -> str:
         ["held-out excess after/before, median", median_of([r for r in ratios if r is not None]), "at most 0.2"],
         ["95 % intervals that hold the truth (right model)", share(covered), "90 to 98 %"],
         ["... effects' amounts alone", share([hit for c in right for hit in c.amounts_covered()]), ""],
+        *(
+            [f"... {noise} noise", share([hit for c in right if c.truth["noise"] == noise for hit in c.covered()]), ""]
+            for noise in ("white", "AR(1)")
+        ),
         ["... whatever was named", share([hit for c in known for hit in c.covered()]), ""],
         ["undetectable singles", share([not c.detectable for c in singles]), ""],
         ["undetectable singles: truth inside, or nothing named",

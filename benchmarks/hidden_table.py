@@ -24,14 +24,16 @@ def main() -> None:
     parser.add_argument("--only", nargs="*", default=[], metavar="RECORD", help="these records, such as bench_07")
     parser.add_argument("--no-baselines", action="store_true", help="leave out AIC, BIC, stepwise and correlation")
     parser.add_argument("--any-version", action="store_true", help="keep answers of an earlier state of the program")
+    parser.add_argument("--show", action="store_true", help="only the table of the answers so far, of any version")
     arguments = parser.parse_args()
     truth = json.loads((records_of_set(arguments.set) / "truth.json").read_text(encoding="utf-8"))
     found = answers(
         arguments.set,
         set(arguments.only),
         arguments.processes,
-        any_version=arguments.any_version,
-        with_baselines=not arguments.no_baselines,
+        any_version=arguments.any_version or arguments.show,
+        with_baselines=not (arguments.no_baselines or arguments.show),
+        ask_more=not arguments.show,
     )
     failed = {name: answer["error"] for name, answer in found.items() if "error" in answer}
     cases = [Case(truth[name], answer) for name, answer in found.items() if name not in failed]
