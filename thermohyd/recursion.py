@@ -6,8 +6,8 @@ from jaxtyping import Array, Float
 
 
 def linear_recursion(
-    keep: Float[Array, "*lead rows"], source: Float[Array, "*lead rows"]
-) -> Float[Array, "*lead rows"]:
+    keep: Float[Array, "*#lead rows"], source: Float[Array, "*#lead rows"]
+) -> Float[Array, "*#lead rows"]:
     """y with y_i = keep_i y_(i-1) + source_i along the last axis, y = 0 before the first row.
 
     Recursive doubling in one loop (Hillis and Steele, Communications of the ACM 29, 1986): of logarithmic depth like
