@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from helpers.quick_compile import quick_compile
 from helpers.valves import STROKE, seed_valve
 
 from thermohyd.conditions import Conditions
@@ -28,6 +29,7 @@ def points() -> Conditions:
         load_pressure=jnp.asarray(rng.uniform(-30e5, 30e5, ROWS)),
         time=jnp.asarray(np.arange(ROWS) * 0.5),
         run=jnp.asarray(np.repeat([0.0, 1.0], ROWS // 2)),
+        rate=jnp.asarray(rng.uniform(-1e-5, 1e-5, ROWS)),
     )
 
 
@@ -47,8 +49,9 @@ EXACT = tuple(name for name in EFFECTS if name not in (*INSIDE_THE_BALANCE, *COU
 
 @pytest.mark.parametrize("names", [EXACT, INSIDE_THE_BALANCE, COUPLED[:3], COUPLED[3:]], ids=lambda names: names[0])
 def test_neutral_is_the_ideal_valve(names):
-    # Operation by operation, as two compiled programs may round differently for reasons of their own.
-    found = np.asarray(readings(with_effects(seed_valve(underlap=8e-6), dict.fromkeys(names, 0.0)), points()))
+    # Not optimised: two optimised programs may round differently for reasons of their own.
+    with quick_compile():
+        found = np.asarray(readings(with_effects(seed_valve(underlap=8e-6), dict.fromkeys(names, 0.0)), points()))
     size = np.max(np.abs(ideal_parts()), axis=1, keepdims=True)
     print(names, "differ by", np.max(np.abs(found - ideal_parts()) / size, axis=1))
     if names == EXACT:
@@ -60,14 +63,20 @@ def test_neutral_is_the_ideal_valve(names):
 
 @functools.cache
 def ideal_parts():
-    return np.asarray(readings(seed_valve(underlap=8e-6), points()))
+    with quick_compile():
+        return np.asarray(readings(seed_valve(underlap=8e-6), points()))
 
 
-def test_derivatives_at_neutral_are_finite():
-    names = tuple(EFFECTS)
+def test_derivative_at_neutral_is_finite_with_heat_and_coupling():
+    # The largest program there is; test_effects_derivatives.py compares the derivatives of smaller ones.
+    names = (*COUPLED, "throttle_heating")
 
     def leakage(amounts):
-        return leakage_flow(with_effects(seed_valve(underlap=8e-6), dict(zip(names, amounts, strict=True))), points())
+        valve = with_effects(seed_valve(underlap=8e-6), dict(zip(names, amounts, strict=True)))
+        return leakage_flow(valve, points())
 
-    slopes = np.asarray(jax.jit(jax.jacfwd(leakage))(jnp.zeros(len(names))))
-    assert np.all(np.isfinite(slopes))
+    zero = jnp.zeros(len(names))
+    scales = jnp.asarray([EFFECTS[name].scale for name in names])
+    with quick_compile():
+        slope = np.asarray(jax.jit(lambda z: jax.jvp(leakage, (z,), (scales,))[1])(zero))
+    assert np.all(np.isfinite(slope))
