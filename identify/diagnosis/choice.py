@@ -1,11 +1,14 @@
 """Which effects are missing, judged by rows that are not held out."""
 
+from dataclasses import replace
+
 from .case import Case, Progress, with_noise_around
 from .held_out import Split, split_rows
-from .search import LEVEL, Found, search
+from .search import LEVEL, Found, prune, search
 
 
 # The choice is made on the rows that are not held out; where those show nothing, all rows are asked, at what is left.
+STILL_THERE = 12.0  # chi-square that an effect of the first search must be worth once the noise was measured again
 LEVEL_OF_CHOICE, LEVEL_OF_ALL_ROWS = 0.6 * LEVEL, 0.4 * LEVEL
 
 
@@ -15,12 +18,18 @@ def choose(case: Case, say: Progress = lambda _: None) -> tuple[Case, Found, Spl
     Twice: noise that no repeats measured is measured again beside the model that the first search found.
     """
     split = split_rows(case.fitted.tests)
+    before, p_values = None, {}
     for last in (False, True):
         say("searching for missing effects")
         chosen = case.problem.with_rows(~split.held)
         base = chosen.fit(start=case.base.values)
-        found = search(chosen, base, case.steps, level=LEVEL_OF_CHOICE, say=say)
+        begin = None
+        if before is not None:
+            begin = prune(chosen, chosen.fit(before.effects, before.values), before.effects, STILL_THERE)[0]
+        found = search(chosen, base, case.steps, begin=begin, level=LEVEL_OF_CHOICE, say=say)
+        found = replace(found, p_values={n: {**p_values, **found.p_values}.get(n, 1.0) for n in found.effects})
         if last or not found.effects or all(r is not None for r in case.repeats.values()):
             return case, found, split
-        case = with_noise_around(case, case.problem.fit(found.effects, found.final.values))
+        before, p_values = case.problem.fit(found.effects, found.final.values), found.p_values
+        case = with_noise_around(case, before)
     raise AssertionError

@@ -121,6 +121,7 @@ class LibraryProblem:
         start: Mapping[str, float] | None = None,
         *,
         hops: bool = False,
+        most_steps: int = MOST_STEPS,
     ) -> LibraryFit:
         """Fit the free parameters and the amounts of `effects`, from `start` (missing entries: nominal, neutral).
 
@@ -136,7 +137,7 @@ class LibraryProblem:
 
         def from_point(point: np.ndarray) -> LeastSquaresResult:
             result = solve(
-                None, boxes, args, point, tolerance=CLOSE_ENOUGH, max_steps=MOST_STEPS, both=library_program(program)
+                None, boxes, args, point, tolerance=CLOSE_ENOUGH, max_steps=most_steps, both=library_program(program)
             )
             self.evaluations += result.steps + 1
             return result

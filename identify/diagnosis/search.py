@@ -19,7 +19,8 @@ LEVEL = 0.005  # probability of naming anything, at each step of the search, in 
 MOST_EFFECTS = 6
 SINGLES, PAIRS = 10, 6  # refits of each step
 FAR = 3.0  # reduced chi-square from which a model counts as bent by what it misses
-HOPPED = 4
+HOPPED = 3
+GLANCE = 15  # steps of a refit that only has to show which candidate is worth more
 # A pair must beat the best single effect by this much chi-square beyond the search's own critical value.
 PAIR_PENALTY = 4.0
 BEYOND_TYPICAL = 4.0  # chi-square per squared e-fold beyond the largest amount that is usual
@@ -130,15 +131,16 @@ def _singles(
     for s in leading(ranked):
         if dear((*chosen, s.name)) and not dear(chosen) and s.strength < critical:
             continue
-        found[s.name] = problem.fit((*chosen, s.name), {**current.values, s.name: s.estimate})
-    if current.chi2 <= FAR * max(int(current.used.sum()), 1):
+        start = {**current.values, s.name: s.estimate}
+        found[s.name] = problem.fit((*chosen, s.name), start, most_steps=GLANCE)
+    if chosen or current.chi2 <= FAR * max(int(current.used.sum()), 1):
         return found
     null = {"null_bias": current.values["null_bias"]}
     for name in dict.fromkeys([*found, *problem.library.names]):
         if name in chosen or (dear((*chosen, name)) and not dear(chosen)):
             continue
         start = {**{n: current.values[n] for n in chosen}, **null, name: EFFECTS[name].scale}
-        fit = problem.fit((*chosen, name), start)
+        fit = problem.fit((*chosen, name), start, most_steps=GLANCE)
         if name not in found or merit(fit) < merit(found[name]):
             found[name] = fit
     for name in sorted(found, key=lambda n: merit(found[n]))[:HOPPED]:
@@ -190,7 +192,7 @@ def _best_pair(
     chosen_pairs = {(a.name, b.name): (a, b) for (a, b), _ in [*cheap[:PAIRS], *partners]}
     for a, b in chosen_pairs.values():
         start = {**current.values, a.name: a.estimate, b.name: b.estimate}
-        fits.append(problem.fit((*chosen, a.name, b.name), start))
+        fits.append(problem.fit((*chosen, a.name, b.name), start, most_steps=GLANCE))
     return min(fits, key=merit, default=None)
 
 
@@ -203,7 +205,7 @@ def prune(
     problem: LibraryProblem, fit: LibraryFit, chosen: tuple[str, ...], threshold: float
 ) -> tuple[LibraryFit, tuple[str, ...]]:
     """Drop effects whose loss costs less chi-square than naming one must gain: later ones may have replaced them."""
-    while len(chosen) > 1:
+    while chosen:
         without = {name: problem.fit([n for n in chosen if n != name], fit.values) for name in chosen}
         weakest = min(chosen, key=lambda name: without[name].chi2)
         if without[weakest].chi2 - fit.chi2 > threshold:
