@@ -61,11 +61,11 @@ $(BIN)/python:
 
 # Old build folders would put deleted modules into the wheel, and an old package folder may be links into this tree.
 $(VENV)/.installed: $(SOURCES) | $(BIN)/python
-	@rm -rf build *.egg-info $(VENV)/lib/python3*/site-packages/thermohyd
+	@rm -rf build/lib build/bdist.* *.egg-info $(VENV)/lib/python3*/site-packages/thermohyd
 	$(INSTALL) .
-	@rm -rf build *.egg-info && touch $@
+	@rm -rf build/lib build/bdist.* *.egg-info && touch $@
 
 $(VENV)/.installed-dev: $(SOURCES) | $(BIN)/python
-	@rm -rf build *.egg-info $(VENV)/lib/python3*/site-packages/thermohyd
+	@rm -rf build/lib build/bdist.* *.egg-info $(VENV)/lib/python3*/site-packages/thermohyd
 	$(INSTALL) '.[dev]'
-	@rm -rf build *.egg-info && touch $@ $(VENV)/.installed
+	@rm -rf build/lib build/bdist.* *.egg-info && touch $@ $(VENV)/.installed
