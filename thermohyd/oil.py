@@ -18,6 +18,19 @@ def _as_array(value: float | Array) -> Array:
     return jnp.asarray(value, dtype=jnp.result_type(float))
 
 
+class TemperatureShifts(eqx.Module):
+    """Kelvins by which single laws see the oil warmer than it is, to ask which of them carries an effect of temperature.
+
+    viscosity: of the kinematic viscosity; density: rho(0, T) and with it the expansion; bulk_modulus: K0(T); heat: c_p(T)
+    and the alpha T of throttling. All four by the same amount are a change of the oil's temperature.
+    """
+
+    viscosity: Float[Array, "..."]
+    density: Float[Array, "..."]
+    bulk_modulus: Float[Array, "..."]
+    heat: Float[Array, "..."]
+
+
 class Oil(eqx.Module):
     """Coefficients of the oil laws; see `OilDefinition` for their meaning and units. All fields are differentiable."""
 
@@ -34,6 +47,8 @@ class Oil(eqx.Module):
     pressure_viscosity: Float[Array, ""] | None = None
     # None: as defined. A number: the kinematic viscosity is multiplied by it (another batch, ageing, water).
     viscosity_factor: Float[Array, ""] | None = None
+    # None: every law sees the oil's own temperature.
+    shifts: TemperatureShifts | None = None
 
 
 class OilAtTemperature(eqx.Module):
@@ -67,7 +82,8 @@ def oil_from_definition(definition: OilDefinition) -> Oil:
 
 def walther_viscosity(oil: Oil, temperature: Float[Array, "..."]) -> Float[Array, "..."]:
     """Kinematic viscosity nu(T) at zero gauge pressure [m2/s], ASTM D341: log10 log10(nu/cSt + 0.7) = A - B log10 T."""
-    exponent = oil.viscosity_a - oil.viscosity_b * jnp.log10(temperature)
+    seen = temperature if oil.shifts is None else temperature + oil.shifts.viscosity
+    exponent = oil.viscosity_a - oil.viscosity_b * jnp.log10(seen)
     # expm1 keeps the thin end (nu near 0.3 cSt) exact: 10**y - 0.7 = expm1(y ln 10) + 0.3.
     nu = (jnp.expm1(LN10 * jnp.exp(LN10 * exponent)) + 0.3) * 1e-6
     return nu if oil.viscosity_factor is None else nu * oil.viscosity_factor
@@ -76,10 +92,13 @@ def walther_viscosity(oil: Oil, temperature: Float[Array, "..."]) -> Float[Array
 def at_temperature(oil: Oil, temperature: Float[Array, "..."]) -> OilAtTemperature:
     """The temperature-dependent coefficients of the oil at T [K]."""
     above = temperature - REFERENCE_TEMPERATURE
-    rho = oil.density_15degC * (1.0 - oil.expansion_15degC * above)
+    for_density, for_modulus = above, above
+    if oil.shifts is not None:
+        for_density, for_modulus = above + oil.shifts.density, above + oil.shifts.bulk_modulus
+    rho = oil.density_15degC * (1.0 - oil.expansion_15degC * for_density)
     return OilAtTemperature(
         density=rho,
-        bulk_modulus=oil.bulk_modulus_15degC * jnp.exp(-oil.bulk_modulus_decay * above),
+        bulk_modulus=oil.bulk_modulus_15degC * jnp.exp(-oil.bulk_modulus_decay * for_modulus),
         viscosity=rho * walther_viscosity(oil, temperature),
         tait_slope=oil.tait_slope,
         pressure_viscosity=oil.pressure_viscosity,
@@ -133,14 +152,16 @@ def bulk_modulus(oil: Oil, pressure: Float[Array, "..."], temperature: Float[Arr
 
 def specific_heat(oil: Oil, temperature: Float[Array, "..."]) -> Float[Array, "..."]:
     """c_p(T) [J/(kg K)], linear in temperature."""
-    return oil.specific_heat_15degC + oil.specific_heat_slope * (temperature - REFERENCE_TEMPERATURE)
+    seen = temperature if oil.shifts is None else temperature + oil.shifts.heat
+    return oil.specific_heat_15degC + oil.specific_heat_slope * (seen - REFERENCE_TEMPERATURE)
 
 
 def enthalpy_slopes(
     oil: Oil, pressure: Float[Array, "..."], temperature: Float[Array, "..."]
 ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
     """(dh/dT, dh/dp) = (c_p, (1 - alpha T)/rho) in J/(kg K) and m3/kg: dh = c_p dT + (1 - alpha T)/rho dp."""
-    slope = (1.0 - expansion(oil, pressure, temperature) * temperature) / density(oil, pressure, temperature)
+    absolute = temperature if oil.shifts is None else temperature + oil.shifts.heat
+    slope = (1.0 - expansion(oil, pressure, temperature) * absolute) / density(oil, pressure, temperature)
     return specific_heat(oil, temperature), slope
 
 
