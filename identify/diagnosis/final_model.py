@@ -14,8 +14,9 @@ from .smooth_basis import LackOfFit, lack_of_fit, smooth_block
 
 # Far below the level of the search: the test trusts a correlation of the noise that was itself estimated.
 LEVEL_OF_LEFT_OVER = 1e-5
-# Share of the whole gap, or of one channel's, that an effect must close to be named while a misfit of unknown cause remains.
-OF_THE_GAP, OF_A_CHANNEL = 0.1, 0.3
+# What an effect must close to be named while a misfit of unknown cause remains: a share of the whole gap, of the gap that
+# is left without it, or of one channel's gap.
+OF_THE_GAP, OF_WHAT_IS_LEFT, OF_A_CHANNEL = 0.1, 0.1, 0.2
 A_GAP = 0.2  # reduced chi-square beyond 1 from which a channel has a gap to speak of
 # A reduced chi-square beyond this, and beyond chance, is a misfit even where it is not smooth.
 MISFIT, MISFIT_SCORE = 1.08, 5.0
@@ -26,8 +27,11 @@ def worth_naming(problem: LibraryProblem, base: LibraryFit, without: LibraryFit,
 
     One channel with little noise has most of the chi-square, but a gap in another is a gap as well.
     """
-    loss, excess = without.chi2 - fit.chi2, base.chi2 - len(base.residual)
-    worth = loss / max(excess, 1e-300) / OF_THE_GAP if excess > 0.0 else 0.0
+    loss, count = without.chi2 - fit.chi2, len(base.residual)
+    worth = 0.0
+    for gap, share in ((base.chi2 - count, OF_THE_GAP), (without.chi2 - count, OF_WHAT_IS_LEFT)):
+        if gap > 0.0:
+            worth = max(worth, loss / gap / share)
     for rows in problem.rows().values():
         count = rows.stop - rows.start
         square = lambda f, rows=rows: float(np.sum(f.residual[rows] ** 2))
@@ -78,13 +82,18 @@ def final_model(case: Case, found: Found, say: Progress = lambda _: None) -> Fin
     block = smooth_block(problem, len(base.residual))
     excess = base.chi2 - freedom
     left = lack_of_fit(problem, fit, block)
+    dropped = False
+    without = {name: rival.without for name, rival in rivals.items()}
     while left.p_value < LEVEL_OF_LEFT_OVER and fit.effects:
         # Beside a misfit of unknown cause small gains are found everywhere: only what closes a good part may be named.
-        worth = {name: worth_naming(problem, base, rival.without, fit) for name, rival in rivals.items()}
+        worth = {name: worth_naming(problem, base, without[name], fit) for name in fit.effects}
         weakest = min(worth, key=lambda name: worth[name])
         if worth[weakest] >= 1.0:
             break
-        fit = problem.fit([n for n in fit.effects if n != weakest], fit.values, hops=True)
+        fit = problem.fit(without[weakest].effects, without[weakest].values, hops=True)
+        without = {name: problem.fit([n for n in fit.effects if n != name], fit.values) for name in fit.effects}
+        left, dropped = lack_of_fit(problem, fit, block), True
+    if dropped:
         fit, rivals = settle_rivals(problem, fit, case.steps, scale=scale(fit))
         left = lack_of_fit(problem, fit, block)
     known = all(n.known for n in case.noise.values())

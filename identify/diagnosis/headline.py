@@ -23,11 +23,14 @@ def headline(
         return "The ideal valve explains this record within its noise: no effect of the library is needed."
     names = _and([f"{e.name} ({amount(e.name, e.value, e.unit, e.std)})" for e in effects])
     if verdict == "unexplained":
-        first = f"{place or 'Model and bench disagree beyond noise'}, and nothing in the library explains it"
-        if effects:
-            rest = f"but a misfit beyond noise remains (reduced chi-square {gap[0]:.3g} to {gap[1]:.3g})"
-            return f"{first}: {names} {_verb(effects, 'helps', 'help')}, {rest}."
-        return f"{first} (reduced chi-square {gap[0]:.3g})."
+        first = place or "Model and bench disagree beyond noise"
+        if not effects:
+            return f"{first}, and nothing in the library explains it (reduced chi-square {gap[0]:.3g})."
+        names = _and([f"{e.name} ({_with_rivals(e)})" for e in effects])
+        share = _closed(held)
+        closes = f"{_verb(effects, 'closes', 'close')} {share}" if share else _verb(effects, "helps", "help")
+        rest = f"nothing in the library explains the rest (reduced chi-square {gap[0]:.3g} to {gap[1]:.3g})"
+        return f"{first}: {names} {closes}, {rest}."
     closes = _closes(held, gap, "it" if len(effects) == 1 else "them")
     lead = f"{place}: " if place else ""
     if verdict == "named":
@@ -37,6 +40,19 @@ def headline(
         f"{e.name} cannot be told from {_or([a.name for a in e.alternatives])} by these data" for e in open_
     )
     return f"{lead}{names} would explain it, and {closes}, but {rivals}."
+
+
+def _with_rivals(effect: NamedEffect) -> str:
+    own = amount(effect.name, effect.value, effect.unit, effect.std)
+    return f"{own}, or {_or([a.name for a in effect.alternatives])}" if effect.alternatives else own
+
+
+def _closed(held: HeldOut | None) -> str:
+    return (
+        f"{100 * max(held.gap_closed, 0.0):.0f} % of the gap on rows held out"
+        if held is not None and held.before > 0.0
+        else ""
+    )
 
 
 def _place(where: tuple[Region, ...]) -> str:

@@ -2,16 +2,19 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from .library import dear
 from .library_fit import LibraryFit, LibraryProblem
 from .screening import screen
-from .search import LEVEL, merit
+from .search import LEVEL, implausible
 
 
 # Chi-square within which two effects explain a record alike: a likelihood ratio of 20.
 ALIKE = 6.0
 # Linear scores choose who is refitted; they may be wrong by this much, or by this share.
 REACH, RELATIVE_REACH = 30.0, 0.3
+SAME_SHAPE = 0.97  # correlation of two signatures from which on one is refitted in the place of the other in any case
 MOST_REFITS = 8
 MOST_SWAPS = 3
 BETTER = 0.01
@@ -46,22 +49,35 @@ def rivals_of(problem: LibraryProblem, final: LibraryFit, name: str, steps: dict
     without = problem.fit(others, {**final.values, name: 0.0})
     gain = without.chi2 - final.chi2
     candidates = [n for n in problem.library.names if n not in final.effects]
-    scores = screen(problem.with_all_columns(without), candidates, steps, level=LEVEL)
-    worth = [s for s in scores.ranked if s.strength**2 > gain - max(REACH * scale, RELATIVE_REACH * gain)]
+    scores = screen(problem.with_all_columns(without), [*candidates, name], steps, level=LEVEL)
+    own, ranked = scores.best(name), [s for s in scores.ranked if s.name != name]
+    within = gain - max(REACH * scale, RELATIVE_REACH * gain)
+    twin = lambda s: own is not None and abs(float(s.direction @ own.direction)) > SAME_SHAPE
+    worth = sorted([s for s in ranked if s.strength**2 > within or twin(s)], key=lambda s: not twin(s))
     if len(worth) < 2:
-        worth = scores.ranked[:2]
+        worth = ranked[:2]
     # Heat beside a coupled effect compiles for long: only where the linear score says that it could be an equal.
     worth = [s for s in worth if not dear((*others, s.name)) or dear(final.effects) or s.strength**2 > gain - ALIKE]
     tried = []
     for s in worth[:MOST_REFITS]:
         start = {**without.values, s.name: s.estimate}
+        if own is not None and twin(s):  # the same curve by another name: start where the named one ended
+            same = final.values[name] * own.size / s.size * float(np.sign(s.direction @ own.direction))
+            start = {**final.values, s.name: same}
         fit = problem.fit((*others, s.name), start)
-        if 0.5 * ALIKE < (merit(fit) - merit(final)) / scale < REACH:
+        if 0.5 * ALIKE < _more(fit, final, scale) < REACH:
             fit = problem.fit((*others, s.name), fit.values, hops=True)
         if fit.values[s.name] == 0.0 or s.name in fit.active:
             continue
-        tried.append(Rival(s.name, name, fit, (merit(fit) - merit(final)) / scale))
+        tried.append(Rival(s.name, name, fit, _more(fit, final, scale)))
     return Rivals(name, without, tuple(sorted(tried, key=lambda r: r.chi2_more)))
+
+
+def _more(fit: LibraryFit, final: LibraryFit, scale: float) -> float:
+    """Chi-square that `fit` needs more than `final`; what is implausible stays so however large the misfit is."""
+    if not np.isfinite(fit.chi2):
+        return np.inf
+    return (fit.chi2 - final.chi2) / scale + implausible(fit) - implausible(final)
 
 
 def settle_rivals(

@@ -19,6 +19,7 @@ LEVEL = 0.005  # probability of naming anything, at each step of the search, in 
 MOST_EFFECTS = 6
 SINGLES, PAIRS = 10, 6  # refits of each step
 FAR = 3.0  # reduced chi-square from which a model counts as bent by what it misses
+EXPLAINED = 1.1  # reduced chi-square of a refit that leaves nothing to look for elsewhere
 HOPPED = 3
 GLANCE = 15  # steps of a refit that only has to show which candidate is worth more
 # A pair must beat the best single effect by this much chi-square beyond the search's own critical value.
@@ -62,6 +63,15 @@ def merit(fit: LibraryFit) -> float:
     return fit.chi2 + implausible(fit) if np.isfinite(fit.chi2) else np.inf
 
 
+def needed_beside(fit: LibraryFit) -> float:
+    """Gain that an effect must bring, in critical values, beside the misfit that `fit` leaves.
+
+    What nothing explains is systematic: any effect closes a bit of it, the more the larger it is.
+    """
+    freedom = max(int(fit.used.sum()) - len(fit.free), 1)
+    return 2.0 * (fit.chi2 / freedom - 1.0)
+
+
 def search(
     problem: LibraryProblem,
     base: LibraryFit,
@@ -100,7 +110,7 @@ def search(
             best = double
         added = tuple(name for name in best.effects if name not in chosen)
         steps.append(Step(scores, singles, added, min(p_single, p_pair)))
-        if merit(current) - merit(best) < 0.25 * scores.critical**2:
+        if merit(current) - merit(best) < scores.critical**2 * max(0.25, needed_beside(best)):
             steps[-1] = Step(scores, singles, (), min(p_single, p_pair))
             break
         chosen += added
@@ -108,7 +118,7 @@ def search(
             own = scores.best(name)
             p_values[name] = min(p_single, p_pair) if own is None else min(scores.p_value(own), p_pair)
         current = problem.fit(chosen, best.values, hops=True)
-        current, chosen = prune(problem, current, chosen, scores.critical**2)
+        current, chosen = prune(problem, current, chosen, scores.critical**2 * max(1.0, needed_beside(current)))
         if frozenset(chosen) in seen:  # what was added replaced what was pruned before: going round in a circle
             break
         seen.add(frozenset(chosen))
@@ -133,7 +143,9 @@ def _singles(
             continue
         start = {**current.values, s.name: s.estimate}
         found[s.name] = problem.fit((*chosen, s.name), start, most_steps=GLANCE)
-    if chosen or current.chi2 <= FAR * max(int(current.used.sum()), 1):
+    rows = max(int(current.used.sum()), 1)
+    explained = any(fit.chi2 <= EXPLAINED * rows for fit in found.values())
+    if chosen or explained or current.chi2 <= FAR * rows:
         return found
     null = {"null_bias": current.values["null_bias"]}
     for name in dict.fromkeys([*found, *problem.library.names]):
