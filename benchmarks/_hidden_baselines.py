@@ -17,7 +17,8 @@ from thermohyd.effects.registry import EFFECTS
 
 
 MOST_EFFECTS = 4  # of a greedy path
-REFITTED = 8  # candidates of each step: those with the best scores
+REFITTED = 5  # candidates of each step: those with the best scores
+STEPS = 15  # of each refit, as in the diagnosis's own search
 METHODS = ("AIC forward", "BIC forward", "likelihood ratio 5 %", "likelihood ratio, Bonferroni", "correlation")
 
 
@@ -42,7 +43,9 @@ class Problem(Protocol):
 
     library: Any
 
-    def fit(self, effects: Iterable[str] = (), start: Mapping[str, float] | None = None) -> Any: ...
+    def fit(
+        self, effects: Iterable[str] = (), start: Mapping[str, float] | None = None, *, most_steps: int = STEPS
+    ) -> Any: ...
 
     def evaluate(self, values: Mapping[str, float], effects: Iterable[str] = ()) -> Any: ...
 
@@ -73,7 +76,7 @@ def greedy_path(problem: Problem, base: Fit) -> tuple[list[str], list[float]]:
         left = [name for name in problem.library.names if name not in path]
         z = {name: score(fit, signature(problem, fit, name)) for name in left}
         tried = sorted(left, key=lambda name: -abs(z[name]))[:REFITTED]
-        fits = {name: problem.fit((*path, name), dict(fit.values)) for name in tried}
+        fits = {name: problem.fit((*path, name), dict(fit.values), most_steps=STEPS) for name in tried}
         best = min(fits, key=lambda name: fits[name].chi2)
         gain = fit.chi2 - fits[best].chi2
         path.append(best)

@@ -97,15 +97,15 @@ def ask(job: tuple[Path, bool]) -> dict[str, Any]:
     signal.signal(signal.SIGALRM, _too_long)
     signal.alarm(PATIENCE)
     try:
-        from thermohyd.identify.diagnosis.diagnose import diagnose, open_case
+        from thermohyd.identify.diagnosis.diagnose import diagnose_case, open_case
 
-        record = read_record(folder)
-        result = diagnose(record)
-        answer = answer_of(folder.name, result)
+        began = time.perf_counter()
+        case = open_case(read_record(folder))
+        result = diagnose_case(case)
+        answer = {**answer_of(folder.name, result), "seconds": time.perf_counter() - began}
         if with_baselines:
             from _hidden_baselines import baselines
 
-            case = open_case(record)
             answer["baselines"] = baselines(case.problem, case.base)
     except Exception as error:
         return {"record": folder.name, "error": f"{type(error).__name__}: {error}"}

@@ -31,6 +31,7 @@ from .result import (
 from .rivals import Rivals
 from .screening import Screen, screen
 from .search import LEVEL, Found
+from .smooth_basis import lack_of_fit, smooth_block
 from .variation_terms import LearnedTerm
 from .variations import variations_of
 from .where import regions
@@ -44,10 +45,11 @@ def conclude(
     problem, base = case.problem, case.base
     first = screen(problem.with_all_columns(base), problem.library.names, case.steps, level=LEVEL)
     smooth = variations_of(problem, model.fit) if model.disagrees else ()
-    fit, term = model.fit, None
+    fit, term, left = model.fit, None, model.left
     if learn and smooth:
         say(f"learning how {smooth[0].quantity} varies with {smooth[0].variable}")
         problem, fit, term = learn_term(problem, fit, smooth[0])
+        left = lack_of_fit(problem, fit, smooth_block(problem, len(fit.residual)))
         smooth = (_learned(smooth[0], term), *smooth[1:])
     held = _held_out(case, split, model, fit, term, smooth, first, say)
     before = result_of(case.problem, base, case.fitted, case.noise, scale=max(base.chi2 / len(base.residual), 1.0))
@@ -66,7 +68,7 @@ def conclude(
     return DiagnosisResult(
         record=case.fitted.record,
         verdict=verdict,
-        headline=headline(verdict, effects, where, held, gaps, shifts),
+        headline=headline(verdict, effects, where, held, gaps, shifts, smooth),
         sentences=further_sentences(effects, before, smooth),
         where=where,
         where_after=regions(after.channels, case.fitted.tests) if model.disagrees else (),
@@ -83,7 +85,7 @@ def conclude(
         variations=smooth,
         evidence=_evidence(case, model.rivals),
         noise=_noise(case),
-        left_over_p=model.left.p_value,
+        left_over_p=left.p_value,
         critical_level=first.critical,
         seconds=0.0,
         notes=after.notes,

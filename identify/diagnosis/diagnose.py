@@ -6,7 +6,7 @@ from dataclasses import replace
 from thermohyd.precision import require_float64
 
 from ..record import BenchRecord
-from .case import Progress, open_case
+from .case import Case, Progress, open_case
 from .choice import choose
 from .conclusion import conclude
 from .final_model import final_model
@@ -23,8 +23,12 @@ def diagnose(record: BenchRecord, *, learn: bool = False, progress: Progress | N
     require_float64("diagnose")
     began = time.perf_counter()
     say = progress or (lambda _: None)
-    case = open_case(record, say)
+    result = diagnose_case(open_case(record, say), learn=learn, say=say)
+    return replace(result, seconds=time.perf_counter() - began)
+
+
+def diagnose_case(case: Case, *, learn: bool = False, say: Progress = lambda _: None) -> DiagnosisResult:
+    """What follows `open_case`; `seconds` of the result is left at 0."""
     case, found, split = choose(case, say)
     model = final_model(case, found, say)
-    result = conclude(case, found, split, model, learn=learn, say=say)
-    return replace(result, seconds=time.perf_counter() - began)
+    return conclude(case, found, split, model, learn=learn, say=say)

@@ -9,6 +9,9 @@ from .condition_words import region_words
 from .result import HeldOut, NamedEffect, ParameterShift, Region, Variation, Verdict
 
 
+MOST_OF_THE_GAP = 0.7
+
+
 def headline(
     verdict: Verdict,
     effects: tuple[NamedEffect, ...],
@@ -16,6 +19,7 @@ def headline(
     held: HeldOut | None,
     gap: tuple[float, float],
     shifts: tuple[ParameterShift, ...],
+    smooth: tuple[Variation, ...] = (),
 ) -> str:
     """The first sentence of every report."""
     place = _place(where)
@@ -25,11 +29,11 @@ def headline(
     if verdict == "unexplained":
         first = place or "Model and bench disagree beyond noise"
         if not effects:
-            return f"{first}, and nothing in the library explains it (reduced chi-square {gap[0]:.3g})."
+            return f"{first}, and nothing in the library explains it{_curve(smooth)} (reduced chi-square {gap[0]:.3g})."
         names = _and([f"{e.name} ({_with_rivals(e)})" for e in effects])
         share = _closed(held)
         closes = f"{_verb(effects, 'closes', 'close')} {share}" if share else _verb(effects, "helps", "help")
-        rest = f"nothing in the library explains the rest (reduced chi-square {gap[0]:.3g} to {gap[1]:.3g})"
+        rest = f"nothing in the library explains the rest{_curve(smooth)} (reduced chi-square {gap[0]:.3g} to {gap[1]:.3g})"
         return f"{first}: {names} {closes}, {rest}."
     closes = _closes(held, gap, "it" if len(effects) == 1 else "them")
     lead = f"{place}: " if place else ""
@@ -40,6 +44,16 @@ def headline(
         f"{e.name} cannot be told from {_or([a.name for a in e.alternatives])} by these data" for e in open_
     )
     return f"{lead}{names} would explain it, and {closes}, but {rivals}."
+
+
+def _curve(smooth: tuple[Variation, ...]) -> str:
+    """The second tier's best answer, where it closes most of the gap."""
+    if not smooth or not smooth[0].gap_closed > MOST_OF_THE_GAP:
+        return ""
+    best = smooth[0]
+    what, closes = f"{best.quantity.replace('_', ' ')}", f"{100 * best.gap_closed:.0f} %"
+    closing = f"closes {closes}" if best.learned else f"would close {closes}"
+    return f"; {what} varying smoothly with {best.variable.replace('_', ' ')} {closing}, a fitted curve, not a cause"
 
 
 def _with_rivals(effect: NamedEffect) -> str:
