@@ -14,6 +14,8 @@ from .smooth_basis import LackOfFit, lack_of_fit, smooth_block
 
 # Far below the level of the search: the test trusts a correlation of the noise that was itself estimated.
 LEVEL_OF_LEFT_OVER = 1e-5
+# What all of them must close together: of the whole gap, or of one channel's. Two that pull against each other close little.
+TOGETHER, TOGETHER_IN_A_CHANNEL = 0.25, 0.5
 # What an effect must close to be named while a misfit of unknown cause remains: a share of the whole gap, of the gap that
 # is left without it, or of one channel's gap.
 OF_THE_GAP, OF_WHAT_IS_LEFT, OF_A_CHANNEL = 0.1, 0.1, 0.2
@@ -32,13 +34,27 @@ def worth_naming(problem: LibraryProblem, base: LibraryFit, without: LibraryFit,
     for gap, share in ((base.chi2 - count, OF_THE_GAP), (without.chi2 - count, OF_WHAT_IS_LEFT)):
         if gap > 0.0:
             worth = max(worth, loss / gap / share)
+    shares = _channel_shares(problem, base, without, fit)
+    return max([worth, *(share / OF_A_CHANNEL for share in shares)])
+
+
+def _together_worth_naming(problem: LibraryProblem, base: LibraryFit, fit: LibraryFit) -> bool:
+    gap = base.chi2 - len(base.residual)
+    if gap > 0.0 and (base.chi2 - fit.chi2) / gap >= TOGETHER:
+        return True
+    return max(_channel_shares(problem, base, base, fit), default=0.0) >= TOGETHER_IN_A_CHANNEL
+
+
+def _channel_shares(problem: LibraryProblem, base: LibraryFit, without: LibraryFit, fit: LibraryFit) -> list[float]:
+    """Of each channel with a gap to speak of: the share of it that opens again in `without`."""
+    square = lambda f, rows: float(np.sum(f.residual[rows] ** 2))
+    shares = []
     for rows in problem.rows().values():
         count = rows.stop - rows.start
-        square = lambda f, rows=rows: float(np.sum(f.residual[rows] ** 2))
-        gap = square(base) - count
+        gap = square(base, rows) - count
         if gap > A_GAP * count:
-            worth = max(worth, (square(without) - square(fit)) / gap / OF_A_CHANNEL)
-    return worth
+            shares.append((square(without, rows) - square(fit, rows)) / gap)
+    return shares
 
 
 @dataclass(frozen=True)
@@ -93,6 +109,9 @@ def final_model(case: Case, found: Found, say: Progress = lambda _: None) -> Fin
         fit = problem.fit(without[weakest].effects, without[weakest].values, hops=True)
         without = {name: problem.fit([n for n in fit.effects if n != name], fit.values) for name in fit.effects}
         left, dropped = lack_of_fit(problem, fit, block), True
+    if left.p_value < LEVEL_OF_LEFT_OVER and fit.effects and not _together_worth_naming(problem, base, fit):
+        fit, dropped = base, True
+        left = lack_of_fit(problem, fit, block)
     if dropped:
         fit, rivals = settle_rivals(problem, fit, case.steps, scale=scale(fit))
         left = lack_of_fit(problem, fit, block)
