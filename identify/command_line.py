@@ -193,6 +193,38 @@ def simulate_command(
             _print_json(simulation_json(tables))
 
 
+@app.command("seed")
+def seed_command(out: Out = None, json: Json = False) -> None:
+    """Reproduce the paper that this program grew from: its Figures 3 to 8, its Eq. 6, and every claim: holds or not.
+
+    With --out: seed.html, the figures as PNG and SVG, seed.json, eq6.json (the flow curve for system-level tools) and CSVs.
+    """
+    with plain_failures():
+        from .progress import progress_on
+
+        console = _console()
+        with progress_on(console) as progress:
+            progress("starting JAX")
+            _set_up_jax()
+            from .seed.seed_study import seed_study
+            from .seed.seed_terminal import print_seed
+
+            study = seed_study(progress)
+            if out is not None:
+                from .seed.seed_files import seed_files
+                from .write_files import write_all
+
+                progress("drawing")
+                write_all(out, seed_files(study))
+        print_seed(study, console)
+        if out is not None:
+            _say_where(console, out, "seed.html")
+        if json:
+            from .seed.seed_json import seed_json
+
+            _print_json(seed_json(study))
+
+
 @app.command("new")
 def new_command(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder to make; it must not hold a record yet.")],

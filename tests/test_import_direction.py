@@ -17,7 +17,7 @@ TOP = "thermohyd.identify.command_line"
 def modules() -> dict[str, Path]:
     """{dotted name: file} of the installed package, without the `__init__` files: those only re-export."""
     found = {}
-    for package in ("thermohyd", "thermohyd.effects", "thermohyd.identify"):
+    for package in ("thermohyd", "thermohyd.effects", "thermohyd.identify", "thermohyd.identify.seed"):
         folder = Path(str(import_module(package).__file__)).parent
         found |= {f"{package}.{file.stem}": file for file in sorted(folder.glob("*.py")) if file.stem != "__init__"}
     return found

@@ -1,0 +1,117 @@
+"""Every curve of the seed paper in one batched program: both models, two supply pressures, all temperatures, the whole stroke."""
+
+from dataclasses import dataclass
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from thermohyd.conditions import Conditions, operating_points
+from thermohyd.oil import walther_viscosity
+from thermohyd.precision import require_float64
+from thermohyd.static_tests import blocked_port_readings, control_flow
+from thermohyd.valve import Valve, true_oil
+
+
+MODELS = ("HM", "THM")  # isothermal, adiabatic: the first axis of every array
+# Openings in steps of 1 % of the stroke, and of 0.25 % around null, where the leakage has its shape.
+STEP, FINE_STEP, FINE_UP_TO = 0.01, 0.0025, 0.12
+
+
+@dataclass(frozen=True)
+class SeedCurves:
+    """Arrays of shape (model, supply, temperature, opening), SI.
+
+    opening: share of the stroke, -1 to 1; temperature [K] and viscosity [m2/s] go together. leakage, flow [m3/s];
+    load_pressure [Pa]; pressure_gain K_PX [Pa/m]; flow_gain K_QX [m2/s].
+    """
+
+    stroke: float
+    supply: np.ndarray
+    temperature: np.ndarray
+    viscosity: np.ndarray
+    opening: np.ndarray
+    leakage: np.ndarray
+    load_pressure: np.ndarray
+    pressure_gain: np.ndarray
+    flow: np.ndarray
+    flow_gain: np.ndarray
+
+    @property
+    def null_flow_pressure_gain(self) -> np.ndarray:
+        """K_QP at null [m3/(s Pa)], (model, supply, temperature): K_QX/K_PX, as the paper says; exact where p_A = p_B."""
+        null = self.at_opening(0.0)
+        return self.flow_gain[..., null] / self.pressure_gain[..., null]
+
+    def at_opening(self, share: float) -> int:
+        """Index of an opening that the curves contain (ValueError otherwise)."""
+        return _index(self.opening, share, 1e-9, "opening")
+
+    @property
+    def equidistant(self) -> np.ndarray:
+        """Indices of the openings in even steps over the whole stroke, for fits that should weigh it evenly."""
+        steps = self.opening / STEP
+        return np.flatnonzero(np.abs(steps - np.round(steps)) < 1e-6)
+
+    def at_viscosity(self, viscosity: float) -> int:
+        """Index of the temperature at which the oil has a viscosity [m2/s] (ValueError where no curve is)."""
+        return _index(np.log(self.viscosity), float(np.log(viscosity)), 1e-3, "viscosity")
+
+
+def _index(values: np.ndarray, wanted: float, closeness: float, what: str) -> int:
+    nearest = int(np.argmin(np.abs(values - wanted)))
+    if abs(values[nearest] - wanted) > closeness:
+        raise ValueError(f"no curve was computed at this {what}")
+    return nearest
+
+
+def _openings() -> np.ndarray:
+    fine = np.arange(-round(1.0 / FINE_STEP), round(1.0 / FINE_STEP) + 1) * FINE_STEP
+    coarse = np.arange(len(fine)) % round(STEP / FINE_STEP) == 0
+    return fine[coarse | (np.abs(fine) <= FINE_UP_TO + 1e-9)]
+
+
+@eqx.filter_jit
+def _program(valve: Valve, rows: Conditions) -> dict[str, Float[Array, " rows"]]:
+    """All readings and their slopes to the position in one compilation; the valve's heat retention may differ by row."""
+
+    def readings(position: Array) -> tuple[Array, Array, Array]:
+        moved = eqx.tree_at(lambda c: c.position, rows, position)
+        blocked = blocked_port_readings(valve, moved)
+        return blocked["leakage_flow"], blocked["load_pressure"], control_flow(valve, moved)
+
+    values, slopes = jax.jvp(readings, (rows.position,), (jnp.ones_like(rows.position),))
+    return {
+        "leakage": values[0],
+        "load_pressure": values[1],
+        "flow": values[2],
+        "pressure_gain": slopes[1],
+        "flow_gain": slopes[2],
+    }
+
+
+def seed_curves(
+    valve: Valve, temperatures: np.ndarray, supply_pressures: tuple[float, ...], return_pressure: float = 0.0
+) -> SeedCurves:
+    """The static tests of a valve and their gains at temperatures [K] (t,) and supply pressures [Pa, gauge].
+
+    Openings are counted from the hydraulic null. Raises RuntimeError in single precision.
+    """
+    require_float64("the seed paper's curves")
+    temperature, supply = np.sort(np.asarray(temperatures, dtype=float)), np.asarray(supply_pressures, dtype=float)
+    opening = _openings()
+    stroke, null = float(valve.stroke), float(valve.null_bias)
+    shape = (len(MODELS), len(supply), len(temperature), len(opening))
+    eta, p, t, x = np.meshgrid([0.0, 1.0], supply, temperature, opening * stroke + null, indexing="ij")
+    eta, p, t, x = (jnp.asarray(values.ravel()) for values in (eta, p, t, x))
+    rows = operating_points(x, supply_pressure=p, temperature=t, return_pressure=return_pressure)
+    # One valve whose eta varies along the rows: tracing two valves by vmap would take longer than running them.
+    both = eqx.tree_at(lambda v: v.heat_retention, valve, eta, is_leaf=lambda leaf: leaf is None)
+    found = jax.device_get(_program(both, rows))
+    arrays = {name: values.reshape(shape) for name, values in found.items()}
+    viscosity = np.asarray(walther_viscosity(true_oil(valve), jnp.asarray(temperature)))
+    return SeedCurves(
+        stroke=stroke, supply=supply, temperature=temperature, viscosity=viscosity, opening=opening, **arrays
+    )

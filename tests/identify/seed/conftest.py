@@ -1,0 +1,10 @@
+"""One study of the seed paper for all tests of this folder."""
+
+import pytest
+
+from thermohyd.identify.seed.seed_study import SeedStudy, seed_study
+
+
+@pytest.fixture(scope="session")
+def study() -> SeedStudy:
+    return seed_study()

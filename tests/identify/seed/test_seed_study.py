@@ -1,0 +1,153 @@
+"""Every claim of the seed paper: its verdict, and the figures behind it, asserted."""
+
+import numpy as np
+import pytest
+from helpers.valves import seed_valve as helper_valve, temperature_at as helper_temperature
+
+from thermohyd.conditions import operating_points
+from thermohyd.gains import flow_pressure_gain
+from thermohyd.identify.seed import seed_valve as paper
+from thermohyd.identify.seed.claim import thickest_within
+from thermohyd.identify.seed.leakage_claims import heat_gap
+from thermohyd.identify.seed.pressure_claims import bar_secant, bar_slope
+from thermohyd.static_tests import leakage_flow
+
+
+VERDICTS = {
+    "leakage_peaks_at_null": "holds",
+    "leakage_models_similar": "holds",
+    "leakage_bars": "holds",
+    "leakage_rises_with_temperature": "holds",
+    "leakage_gap_below_5_percent": "partly",
+    "hm_pressure_gain_constant": "holds",
+    "thm_pressure_gain_falls": "partly",
+    "thm_pressure_gain_above": "partly",
+    "pressure_gain_nearly_constant": "holds",
+    "rated_flow": "no",
+    "flow_gain_changes": "holds",
+    "two_regions": "partly",
+    "eq6_reproduces": "partly",
+    "small_opening_flow_gain_rises": "holds",
+    "laminar_at_small_openings": "partly",
+    "flow_gain_gap_below_5_percent": "partly",
+}
+FIGURES = {
+    "leakage_models_similar": {"gap_of_full_scale": 0.0152, "gap_30cSt": 0.0152, "gap_4000cSt": 0.0847},
+    "leakage_bars": {"gap_0%": 0.0444, "gap_2.5%": 0.0241, "gap_5%": 0.0089},
+    "leakage_rises_with_temperature": {"null_HM_4000cSt": 0.00222, "null_HM_30cSt": 0.28388, "ratio": 128.0},
+    "leakage_gap_below_5_percent": {
+        "cSt_within_5_percent_70bar": 452.0,
+        "cSt_within_5_percent_210bar": 45.0,
+        "gap_300cSt_70bar": 0.0444,
+        "gap_300cSt_210bar": 0.1404,
+    },
+    "hm_pressure_gain_constant": {"bar_K_PX_0%": 33.851, "bar_K_PX_1%": 30.093, "bar_K_PX_3%": 13.355},
+    "thm_pressure_gain_falls": {
+        "slope_change_1%": -0.0357,
+        "slope_change_3%": 0.0460,
+        "secant_change_1%": -0.0484,
+        "secant_change_3%": -0.0218,
+    },
+    "thm_pressure_gain_above": {
+        "slope_gap_1%_cold": 0.0474,
+        "slope_gap_3%_cold": -0.0537,
+        "secant_gap_1%_cold": 0.0644,
+        "secant_gap_3%_cold": 0.0288,
+    },
+    "pressure_gain_nearly_constant": {"change_THM": -0.0548},
+    "rated_flow": {"full_stroke_flow_30cSt": 9.240, "full_stroke_flow_4000cSt": 1.543},
+    "two_regions": {"ratio_4000cSt": 42.8, "ratio_30cSt": 1.152},
+    "eq6_reproduces": {
+        "worst_own_fit_um": 11.06,
+        "worst_smooth_um": 12.5,
+        "worst_two_terms_um": 3.23,
+        "null_gain_ratio_4000cSt": 3.53,
+        "null_gain_ratio_30cSt": 0.96,
+        "cSt_within_2_percent": 308.0,
+    },
+    "small_opening_flow_gain_rises": {"bar_K_QX_cold": 0.00790, "bar_K_QX_hot": 0.8599, "ratio": 109.0},
+    "laminar_at_small_openings": {"loss_30cSt": 0.2046},
+    "flow_gain_gap_below_5_percent": {"cSt_within_5_percent_70bar": 497.0, "cSt_within_5_percent_210bar": 65.0},
+}
+
+
+def claim_of(study, key):
+    (found,) = [claim for claim in study.claims if claim.key == key]
+    return found
+
+
+def test_every_claim_is_asserted(study):
+    assert {claim.key for claim in study.claims} == set(VERDICTS)
+
+
+@pytest.mark.parametrize("key", VERDICTS)
+def test_verdict_and_figures(study, key):
+    claim = claim_of(study, key)
+    print(f"{claim.where}: {claim.claim} {claim.holds.upper()}: {claim.computed}. {claim.why}")
+    assert claim.holds == VERDICTS[key]
+    for name, expected in FIGURES.get(key, {}).items():
+        assert claim.values[name] == pytest.approx(expected, rel=0.01), name
+    assert claim.holds == "holds" or claim.why, "a difference is explained"
+
+
+def test_isothermal_gain_is_constant_to_the_oils_compressibility(study):
+    assert claim_of(study, "hm_pressure_gain_constant").values["spread"] < 3e-5
+
+
+def test_curves_are_those_of_single_calls(study):
+    curves = study.curves
+    for model, eta in enumerate((None, 1.0)):
+        at = curves.at_viscosity(100e-6)
+        row = operating_points(0.05 * paper.STROKE, supply_pressure=210e5, temperature=helper_temperature(100))
+        expected = float(leakage_flow(helper_valve(eta), row)[0])
+        assert curves.leakage[model, 1, at, curves.at_opening(0.05)] == pytest.approx(expected, rel=1e-9)
+
+
+def test_slopes_are_those_of_the_curves(study):
+    curves = study.curves
+    fine = np.abs(curves.opening) < 0.03
+    x = curves.opening[fine] * curves.stroke
+    for gain, reading in (("flow_gain", "flow"), ("pressure_gain", "load_pressure")):
+        slope = np.gradient(getattr(curves, reading)[..., fine], x, axis=-1)[..., 1:-1]
+        assert np.allclose(slope, getattr(curves, gain)[..., fine][..., 1:-1], rtol=0.02)
+
+
+def test_flow_pressure_gain_follows_from_the_other_two(study):
+    # The paper: K_QP can be calculated from the other gains. At null, against the derivative of the load flow.
+    curves = study.curves
+    at = curves.at_viscosity(300e-6)
+    for model, eta in enumerate((None, 1.0)):
+        row = operating_points(0.0, supply_pressure=70e5, temperature=helper_temperature(300), load_pressure=0.0)
+        direct = float(flow_pressure_gain(helper_valve(eta), row)[0])
+        ratio = curves.null_flow_pressure_gain[model, 0, at] / direct
+        print(f"K_QX/K_PX over K_QP, eta {eta}: {ratio:.6f}")
+        assert ratio == pytest.approx(1.0, abs=2e-3)
+
+
+def test_three_times_the_heat_effect_at_210_bar(study):
+    at = study.curves.at_viscosity(300e-6)
+    for name, share, low, high in (
+        ("leakage", 0.0, 3.0, 3.3),
+        ("flow_gain", 0.01, 3.0, 3.3),
+        ("pressure_gain", 0.01, 2.5, 2.8),
+    ):
+        ratio = heat_gap(study.curves, name, share, 1)[at] / heat_gap(study.curves, name, share, 0)[at]
+        print(f"{name} at {share:.0%}: {ratio:.2f} times the gap of 70 bar")
+        assert low < ratio < high
+
+
+def test_secant_tends_to_the_slope_at_null(study):
+    secant = bar_secant(study.curves, 0.0025, paper.NOMINAL_PRESSURE)
+    assert np.allclose(secant, bar_slope(study.curves, 0.0, paper.NOMINAL_PRESSURE), rtol=6e-3)
+
+
+def test_thickest_within():
+    viscosity = np.array([1000e-6, 100e-6, 10e-6])
+    assert thickest_within(viscosity, np.array([0.01, 0.01, 0.01])) == pytest.approx(1000e-6)
+    assert thickest_within(viscosity, np.array([0.09, 0.01, 0.01])) == pytest.approx(100e-6 * 10**0.5)
+    assert thickest_within(viscosity, np.array([0.09, -0.09, -0.09])) == 0.0
+
+
+def test_no_curve_at_an_opening_that_was_not_computed(study):
+    with pytest.raises(ValueError, match="opening"):
+        study.curves.at_opening(0.123)
