@@ -86,14 +86,14 @@ def _step_by_step(both: Both, boxes: Boxes, z: Any, args: Any, tolerance: Any, m
     """The same as `_compiled`, driven from the host: what takes long to compile is compiled alone, in a quarter of the time
     that it takes inside a compiled search."""
     trial = boxes.physical(jnp.asarray(z))
-    state: State | None = None
-    for _ in range(max_steps):
-        residual, columns = both(trial, args)
-        state = _begin(jnp.asarray(z), residual.size) if state is None else state
+    residual, columns = both(trial, args)
+    state: State = _begin(jnp.asarray(z), residual.size)
+    for step in range(max_steps):
+        if step:
+            residual, columns = both(trial, args)
         z, state, trial = _advance(boxes, z, state, residual, columns, tolerance)
         if bool(state.done):
             break
-    assert state is not None
     small = jnp.stack([jnp.asarray(z), boxes.physical(jnp.asarray(z)), boxes.slope(jnp.asarray(z)), state.size])
     return small, state.at.residual, state.at.columns, state.evaluations, state.done
 

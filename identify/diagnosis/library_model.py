@@ -71,7 +71,8 @@ def library_program(effects: tuple[str, ...]) -> Both:
         jax.jit(lambda x: x + 1.0, compiler_options=options).lower(1.0).compile()
     except Exception:  # whatever a release of XLA calls an option that it does not know
         options = {}
-    return eqx.filter_jit(functools.partial(residual_and_columns, effects), compiler_options=options)
+    filter_jit: Any = eqx.filter_jit  # its types do not know the keywords that it hands on to jax.jit
+    return filter_jit(functools.partial(residual_and_columns, effects), compiler_options=options)
 
 
 def with_amounts(valve: Valve, names: tuple[str, ...], amounts: Float[Array, "effects ..."]) -> Valve:

@@ -23,7 +23,7 @@ def smooth_columns(test: TestRecord) -> np.ndarray:
     order = np.argsort(np.argsort(test.spool_position, kind="stable"), kind="stable")
     place = 2.0 * order / max(test.rows - 1, 1) - 1.0
     shapes = legendre.legvander(place, DEGREE)
-    factors = [np.ones(test.rows)]
+    factors: list[np.ndarray] = [np.ones(test.rows)]
     for column in (test.temperature, test.supply_pressure, test.load_pressure):
         scaled = _scaled(column)
         if scaled is not None:

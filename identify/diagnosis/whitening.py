@@ -53,7 +53,7 @@ def _gains(share: float, phi: float, length: int) -> tuple[np.ndarray, np.ndarra
 
 def whiten(filter_: Whitening, values: Float[Array, "*columns rows"]) -> Float[Array, "*columns rows"]:
     """Innovations along the last axis, whose recursion is linear."""
-    learned = linear_recursion(jnp.asarray(filter_.keep), filter_.learn * values)
+    learned = linear_recursion(jnp.asarray(filter_.keep), jnp.asarray(filter_.learn) * values)
     predicted = jnp.concatenate([jnp.zeros_like(values[..., :1]), learned[..., :-1]], axis=-1)
     return (values - predicted) * filter_.weight
 
