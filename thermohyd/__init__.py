@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 
 if TYPE_CHECKING:
+    from .actuator import Actuator as Actuator, seed_actuator as seed_actuator
+    from .actuator_performance import Performance as Performance, performance as performance
     from .conditions import Conditions as Conditions, operating_points as operating_points
     from .gains import (
         flow_gain as flow_gain,
@@ -29,6 +31,10 @@ if TYPE_CHECKING:
     from .valve import Valve as Valve
 
 _HOME = {
+    "Actuator": "actuator",
+    "seed_actuator": "actuator",
+    "Performance": "actuator_performance",
+    "performance": "actuator_performance",
     "Conditions": "conditions",
     "operating_points": "conditions",
     "flow_gain": "gains",

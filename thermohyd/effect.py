@@ -106,7 +106,12 @@ class Coupling(eqx.Module):
 
 
 class AbstractReadingEffect(AbstractEffect):
-    """Flow that passes beside the valve, or the instrument that reads it; rows in sweep order, `oil` the true one."""
+    """Flow that passes beside the valve, or the instrument that reads it; rows in sweep order, `oil` the true one.
+
+    `instrument`: it is the bench's, and stays there when the valve goes to an actuator.
+    """
+
+    instrument: ClassVar[bool] = False
 
     @abc.abstractmethod
     def reading(

@@ -25,6 +25,7 @@ class FlowmeterOffset(AbstractReadingEffect):
 
     amount: Float[Array, "..."] = eqx.field(converter=as_amount)
     order: ClassVar[int] = 30
+    instrument: ClassVar[bool] = True
 
     def reading(
         self, channel: str, value: Float[Array, " rows"], read: Conditions, true: Conditions, oil: Oil
@@ -42,6 +43,7 @@ class FlowmeterScale(AbstractReadingEffect):
 
     amount: Float[Array, "..."] = eqx.field(converter=as_amount)
     order: ClassVar[int] = 20
+    instrument: ClassVar[bool] = True
 
     def reading(
         self, channel: str, value: Float[Array, " rows"], read: Conditions, true: Conditions, oil: Oil
@@ -86,6 +88,7 @@ class FlowmeterLag(AbstractReadingEffect):
 
     amount: Float[Array, "..."] = eqx.field(converter=as_amount)
     order: ClassVar[int] = 10
+    instrument: ClassVar[bool] = True
     rowwise: ClassVar[bool] = False
 
     def reading(

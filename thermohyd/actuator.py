@@ -1,0 +1,39 @@
+"""The actuator on the valve: a symmetric jack on a rigid anchorage, its load, and its position loop (MODEL section 7)."""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+
+def _as_array(value: float | Array) -> Array:
+    return jnp.asarray(value, dtype=jnp.result_type(float))
+
+
+class Actuator(eqx.Module):
+    """A jack, its load and its loop; names and defaults of a bench record's `[actuator]` table. SI units, all differentiable.
+
+    piston_area: S [m2], both sides. chamber_volume: V_t [m3], one chamber at mid stroke, lines included. moving_mass: m [kg].
+    viscous_friction: f [N s/m]. coulomb_friction: F_b [N]. jack_leakage: a [m3/(s Pa)]. external_force: F_e [N], constant.
+    rated_current [A]: x = X_n I/I_rated. The loop: I = K_A K_p (z* - z), amplifier_gain K_A [A/V], sensor_gain K_p [V/m].
+    spool_frequency [Hz] and spool_damping [-]: the spool behind the current, second order.
+    bulk_modulus_factor [-]: of the oil in the chambers only (air, hoses), 1 where they add nothing.
+    """
+
+    piston_area: Float[Array, ""] = eqx.field(converter=_as_array, default=12e-4)
+    chamber_volume: Float[Array, ""] = eqx.field(converter=_as_array, default=60e-6)
+    moving_mass: Float[Array, ""] = eqx.field(converter=_as_array, default=50.0)
+    viscous_friction: Float[Array, ""] = eqx.field(converter=_as_array, default=2000.0)
+    coulomb_friction: Float[Array, ""] = eqx.field(converter=_as_array, default=0.0)
+    jack_leakage: Float[Array, ""] = eqx.field(converter=_as_array, default=0.0)
+    external_force: Float[Array, ""] = eqx.field(converter=_as_array, default=0.0)
+    rated_current: Float[Array, ""] = eqx.field(converter=_as_array, default=25e-3)
+    amplifier_gain: Float[Array, ""] = eqx.field(converter=_as_array, default=0.01)
+    sensor_gain: Float[Array, ""] = eqx.field(converter=_as_array, default=100.0)
+    spool_frequency: Float[Array, ""] = eqx.field(converter=_as_array, default=100.0)
+    spool_damping: Float[Array, ""] = eqx.field(converter=_as_array, default=0.7)
+    bulk_modulus_factor: Float[Array, ""] = eqx.field(converter=_as_array, default=1.0)
+
+
+def seed_actuator() -> Actuator:
+    """An example jack for the seed paper's valve, which the paper leaves open: 12 cm2, 50 kg, 100 N of dry friction, 1 kN."""
+    return Actuator(coulomb_friction=100.0, external_force=1000.0)
