@@ -23,7 +23,7 @@ def held_out_result(
 ) -> HeldOut:
     """Judge fits of the other rows on the rows kept back. final_whole: the problem with the terms that `final` learned."""
     before, after = mean_square(whole, base, split), mean_square(final_whole, final, split)
-    exchange = {name: _closed(before, mean_square(whole, fit, split)) for name, fit in exchanged.items()}
+    exchange = {name: closed(before, mean_square(whole, fit, split)) for name, fit in exchanged.items()}
     return HeldOut(
         rows=int(split.held.sum()),
         what=what,
@@ -31,7 +31,7 @@ def held_out_result(
         after=max(after - 1.0, 0.0),
         reduced_chi2_before=before,
         reduced_chi2_after=after,
-        gap_closed=_closed(before, after),
+        gap_closed=closed(before, after),
         exchange=exchange,
     )
 
@@ -42,7 +42,7 @@ def mean_square(whole: LibraryProblem, fit: LibraryFit, split: Split) -> float:
     return float(np.mean(at.residual[: len(split.held)][split.held] ** 2))
 
 
-def _closed(before: float, after: float) -> float:
+def closed(before: float, after: float) -> float:
     """Share of the excess over noise that is gone; 0 where there was none."""
     gap = before - 1.0
     return float(np.clip((before - after) / gap, -1.0, 1.0)) if gap > 0.0 else 0.0

@@ -30,5 +30,5 @@ def diagnose(record: BenchRecord, *, learn: bool = False, progress: Progress | N
 def diagnose_case(case: Case, *, learn: bool = False, say: Progress = lambda _: None) -> DiagnosisResult:
     """What follows `open_case`; `seconds` of the result is left at 0."""
     case, found, split = choose(case, say)
-    model = final_model(case, found, say)
+    model = final_model(case, found, split, say)
     return conclude(case, found, split, model, learn=learn, say=say)

@@ -6,6 +6,8 @@ import numpy as np
 
 from .case import Case, Progress
 from .choice import LEVEL_OF_ALL_ROWS
+from .confirmation import closed, mean_square
+from .held_out import Split
 from .library_fit import LibraryFit, LibraryProblem
 from .rivals import Rivals, settle_rivals
 from .search import Found, search
@@ -15,7 +17,7 @@ from .smooth_basis import LackOfFit, lack_of_fit, smooth_block
 # Far below the level of the search: the test trusts a correlation of the noise that was itself estimated.
 LEVEL_OF_LEFT_OVER = 1e-5
 # What all of them must close together: of the whole gap, or of one channel's. Two that pull against each other close little.
-TOGETHER, TOGETHER_IN_A_CHANNEL = 0.25, 0.5
+TOGETHER, TOGETHER_IN_A_CHANNEL, ON_HELD_OUT = 0.25, 0.5, 0.1
 # What an effect must close to be named while a misfit of unknown cause remains: a share of the whole gap, of the gap that
 # is left without it, or of one channel's gap.
 OF_THE_GAP, OF_WHAT_IS_LEFT, OF_A_CHANNEL = 0.1, 0.1, 0.2
@@ -43,6 +45,13 @@ def _together_worth_naming(problem: LibraryProblem, base: LibraryFit, fit: Libra
     if gap > 0.0 and (base.chi2 - fit.chi2) / gap >= TOGETHER:
         return True
     return max(_channel_shares(problem, base, base, fit), default=0.0) >= TOGETHER_IN_A_CHANNEL
+
+
+def _holds_up(problem: LibraryProblem, base: LibraryFit, fit: LibraryFit, split: Split) -> bool:
+    """Whether the effects, fitted to the other rows, close anything of the gap on the rows held out."""
+    chosen = problem.with_rows(~split.held)
+    before = mean_square(problem, chosen.fit(start=base.values), split)
+    return closed(before, mean_square(problem, chosen.fit(fit.effects, fit.values), split)) > ON_HELD_OUT
 
 
 def _channel_shares(problem: LibraryProblem, base: LibraryFit, without: LibraryFit, fit: LibraryFit) -> list[float]:
@@ -81,8 +90,11 @@ class FinalModel:
         return float(np.clip(loss / max(self.excess, loss, 1e-300), 0.0, 1.0))
 
 
-def final_model(case: Case, found: Found, say: Progress = lambda _: None) -> FinalModel:
-    """Refit what the search found to all rows, ask all rows for more, settle rivals, test what is left."""
+def final_model(case: Case, found: Found, split: Split, say: Progress = lambda _: None) -> FinalModel:
+    """Refit what the search found to all rows, ask all rows for more, settle rivals, test what is left.
+
+    The rows held out have a say only where a misfit remains: effects that close nothing of it there are not named.
+    """
     problem, base = case.problem, case.base
     say("refitting with all rows")
     begin = problem.fit(found.effects, found.final.values) if found.effects else None
@@ -109,9 +121,9 @@ def final_model(case: Case, found: Found, say: Progress = lambda _: None) -> Fin
         fit = problem.fit(without[weakest].effects, without[weakest].values, hops=True)
         without = {name: problem.fit([n for n in fit.effects if n != name], fit.values) for name in fit.effects}
         left, dropped = lack_of_fit(problem, fit, block), True
-    if left.p_value < LEVEL_OF_LEFT_OVER and fit.effects and not _together_worth_naming(problem, base, fit):
+    misfit = left.p_value < LEVEL_OF_LEFT_OVER and bool(fit.effects)
+    if misfit and not (_together_worth_naming(problem, base, fit) and _holds_up(problem, base, fit, split)):
         fit, dropped = base, True
-        left = lack_of_fit(problem, fit, block)
     if dropped:
         fit, rivals = settle_rivals(problem, fit, case.steps, scale=scale(fit))
         left = lack_of_fit(problem, fit, block)
