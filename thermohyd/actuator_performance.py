@@ -113,11 +113,12 @@ def null_state(valve: Valve, conditions: Conditions) -> NullState:
         pressure_gain=slopes["load_pressure"],
         flow_pressure_gain=flow_gain / slopes["load_pressure"],
         leakage=readings["leakage_flow"],
-        bulk_modulus=_chamber_modulus(valve, conditions, pressure),
+        bulk_modulus=chamber_modulus(valve, conditions, pressure),
     )
 
 
-def _chamber_modulus(valve: Valve, conditions: Conditions, pressure: Float[Array, " rows"]) -> Float[Array, " rows"]:
+def chamber_modulus(valve: Valve, conditions: Conditions, pressure: Float[Array, " rows"]) -> Float[Array, " rows"]:
+    """The oil's bulk modulus [Pa] in the use ports at a pressure: isothermal at eta = 0, isentropic at 1, 1/beta linear between."""
     oil, eta, warm = true_oil(valve), heat_kept(valve), conditions.temperature
     if eta is None:
         return bulk_modulus(oil, pressure, warm)

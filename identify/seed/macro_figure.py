@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+import equinox as eqx
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -24,11 +25,12 @@ def macro_figure(macro: MacroFit, two_terms: Sequence[TwoTermFit], drawn: Sequen
         viscosity = np.array([fit.viscosity for fit in macro.fits])
         axes = figure.add_subplot(grid[0, :3])
         fine = np.linspace(-1.0, 1.0, 801)
+        law = eqx.filter_jit(macro.model.position)  # op by op it would compile twenty small programs
         for colour, i in zip(look.temperature_colours(len(drawn)), drawn, strict=True):
             curve = macro.flow[i] * L_MIN
             axes.plot(curve[::8], 100.0 * macro.position[::8] / macro.stroke, ".", color=colour, markersize=3.5)
             flow = fine * np.abs(macro.flow[i]).max()
-            opening = np.asarray(macro.model.position(flow, viscosity[i]))
+            opening = np.asarray(law(flow, viscosity[i : i + 1]))
             label = f"{macro.fits[i].temperature - 273.15:.0f} °C, {CST * viscosity[i]:.0f} cSt"
             axes.plot(flow * L_MIN, 100.0 * opening / macro.stroke, color=colour, label=label)
         title(axes, "points: full model; lines: smooth laws")
@@ -48,7 +50,7 @@ def macro_figure(macro: MacroFit, two_terms: Sequence[TwoTermFit], drawn: Sequen
         axes.legend(loc="upper left")
         title(axes, "largest error of the opening")
         look.label_axes(axes, "kinematic viscosity [cSt]", "% of stroke")
-        smooth = np.array(macro.model.parameters(np.geomspace(viscosity.min(), viscosity.max(), 200)))
+        smooth = np.array(eqx.filter_jit(macro.model.parameters)(np.geomspace(viscosity.min(), viscosity.max(), 200)))
         for column, (symbol, unit) in enumerate(SYMBOLS):
             axes = figure.add_subplot(grid[1, 2 * column : 2 * column + 2])
             values, std = np.array([(f.values[column], f.std[column]) for f in macro.fits]).T / TO_SI[column]

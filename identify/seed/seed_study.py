@@ -6,9 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from thermohyd.actuator import seed_actuator
+
 from ..macro_fit import MacroFit, fit_eq6
 from ..macro_variant import TwoTermFit, fit_two_terms
 from . import seed_valve as paper
+from .actuator_claims import actuator_claims
 from .claim import Claim
 from .curves import MODELS, SeedCurves, seed_curves
 from .flow_claims import flow_claims
@@ -66,5 +69,6 @@ def seed_study(progress: Callable[[str], None] | None = None) -> SeedStudy:
         *leakage_claims(curves),
         *pressure_claims(curves, paper.NOMINAL_PRESSURE),
         *flow_claims(curves, macro["HM"], two_terms, paper.NOMINAL_FLOW),
+        *actuator_claims(curves, valve, seed_actuator(), paper.NOMINAL_FLOW),
     ]
     return SeedStudy(curves, macro, tuple(two_terms), tuple(claims), time.perf_counter() - began)
