@@ -11,13 +11,12 @@ from jaxtyping import Array, Float
 from thermohyd.conditions import Conditions, operating_points
 from thermohyd.oil import walther_viscosity
 from thermohyd.precision import require_float64
-from thermohyd.static_tests import blocked_port_readings, control_flow, load_flow
+from thermohyd.static_tests import blocked_port_readings, control_flow
 from thermohyd.valve import Valve, true_oil
 
 
 MODELS = ("HM", "THM")  # isothermal, adiabatic: the first axis of every array
 ETA = (0.0, 1.0)  # share of the heat of throttling that the oil keeps in each
-LOAD_STEP = 1e-3  # of the supply pressure, for K_QP by central differences: off by less than 1e-6 of it
 # Openings in steps of 1 % of the stroke, and of 0.25 % around null, where the leakage has its shape.
 STEP, FINE_STEP, FINE_UP_TO = 0.01, 0.0025, 0.12
 
@@ -27,8 +26,7 @@ class SeedCurves:
     """Arrays of shape (model, supply, temperature, opening), SI.
 
     opening: share of the stroke, -1 to 1; temperature [K] and viscosity [m2/s] go together. leakage, flow [m3/s];
-    load_pressure, mean_pressure (of both use ports, blocked) [Pa]; pressure_gain K_PX [Pa/m]; flow_gain K_QX [m2/s];
-    null_flow_pressure_gain K_QP at null [m3/(s Pa)], shape (model, supply, temperature).
+    load_pressure [Pa]; pressure_gain K_PX [Pa/m]; flow_gain K_QX [m2/s].
     """
 
     stroke: float
@@ -41,8 +39,6 @@ class SeedCurves:
     pressure_gain: np.ndarray
     flow: np.ndarray
     flow_gain: np.ndarray
-    mean_pressure: np.ndarray
-    null_flow_pressure_gain: np.ndarray
 
     def at_opening(self, share: float) -> int:
         """Index of an opening that the curves contain (ValueError otherwise)."""
@@ -66,24 +62,6 @@ def _index(values: np.ndarray, wanted: float, closeness: float, what: str) -> in
     return nearest
 
 
-def with_heat_by_row(valve: Valve, eta: Array) -> Valve:
-    """The valve with a heat retention of its own in every row (rows,)."""
-    return eqx.tree_at(lambda v: v.heat_retention, valve, eta, is_leaf=lambda leaf: leaf is None)
-
-
-def _null_flow_pressure_gain(
-    valve: Valve, null: float, supply: np.ndarray, temperature: np.ndarray, return_pressure: float
-) -> np.ndarray:
-    """K_QP at null (model, supply, temperature) from the load flow itself, not from the other gains."""
-    signs = np.array([-1.0, 1.0])
-    eta, p, t, sign = np.meshgrid(ETA, supply, temperature, signs, indexing="ij")
-    step = LOAD_STEP * p
-    eta_, p, t, load = (jnp.asarray(values.ravel()) for values in (eta, p, t, sign * step))
-    rows = operating_points(null, supply_pressure=p, temperature=t, return_pressure=return_pressure, load_pressure=load)
-    flow = np.asarray(load_flow(with_heat_by_row(valve, eta_), rows)).reshape(eta.shape)
-    return -(flow @ signs) / (2.0 * step[..., 0])
-
-
 def _openings() -> np.ndarray:
     fine = np.arange(-round(1.0 / FINE_STEP), round(1.0 / FINE_STEP) + 1) * FINE_STEP
     coarse = np.arange(len(fine)) % round(STEP / FINE_STEP) == 0
@@ -97,15 +75,13 @@ def _program(valve: Valve, rows: Conditions) -> dict[str, Float[Array, " rows"]]
     def readings(position: Array) -> tuple[Array, ...]:
         moved = eqx.tree_at(lambda c: c.position, rows, position)
         blocked = blocked_port_readings(valve, moved)
-        mean = 0.5 * (blocked["pressure_a"] + blocked["pressure_b"])
-        return blocked["leakage_flow"], blocked["load_pressure"], control_flow(valve, moved), mean
+        return blocked["leakage_flow"], blocked["load_pressure"], control_flow(valve, moved)
 
     values, slopes = jax.jvp(readings, (rows.position,), (jnp.ones_like(rows.position),))
     return {
         "leakage": values[0],
         "load_pressure": values[1],
         "flow": values[2],
-        "mean_pressure": values[3],
         "pressure_gain": slopes[1],
         "flow_gain": slopes[2],
     }
@@ -127,10 +103,9 @@ def seed_curves(
     eta, p, t, x = (jnp.asarray(values.ravel()) for values in (eta, p, t, x))
     rows = operating_points(x, supply_pressure=p, temperature=t, return_pressure=return_pressure)
     # One valve whose eta varies along the rows: tracing two valves by vmap would take longer than running them.
-    both = with_heat_by_row(valve, eta)
+    both = eqx.tree_at(lambda v: v.heat_retention, valve, eta, is_leaf=lambda leaf: leaf is None)
     found = jax.device_get(_program(both, rows))
     arrays = {name: values.reshape(shape) for name, values in found.items()}
-    arrays["null_flow_pressure_gain"] = _null_flow_pressure_gain(valve, null, supply, temperature, return_pressure)
     viscosity = np.asarray(jax.jit(walther_viscosity)(true_oil(valve), jnp.asarray(temperature)))
     return SeedCurves(
         stroke=stroke, supply=supply, temperature=temperature, viscosity=viscosity, opening=opening, **arrays

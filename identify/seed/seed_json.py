@@ -42,10 +42,10 @@ def seed_json(study: SeedStudy) -> dict[str, Any]:
             "opening": curves.opening.tolist(),
             **{name: getattr(curves, name)[:, :, drawn].tolist() for name in names},
         },
-        "null_flow_pressure_gain": {
+        "actuator_at_null": {
             "axes": ["model", "supply_pressure", "temperature"],
             "temperature": curves.temperature.tolist(),
-            "value": curves.null_flow_pressure_gain.tolist(),
+            **{name: values.tolist() for name, values in study.performance.items()},
         },
         "seconds": study.seconds,
     }
@@ -58,7 +58,7 @@ def seed_tables(study: SeedStudy) -> dict[str, str]:
     )
     tables = {
         "curves.csv": _against_opening(study.curves, study.drawn),
-        "gains.csv": _against_temperature(study.curves),
+        "gains.csv": _against_temperature(study),
         "eq6.csv": _eq6(study),
         "claims.csv": claims,
     }
@@ -93,7 +93,8 @@ def _against_opening(curves: SeedCurves, drawn: list[int]) -> pd.DataFrame:
     return table
 
 
-def _against_temperature(curves: SeedCurves) -> pd.DataFrame:
+def _against_temperature(study: SeedStudy) -> pd.DataFrame:
+    curves = study.curves
     count = len(curves.temperature)
     table = pd.DataFrame(_where(curves, (2, len(curves.supply), count), list(range(count))))
     for share in OPENINGS:
@@ -103,7 +104,7 @@ def _against_temperature(curves: SeedCurves) -> pd.DataFrame:
             curves.pressure_gain[..., at] * curves.stroke / paper.NOMINAL_PRESSURE
         ).ravel()
         table[f"bar_K_QX {words} [-]"] = (curves.flow_gain[..., at] * curves.stroke / paper.NOMINAL_FLOW).ravel()
-    table["K_QP at 0 % [l/min/bar]"] = curves.null_flow_pressure_gain.ravel() * L_MIN / BAR
+    table["K_QP at 0 % [l/min/bar]"] = study.performance["flow_pressure_gain"].ravel() * L_MIN / BAR
     return table
 
 

@@ -12,6 +12,7 @@ from ..macro_fit import MacroFit, fit_eq6
 from ..macro_variant import TwoTermFit, fit_two_terms
 from . import seed_valve as paper
 from .actuator_claims import actuator_claims
+from .actuator_state import performance_of
 from .claim import Claim
 from .curves import MODELS, SeedCurves, seed_curves
 from .flow_claims import flow_claims
@@ -24,11 +25,13 @@ STEP = 5.0  # K, between the temperatures of the curves against temperature
 
 @dataclass(frozen=True)
 class SeedStudy:
-    """macro: {"HM", "THM": Eq. 6 at the first supply pressure}; two_terms: the variant for HM, a fit per temperature."""
+    """macro: {"HM", "THM": Eq. 6 at the first supply pressure}; two_terms: the variant for HM, a fit per temperature.
+    performance: {figure of `thermohyd.Performance`: (model, supply, temperature)} of the example jack at null."""
 
     curves: SeedCurves
     macro: dict[str, MacroFit]
     two_terms: tuple[TwoTermFit, ...]
+    performance: dict[str, np.ndarray]
     claims: tuple[Claim, ...]
     seconds: float
 
@@ -65,10 +68,12 @@ def seed_study(progress: Callable[[str], None] | None = None) -> SeedStudy:
         for i, name in enumerate(MODELS)
     }
     two_terms = [fit_two_terms(position, flow[even]) for flow in curves.flow[0, 0]]
+    say("the actuator")
+    found = performance_of(curves, valve, seed_actuator())
     claims = [
         *leakage_claims(curves),
         *pressure_claims(curves, paper.NOMINAL_PRESSURE),
         *flow_claims(curves, macro["HM"], two_terms, paper.NOMINAL_FLOW),
-        *actuator_claims(curves, valve, seed_actuator(), paper.NOMINAL_FLOW),
+        *actuator_claims(curves, found, valve, seed_actuator(), paper.NOMINAL_FLOW),
     ]
-    return SeedStudy(curves, macro, tuple(two_terms), tuple(claims), time.perf_counter() - began)
+    return SeedStudy(curves, macro, tuple(two_terms), found, tuple(claims), time.perf_counter() - began)
