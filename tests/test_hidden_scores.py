@@ -2,6 +2,7 @@
 
 import importlib
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -107,7 +108,7 @@ def test_nothing_named_leaves_the_whole_gap(scores):
 
 
 def test_closed_means_down_to_the_noise_of_the_held_out_rows(scores):
-    outside = {"kind": "outside", "verdict": "named"}
+    outside: dict[str, Any] = {"kind": "outside", "verdict": "named"}
     for left, closed in ((1.05, True), (1.2, False)):
         held = {"rows": 800, "before": 5.0, "after": left - 1.0, "reduced_chi2_after": left}
         assert made(scores, [named("hysteresis")], {}, held=held, **outside).really_closed is closed

@@ -3,6 +3,7 @@
 Every record has the same shape, so that one compiled program serves them all.
 """
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,8 +23,9 @@ RUNS = (0, 1, 2, 3, 4, 5, 1, 4)  # two conditions are run twice
 POINTS_UP = 16
 RATES = (5e-6, 20e-6)  # m/s
 REACH = {"leakage": 1.0, "pressure_gain": 0.3, "flow_gain": 1.0}  # of the stroke
+SLOT_WIDTH = 12e-3  # m
 VALVE = Valve(
-    slot_width=12e-3,
+    slot_width=SLOT_WIDTH,
     edge_radius=11e-6,
     clearance=2.4e-6,
     underlap=9e-6,
@@ -84,8 +86,8 @@ def small_record(
     made = {}
     for test in REACH:
         rows = rows_of(test)
-        own = {name: value(rows) if callable(value) else value for name, value in (valve or {}).items()}
-        exact = reference.TESTS[test](Valve(**{**vars(VALVE), **own}), oil, rows, Effects(**(effects or {})))
+        own: dict[str, Any] = {n: value(rows) if callable(value) else value for n, value in (valve or {}).items()}
+        exact = reference.TESTS[test](replace(VALVE, **own), oil, rows, Effects(**(effects or {})))
         size = noise * NOISE[test]
         value = exact[reference.READING[test]] + noise_of(rng, rows, size, phi)
         made[test] = _test(test, rows, value, np.full(len(value), size) if declared else None, {})
@@ -94,7 +96,7 @@ def small_record(
 
 def record_of(tests: dict[str, TestRecord], **start: Any) -> BenchRecord:
     """These tests of a valve of `VALVE`'s size and oil."""
-    body = ValveData("small", STROKE, VALVE.slot_width, rated_current=25e-3)
+    body = ValveData("small", STROKE, SLOT_WIDTH, rated_current=25e-3)
     return BenchRecord(Path("small"), "small", body, OilDefinition(*walther(POINTS)), tests, dict(start))
 
 

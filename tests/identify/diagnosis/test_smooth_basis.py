@@ -41,7 +41,7 @@ class Linear:
     def white(self, values):
         return np.concatenate([whitened(self.problem, key, values[key]) for key in self.keys])
 
-    def p_value(self, rng, extra=0.0) -> float:
+    def p_value(self, rng, extra: np.ndarray | float = 0.0) -> float:
         run = {key: self.problem.tests[key[0]].run for key in self.keys}
         residual = self.white({key: noise_by_run(rng, run[key], self.phi) for key in self.keys}) + extra
         residual = residual - self.columns @ np.linalg.lstsq(self.columns, residual, rcond=None)[0]
