@@ -110,7 +110,8 @@ def _three_times(curves: SeedCurves) -> Claim:
         f"at null at 70 bar: up to {within[0]:.0f} cSt ({percent(low[at])} at 300 cSt, {percent(low[0])} at 4000); at 210 bar: up to "
         f"{within[1]:.0f} cSt ({percent(high[at])} at 300 cSt, {percent(high[0])} at 4000)",
         f"The oil warms in proportion to the pressure drop, 3 to 4 K per 70 bar, and the colder it is the more a kelvin "
-        f"thins it: 210 bar give {high[at] / low[at]:.1f} times the gap of 70 bar. The paper does not state its supply pressure.",
+        f"thins it: 210 bar give {high[at] / low[at]:.1f} times the gap of 70 bar at 300 cSt, "
+        f"{high[-1] / low[-1]:.1f} times at 30, where the null region is no longer laminar. The paper does not state its supply pressure.",
         {
             "cSt_within_5_percent_70bar": within[0],
             "cSt_within_5_percent_210bar": within[1],
