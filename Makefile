@@ -13,15 +13,16 @@ INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --co
 
 .PHONY: help demo test lint typecheck pytest bench hidden clean
 help:
-	@echo "make demo    fit the sample record and write demo-report/report.html"
+	@echo "make demo    fit one sample record, diagnose another, write demo-report/"
 	@echo "make test    ruff, pyright and pytest against the installed package"
 	@echo "make bench   the benchmarks, each with its peer"
-	@echo "make hidden  76 records with a hidden effect, diagnosed and scored (SET=2: the other seeds; half an hour)"
+	@echo "make hidden  76 records with a hidden effect, diagnosed and scored (SET=2: other seeds, SET=3: faint effects; half an hour)"
 	@echo "make clean   remove what was built (not $(VENV))"
 
 demo: $(VENV)/.installed
 	$(BIN)/thermohyd fit data/seed_valve --out demo-report
-	@echo "The report is in demo-report/report.html: open it in a browser."
+	$(BIN)/thermohyd diagnose data/hidden/bench_26 --out demo-report/diagnosis
+	@echo "The reports are in demo-report/report.html and demo-report/diagnosis/report.html: open them in a browser."
 
 test: lint typecheck pytest
 
