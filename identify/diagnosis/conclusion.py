@@ -62,7 +62,8 @@ def conclude(
         verdict = "ambiguous" if any(e.alternatives for e in effects) else "named"
     where = regions(before.channels, case.fitted.tests) if verdict != "consistent" else ()
     shifts = _shifts(before, after) if effects or term else ()
-    singles = found.steps[0].singles
+    # A search that began from effects of an earlier one refitted its candidates beside them: not what one does alone.
+    singles = {name: single for name, single in found.steps[0].singles.items() if single.effects == (name,)}
     table = candidates(case.problem.library, first, found.base, singles, found.base.chi2 - int(found.base.used.sum()))
     gaps = (before.reduced_chi2, after.reduced_chi2)
     return DiagnosisResult(
