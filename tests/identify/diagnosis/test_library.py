@@ -9,44 +9,44 @@ from thermohyd.effects.registry import EFFECTS
 from thermohyd.identify.diagnosis.library import coupled, dear, library_for
 
 
-def tests_of(**changes):
+def bench_of(**changes):
     return [replace(conditions_only(name), **changes) for name in REACH]
 
 
 def test_a_full_record_can_show_the_whole_library():
-    library = library_for(tests_of())
+    library = library_for(bench_of())
     assert library.names == tuple(EFFECTS)
     assert not library.impossible
 
 
 def test_without_time():
-    library = library_for(tests_of(time=None, rate=None))
+    library = library_for(bench_of(time=None, rate=None))
     assert set(library.impossible) == {"flowmeter_lag", "position_lag"}
     assert "column time" in library.impossible["flowmeter_lag"]
     assert set(library.names) | set(library.impossible) == set(EFFECTS)
 
 
 def test_one_rate_looks_like_hysteresis():
-    tests = [replace(test, rate=1e-5 * np.sign(test.rate)) for test in tests_of() if test.rate is not None]
+    tests = [replace(test, rate=1e-5 * np.sign(test.rate)) for test in bench_of() if test.rate is not None]
     library = library_for(tests)
     assert set(library.impossible) == {"position_lag"}
     assert "hysteresis" in library.impossible["position_lag"]
 
 
 def test_one_direction():
-    library = library_for(tests_of(direction=np.ones(256)))
+    library = library_for(bench_of(direction=np.ones(256)))
     assert "one direction" in library.impossible["hysteresis"]
 
 
 def test_tests_that_an_effect_shows_in():
-    library = library_for(tests_of()[:1])  # leakage alone
+    library = library_for(bench_of()[:1])  # leakage alone
     for name, info in EFFECTS.items():
         assert (name in library.names) == ("leakage" in info.shows), name
     assert all("leakage" not in EFFECTS[name].shows for name in library.impossible)
 
 
 def test_programs():
-    library = library_for(tests_of())
+    library = library_for(bench_of())
     assert set(library.plain) == {name for name in EFFECTS if not coupled(name)}
     assert {name for name in EFFECTS if coupled(name)} == {
         "flow_saturation", "supply_droop", "return_back_pressure", "cross_port_leakage"
