@@ -11,15 +11,28 @@ import pytest
 CHAIN = ("thermohyd.oil", "thermohyd.edge", "thermohyd.valve", "thermohyd.static_tests", "thermohyd.identify.fit")
 EFFECTS = "thermohyd.effects.registry"
 TOP = "thermohyd.identify.command_line"
+DIAGNOSIS = "thermohyd.identify.diagnosis"
+SHARED = f"{DIAGNOSIS}.variation_terms"  # what a model file keeps of a diagnosis
+# What a user reads of a diagnosis: made from its result alone, without starting JAX.
+REPORTS = (
+    "result", "headline", "diagnosis_files", "diagnosis_json", "diagnosis_page", "diagnosis_plots", "terminal_summary",
+    "summary_of_many", "where", "held_out", "max_t",
+)  # fmt: skip
 
 
 @cache
 def modules() -> dict[str, Path]:
     """{dotted name: file} of the installed package, without the `__init__` files: those only re-export."""
+    return _within("thermohyd", Path(str(import_module("thermohyd").__file__)).parent)
+
+
+def _within(package: str, folder: Path) -> dict[str, Path]:
     found = {}
-    for package in ("thermohyd", "thermohyd.effects", "thermohyd.identify", "thermohyd.identify.seed"):
-        folder = Path(str(import_module(package).__file__)).parent
-        found |= {f"{package}.{file.stem}": file for file in sorted(folder.glob("*.py")) if file.stem != "__init__"}
+    for path in sorted(folder.iterdir()):
+        if path.suffix == ".py" and path.stem != "__init__":
+            found[f"{package}.{path.stem}"] = path
+        elif (path / "__init__.py").exists():
+            found |= _within(f"{package}.{path.name}", path)
     return found
 
 
@@ -76,6 +89,24 @@ def test_simulator_knows_nothing_of_benches(name):
     outside = {"pandas", "pint", "matplotlib", "rich", "typer", "jinja2", "platformdirs"}
     assert not {module.split(".")[0] for module in imports(name)} & outside
     assert not any(module.startswith(("thermohyd.identify", "thermohyd.data")) for module in imports(name))
+
+
+def test_a_fit_knows_nothing_of_what_is_made_of_fits():
+    above = tuple(f"thermohyd.identify.{package}." for package in ("diagnosis", "sensitivity", "seed"))
+    for name in [name for name in modules() if name.startswith("thermohyd.identify.") and name.count(".") == 2]:
+        assert name == TOP or not {m for m in imports(name) if m.startswith(above)} - {SHARED}, name
+
+
+@pytest.mark.parametrize("name", [name for name in modules() if name.startswith(f"{DIAGNOSIS}.")])
+def test_a_diagnosis_needs_no_other_command(name):
+    assert not {m for m in imports(name) if m.startswith(("thermohyd.identify.seed", "thermohyd.identify.sensitivity"))}
+
+
+@pytest.mark.parametrize("name", REPORTS)
+def test_reports_of_a_diagnosis_need_no_jax(name):
+    every = {f"{DIAGNOSIS}.{name}", *reachable(f"{DIAGNOSIS}.{name}")}
+    outside = {m.split(".")[0] for module in every for m in imports(module)}
+    assert not outside & {"jax", "jaxtyping", "equinox", "optimistix", "lineax"}
 
 
 @pytest.mark.parametrize("name", [name for name in modules() if name != TOP])
