@@ -13,7 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from thermohyd.effects.flowmeter import FLOW_CHANNELS, FlowmeterLag
+from thermohyd.conditions import Conditions
+from thermohyd.effects.flowmeter import FLOW_CHANNELS, behind_meter
 from thermohyd.effects.registry import EFFECTS, with_effects
 from thermohyd.valve import Valve
 
@@ -142,13 +143,14 @@ def residual_and_columns(
     return jnp.concatenate(parts), jnp.concatenate([*columns, priors], axis=1)
 
 
-def _lagged(channel: str, reading: Array, columns: Array, tau: Array, conditions: eqx.Module) -> tuple[Array, Array]:
+def _lagged(channel: str, reading: Array, columns: Array, tau: Array, conditions: Conditions) -> tuple[Array, Array]:
     """A reading and its columns behind the meter's lag, with the column of the lag itself added."""
-    if channel not in FLOW_CHANNELS:
+    time = conditions.time
+    if channel not in FLOW_CHANNELS or time is None:  # the library leaves the lag out where a flow has no time
         return reading, jnp.concatenate([columns, jnp.zeros_like(reading)[None]])
 
     def meter(value: Array, tau: Array) -> Array:
-        return FlowmeterLag(tau).reading(channel, value, conditions, conditions, None)  # pyright: ignore  # time and run
+        return behind_meter(value, tau, time, conditions.run)
 
     out, own = jax.jvp(lambda t: meter(reading, t), (tau,), (jnp.ones_like(tau),))
     passed = jax.vmap(lambda column: meter(column, tau))(columns)

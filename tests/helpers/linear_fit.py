@@ -1,7 +1,12 @@
 """Fits of a made-up linear model, for tests of what is computed from residuals and columns: nothing is simulated."""
 
-import numpy as np
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 
+import numpy as np
+from scipy.optimize import lsq_linear
+
+from thermohyd.effects.registry import EFFECTS
 from thermohyd.identify.diagnosis.library import Library
 from thermohyd.identify.diagnosis.library_fit import Key, LibraryFit, LibraryProblem, Noise, noise_sweeps
 from thermohyd.identify.diagnosis.library_model import PARAMETERS
@@ -29,12 +34,12 @@ def whitened(problem: LibraryProblem, key: Key, values: np.ndarray) -> np.ndarra
     return whiten_on_host(whitening_of(problem.noise.correlation[key], noise_sweeps(test), test.rows), values)
 
 
-def linear_fit(residual: np.ndarray, columns: np.ndarray) -> LibraryFit:
-    """A fit of the parameters alone; residual (rows,) whitened and columns (rows, parameters), priors left out."""
+def linear_fit(residual: np.ndarray, columns: np.ndarray, names: tuple[str, ...] = PARAMETERS) -> LibraryFit:
+    """A fit of the parameters alone; residual (rows,) whitened and columns (rows, names), priors left out."""
     priors = len(PARAMETERS)
     residual = np.concatenate([residual, np.zeros(priors)])
     columns = np.concatenate([columns, np.zeros((priors, columns.shape[1]))])
-    names = PARAMETERS[: columns.shape[1]]
+    names = names[: columns.shape[1]]
     p, cost = np.zeros(len(names)), float(residual @ residual)
     solution = LeastSquaresResult(
         p, p, p, cost, residual, columns, np.zeros(len(names), int), True, "", 1, 0.0
@@ -42,4 +47,79 @@ def linear_fit(residual: np.ndarray, columns: np.ndarray) -> LibraryFit:
     return LibraryFit(
         (), names, names, dict.fromkeys(names, 0.0), cost, residual, columns, np.ones(len(residual), bool), frozenset(),
         True, "", solution,
+    )  # fmt: skip
+
+
+@dataclass
+class LinearProblem(LibraryProblem):
+    """A linear model in the place of the compiled one: misfit of the ideal valve, parameters' columns, signatures.
+
+    misfit (rows,), nuisance (rows, parameters) and signatures {effect: (rows,)}, all in units of the noise; a signature is
+    what one `scale` of the effect does. Amounts keep to the library's limits.
+    """
+
+    misfit: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    nuisance: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    signatures: dict[str, np.ndarray] = field(default_factory=dict)
+
+    @property
+    def order(self) -> tuple[str, ...]:
+        return (*PARAMETERS[: self.nuisance.shape[1]], *self.library.names)
+
+    def fit(
+        self,
+        effects: Iterable[str] = (),
+        start: Mapping[str, float] | None = None,
+        *,
+        hops: bool = False,
+        most_steps: int = 0,
+    ) -> LibraryFit:
+        chosen = tuple(name for name in self.library.names if name in set(effects))
+        free = (*PARAMETERS[: self.nuisance.shape[1]], *chosen)
+        columns, size = self._columns, np.array([_size(name) for name in free])
+        limits = [(EFFECTS[n].lower, EFFECTS[n].upper) if n in EFFECTS else (-np.inf, np.inf) for n in free]
+        used = np.ones(len(self.misfit), dtype=bool) if self.used is None else self.used
+        at = columns[:, [self.order.index(name) for name in free]] * size
+        solved = lsq_linear(at[used], -self.misfit[used], np.array(limits).T / size, method="bvls")
+        values = dict(zip(free, (float(v) for v in solved.x * size), strict=True))
+        pressed = [name for name, side in zip(free, solved.active_mask, strict=True) if side]
+        return self._at(values, chosen, free, frozenset(pressed))
+
+    def evaluate(self, values: Mapping[str, float], effects: Iterable[str] = ()) -> LibraryFit:
+        return self._at(values, (), (), frozenset())
+
+    def with_all_columns(self, fit: LibraryFit) -> LibraryFit:
+        return fit
+
+    @property
+    def _columns(self) -> np.ndarray:
+        own = [self.signatures[name] / _size(name) for name in self.library.names]
+        return np.concatenate([self.nuisance, *(column[:, None] for column in own)], axis=1)
+
+    def _at(
+        self, values: Mapping[str, float], effects: tuple[str, ...], free: tuple[str, ...], active: frozenset[str]
+    ) -> LibraryFit:
+        at = {name: values.get(name, 0.0) for name in self.order}
+        residual = self.misfit + self._columns @ np.array(list(at.values()))
+        made = linear_fit(residual, self._columns, self.order)
+        used = np.ones(len(made.residual), dtype=bool)
+        if self.used is not None:
+            used[: len(self.used)] = self.used
+        chi2 = float(np.sum(made.residual[used] ** 2))
+        return replace(made, effects=effects, free=free, values=at, chi2=chi2, used=used, active=active)
+
+
+def _size(name: str) -> float:
+    return EFFECTS[name].scale if name in EFFECTS else 1.0
+
+
+def linear_library(
+    misfit: np.ndarray, nuisance: np.ndarray, signatures: dict[str, np.ndarray], used: np.ndarray | None = None
+) -> LinearProblem:
+    """A problem over the rows of a small bench whose library is `signatures`."""
+    plain = linear_problem(NoiseCorrelation())
+    library = Library(tuple(signatures), {})
+    return LinearProblem(
+        plain.record, plain.tests, plain.plans, library, plain.noise, used, misfit=misfit, nuisance=nuisance,
+        signatures=signatures,
     )  # fmt: skip

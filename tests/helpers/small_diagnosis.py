@@ -1,0 +1,54 @@
+"""Small benches diagnosed with a short library: what takes long is compiled once, and every case is computed once."""
+
+from functools import cache
+from typing import Any
+from unittest.mock import patch
+
+from reference.valve import Rows
+
+from thermohyd.identify.diagnosis import case as case_module
+from thermohyd.identify.diagnosis.case import Case, open_case
+from thermohyd.identify.diagnosis.diagnose import diagnose_case
+from thermohyd.identify.diagnosis.library import Library
+from thermohyd.identify.diagnosis.result import DiagnosisResult
+from thermohyd.identify.record import BenchRecord
+
+from .small_bench import small_record
+
+
+# No coupled effect and no heat: one program serves every refit.
+LIBRARY = (
+    "unequal_underlap", "viscosity_shift", "temperature_offset", "pilot_leakage", "flowmeter_offset", "flowmeter_lag",
+    "position_scale", "hysteresis", "position_lag",
+)  # fmt: skip
+BIAS, DRIFT, MIDDLE = 1.5e-6, 5e-8, 303.15  # m, m/K, K
+
+
+def wandering_null(rows: Rows) -> Any:
+    """A null bias that follows the temperature: nothing in the library does that."""
+    return BIAS + DRIFT * (rows.temperature - MIDDLE)
+
+
+CASES: dict[str, dict[str, Any]] = {
+    "nothing": {},
+    "correlated": {"phi": 0.7, "declared": False, "seed": 3},
+    "pilot": {"effects": {"pilot_leakage": 1e-9}, "seed": 1},
+    "two": {"effects": {"hysteresis": 1e-6, "flowmeter_offset": 2e-7}, "seed": 2},
+    "rivals": {"effects": {"viscosity_shift": 0.1}, "seed": 4},
+    "outside": {"valve": {"null_bias": wandering_null}, "seed": 5},
+}
+
+
+def opened(record: BenchRecord) -> Case:
+    with patch.object(case_module, "library_for", lambda tests: Library(LIBRARY, {})):
+        return open_case(record)
+
+
+@cache
+def small_case(name: str) -> Case:
+    return opened(small_record(**CASES[name]))
+
+
+@cache
+def small_diagnosis(name: str, learn: bool = False) -> DiagnosisResult:
+    return diagnose_case(small_case(name), learn=learn)

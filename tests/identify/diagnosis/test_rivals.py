@@ -1,0 +1,111 @@
+"""Who could stand in a named effect's place, and what an effect put there in exchange closes on rows kept back."""
+
+import numpy as np
+import pytest
+from helpers.linear_fit import LinearProblem, linear_library
+
+from thermohyd.effects.registry import EFFECTS
+from thermohyd.identify.diagnosis.confirmation import closed, exchange_fits, held_out_result, mean_square
+from thermohyd.identify.diagnosis.held_out import split_rows
+from thermohyd.identify.diagnosis.rivals import ALIKE, rivals_of, settle_rivals
+
+
+ROWS = 768  # of a small bench
+TRUE, TWIN, COUSIN = "hysteresis", "position_scale", "flowmeter_offset"
+STRENGTH = 20.0
+
+
+def unit(columns: np.ndarray) -> np.ndarray:
+    return columns / np.linalg.norm(columns, axis=0)
+
+
+def bench(alike: float = 1.0, seed: int = 0) -> LinearProblem:
+    """`TRUE` is missing; the signature of `TWIN` is so much like its own (a correlation), that of `COUSIN` by a half."""
+    rng = np.random.default_rng(seed)
+    u, v, w, x, y = unit(rng.normal(size=(ROWS, 5))).T
+    own = rng.normal(size=(ROWS, 6))
+    shapes = {
+        TRUE: u,
+        TWIN: -(alike * u + np.sqrt(1.0 - alike**2) * v),
+        COUSIN: 0.5 * u + np.sqrt(0.75) * w,
+        "viscosity_shift": x,
+        "flowmeter_scale": y,
+    }
+    signatures = {name: 10.0 * shape for name, shape in shapes.items()}  # so that amounts are usual ones
+    return linear_library(rng.normal(size=ROWS) - STRENGTH * u, unit(own), signatures)
+
+
+def test_a_twin_is_alike_and_a_cousin_is_not():
+    problem = bench()
+    final = problem.fit([TRUE])
+    rivals = rivals_of(problem, final, TRUE, {})
+    assert rivals.instead_of == TRUE
+    assert rivals.without.effects == ()
+    assert [r.name for r in rivals.alike] == [TWIN]
+    [twin] = rivals.alike
+    assert twin.chi2_more == pytest.approx(0.0, abs=1e-6)
+    amounts = {name: fit.values[name] / EFFECTS[name].scale for name, fit in ((TRUE, final), (TWIN, twin.fit))}
+    assert amounts[TWIN] == pytest.approx(-amounts[TRUE])
+
+
+@pytest.mark.parametrize(("alike", "is_a_rival"), [(0.999, True), (0.95, False)])
+def test_alike_is_a_matter_of_chi_square(alike, is_a_rival):
+    """The twin leaves strength^2 (1 - alike^2) of chi-square open: 0.8, or 39."""
+    problem = bench(alike)
+    rivals = rivals_of(problem, problem.fit([TRUE]), TRUE, {})
+    assert (TWIN in {r.name for r in rivals.alike}) is is_a_rival
+    assert all((r.chi2_more < ALIKE) == (r in rivals.alike) for r in rivals.tried)
+    assert list(rivals.tried) == sorted(rivals.tried, key=lambda r: r.chi2_more)
+
+
+def test_a_large_misfit_makes_more_alike():
+    problem = bench(0.95)
+    assert not rivals_of(problem, problem.fit([TRUE]), TRUE, {}).alike
+    assert rivals_of(problem, problem.fit([TRUE]), TRUE, {}, scale=20.0).alike
+
+
+def test_the_better_of_two_takes_the_place():
+    problem = bench(0.97)
+    final, rivals = settle_rivals(problem, problem.fit([TWIN]), {})
+    assert final.effects == (TRUE,)
+    assert list(rivals) == [TRUE]
+    again, _ = settle_rivals(problem, problem.fit([TRUE]), {})
+    assert again.chi2 == pytest.approx(final.chi2)
+
+
+def test_nothing_named_has_no_rivals():
+    problem = bench()
+    base = problem.fit()
+    final, rivals = settle_rivals(problem, base, {})
+    assert final is base
+    assert rivals == {}
+
+
+def test_another_effect_in_its_place_closes_less_on_rows_kept_back():
+    problem = bench(seed=3)
+    split = split_rows(problem.tests)
+    chosen = problem.with_rows(~split.held)
+    base, final = chosen.fit(), chosen.fit([TRUE])
+    exchanged = exchange_fits(chosen, final, [TRUE, TWIN, COUSIN, "viscosity_shift", "flowmeter_scale"], {TRUE, TWIN})
+    assert COUSIN in exchanged  # the runner-up
+    assert len(exchanged) == 2  # and one by lot
+    assert not {TRUE, TWIN} & set(exchanged)
+    held = held_out_result(problem, problem, split, base, final, exchanged, split.what)
+    assert held.rows == split.held.sum()
+    assert held.gap_closed > 0.7
+    assert all(share < held.gap_closed - 0.3 for share in held.exchange.values())
+    assert held.after < 0.3 < held.before
+    assert held.reduced_chi2_before == pytest.approx(mean_square(problem, base, split))
+
+
+def test_exchange_without_anything_named():
+    problem = bench()
+    assert exchange_fits(problem, problem.fit(), [TRUE, TWIN], set()) == {}
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "share"),
+    [(5.0, 1.0, 1.0), (5.0, 3.0, 0.5), (5.0, 7.0, -0.5), (5.0, 90.0, -1.0), (0.9, 0.8, 0.0)],
+)
+def test_share_of_the_gap(before, after, share):
+    assert closed(before, after) == pytest.approx(share)
