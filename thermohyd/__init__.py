@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from .actuator import Actuator as Actuator, seed_actuator as seed_actuator
     from .actuator_performance import Performance as Performance, performance as performance
+    from .closed_loop import loop_frequency_response as loop_frequency_response, loop_margins as loop_margins
     from .conditions import Conditions as Conditions, operating_points as operating_points
     from .gains import (
         flow_gain as flow_gain,
@@ -21,6 +22,10 @@ if TYPE_CHECKING:
     )
     from .oil import Oil as Oil, oil_from_definition as oil_from_definition
     from .oil_definition import OilDefinition as OilDefinition, walther_coefficients as walther_coefficients
+    from .performance_derivatives import (
+        PerformanceDerivatives as PerformanceDerivatives,
+        performance_with_derivatives as performance_with_derivatives,
+    )
     from .static_tests import (
         control_flow as control_flow,
         leakage_flow as leakage_flow,
@@ -35,6 +40,8 @@ _HOME = {
     "seed_actuator": "actuator",
     "Performance": "actuator_performance",
     "performance": "actuator_performance",
+    "loop_frequency_response": "closed_loop",
+    "loop_margins": "closed_loop",
     "Conditions": "conditions",
     "operating_points": "conditions",
     "flow_gain": "gains",
@@ -46,6 +53,8 @@ _HOME = {
     "oil_from_definition": "oil",
     "OilDefinition": "oil_definition",
     "walther_coefficients": "oil_definition",
+    "PerformanceDerivatives": "performance_derivatives",
+    "performance_with_derivatives": "performance_derivatives",
     "control_flow": "static_tests",
     "leakage_flow": "static_tests",
     "load_flow": "static_tests",

@@ -16,9 +16,11 @@ from .actuator import Actuator
 from .conditions import Conditions
 from .effect import AbstractConditionEffect, AbstractHeatEffect, AbstractReadingEffect
 from .loop_margin import critical_loop_gain
-from .oil import bulk_modulus, density, expansion, specific_heat, throttling_rise
-from .static_tests import blocked_port_readings, control_flow
-from .valve import Valve, heat_kept, true_oil
+from .oil import Oil, bulk_modulus, density, expansion, specific_heat
+from .port_states import blocked_state
+from .ports import port_flows
+from .static_tests import return_flow
+from .valve import Valve, coupling, heat_kept, metering_edges, read_out, true_conditions, true_oil
 
 
 class Performance(eqx.Module):
@@ -92,41 +94,48 @@ def with_heat(valve: Valve, heat: float | Array | None) -> Valve:
 def null_state(valve: Valve, conditions: Conditions) -> NullState:
     """Gains and leakage at null, under zero load; `conditions` are at position 0 of a valve without bias.
 
-    At null the two ports mirror each other, so that the load flow is linear in position and load pressure alike:
-    K_QP = K_QX/K_PX exactly, a path between the ports included, and no third balance is solved.
-    The chambers' bulk modulus is the isothermal one where no heat is kept (HM) and the isentropic one where all is (THM),
-    as in the dynamic model; between them 1/beta is interpolated by eta. It is taken at the port's temperature.
+    At null the two ports mirror each other: a small motion or load pressure raises one as much as it lowers the other, and
+    changes neither their mean nor the lines. So both gains are slopes of one port's explicit balance at the blocked ports'
+    pressures, and K_PX = K_QX/K_QP. The chambers' bulk modulus, at the port's temperature, is the isothermal one where no
+    heat is kept (HM) and the isentropic one where all is (THM), as in the dynamic model; between, 1/beta follows eta.
     """
-    one = jnp.ones_like(conditions.position)
+    true, oil, eta = true_conditions(valve, conditions), true_oil(valve), heat_kept(valve)
+    ports, inside = blocked_state(valve, oil, true)
+    pressure, warm = ports.pressure[0], ports.temperature[0]
+    edges = metering_edges(valve, true)
 
-    def blocked(x: Array) -> dict[str, Array]:
-        return blocked_port_readings(valve, replace(conditions, position=x))
+    def surplus(x: Float[Array, " rows"], load: Float[Array, " rows"]) -> Float[Array, " rows"]:
+        """Mass flow that port A has left for the load, its pressure raised by half the load pressure."""
+        flows = port_flows(edges, oil, eta, replace(inside, position=x))
+        supply_drop = inside.supply_pressure - pressure - 0.5 * load
+        return_drop = pressure + 0.5 * load - inside.return_pressure
+        inflow = flows.inflow(supply_drop)
+        return (inflow - flows.outflow(return_drop, flows.port_temperature(supply_drop)))[0]
 
-    readings, slopes = jax.jvp(blocked, (conditions.position,), (one,))
-
-    _, flow_gain = jax.jvp(
-        lambda x: control_flow(valve, replace(conditions, position=x)), (conditions.position,), (one,)
-    )
-    pressure = 0.5 * (readings["pressure_a"] + readings["pressure_b"])
+    zero, one = jnp.zeros_like(conditions.position), jnp.ones_like(conditions.position)
+    rho = density(oil, pressure, warm)
+    flow_gain = jax.jvp(lambda x: surplus(x, zero), (zero,), (one,))[1] / rho
+    flow_pressure_gain = -jax.jvp(lambda load: surplus(zero, load), (zero,), (one,))[1] / rho
+    for path in coupling(valve).crossings:
+        flow_pressure_gain = flow_pressure_gain + path.conductance(oil, true)
+    leakage = return_flow(ports, oil, eta, inside, true)
     return NullState(
         flow_gain=flow_gain,
-        pressure_gain=slopes["load_pressure"],
-        flow_pressure_gain=flow_gain / slopes["load_pressure"],
-        leakage=readings["leakage_flow"],
-        bulk_modulus=chamber_modulus(valve, conditions, pressure),
+        flow_pressure_gain=flow_pressure_gain,
+        pressure_gain=flow_gain / flow_pressure_gain,
+        leakage=read_out(valve, "leakage_flow", leakage, conditions, true, oil),
+        bulk_modulus=_chamber_modulus(oil, eta, pressure, warm),
     )
 
 
-def chamber_modulus(valve: Valve, conditions: Conditions, pressure: Float[Array, " rows"]) -> Float[Array, " rows"]:
-    """The oil's bulk modulus [Pa] in the use ports at a pressure: isothermal at eta = 0, isentropic at 1, 1/beta linear between."""
-    oil, eta, warm = true_oil(valve), heat_kept(valve), conditions.temperature
+def _chamber_modulus(
+    oil: Oil, eta: Float[Array, "..."] | None, pressure: Float[Array, " rows"], warm: Float[Array, " rows"]
+) -> Float[Array, " rows"]:
+    beta = bulk_modulus(oil, pressure, warm)
     if eta is None:
-        return bulk_modulus(oil, pressure, warm)
-    drop = conditions.supply_pressure - pressure
-    warm = warm + eta * throttling_rise(oil, drop, pressure + 0.5 * drop, warm)
+        return beta
     heat = density(oil, pressure, warm) * specific_heat(oil, warm)
-    stiffening = jnp.square(expansion(oil, pressure, warm)) * warm / heat
-    return 1.0 / (1.0 / bulk_modulus(oil, pressure, warm) - eta * stiffening)
+    return 1.0 / (1.0 / beta - eta * jnp.square(expansion(oil, pressure, warm)) * warm / heat)
 
 
 def performance_at(

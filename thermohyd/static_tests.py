@@ -10,10 +10,18 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .conditions import Conditions
-from .oil import density
+from .oil import Oil, density
 from .port_states import blocked_state, connected_state, loaded_state
-from .ports import return_temperature
+from .ports import Ports, return_temperature
 from .valve import Valve, heat_kept, read_out, true_conditions, true_oil
+
+
+def return_flow(
+    ports: Ports, oil: Oil, heat: Float[Array, "..."] | None, inside: Conditions, true: Conditions
+) -> Float[Array, " rows"]:
+    """What leaves both ports, as a volume at return conditions [m3/s]; `inside`: with the pressures that the edges see."""
+    warm = return_temperature(ports, oil, heat, inside)
+    return jnp.sum(ports.outflow, axis=0) / density(oil, true.return_pressure, warm)
 
 
 @eqx.filter_jit
@@ -22,9 +30,8 @@ def blocked_port_readings(valve: Valve, conditions: Conditions) -> dict[str, Flo
     true = true_conditions(valve, conditions)
     oil = true_oil(valve)
     ports, inside = blocked_state(valve, oil, true)
-    warm = return_temperature(ports, oil, heat_kept(valve), inside)
     values = {
-        "leakage_flow": jnp.sum(ports.outflow, axis=0) / density(oil, true.return_pressure, warm),
+        "leakage_flow": return_flow(ports, oil, heat_kept(valve), inside, true),
         "pressure_a": ports.pressure[0],
         "pressure_b": ports.pressure[1],
         "load_pressure": ports.pressure[0] - ports.pressure[1],
