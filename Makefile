@@ -40,7 +40,7 @@ typecheck: $(VENV)/.installed-dev
 		| sed -e 's|$(CURDIR)/build/typecheck/||' -e 's,thermohyd/\(identify\|data\)/,\1/,'
 
 pytest: $(VENV)/.installed-dev
-	$(BIN)/pytest
+	$(BIN)/pytest -n 2 --dist loadfile
 
 bench: $(VENV)/.installed-dev
 	@for script in $(filter-out benchmarks/hidden_%,$(wildcard benchmarks/[a-z]*.py)); do \

@@ -225,6 +225,73 @@ def seed_command(out: Out = None, json: Json = False) -> None:
             _print_json(seed_json(study))
 
 
+@app.command("sensitivity")
+def sensitivity_command(
+    source: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="[BENCH|MODEL]",
+            help="A bench record, which is fitted first, or a model.json. Without it: the valve of the seed paper.",
+        ),
+    ] = None,
+    out: Out = None,
+    json: Json = False,
+    model: Annotated[
+        Path | None,
+        typer.Option(
+            "--model", "-m", metavar="FILE", help="model.json to use with a record's conditions instead of a fit."
+        ),
+    ] = None,
+    settings: Annotated[
+        Path | None,
+        typer.Option(
+            "--settings", "-s", metavar="FILE", help="TOML file with your own tolerances, conditions and noise."
+        ),
+    ] = None,
+    evaluations: Annotated[
+        int, typer.Option("--evaluations", "-n", min=128, max=4_194_304, help="Of the three tests in the Sobol study.")
+    ] = 65_536,
+) -> None:
+    """Which parameter matters: sensitivities, temperature drift, Sobol indices, and what to measure next.
+
+    With --out: sensitivity.json, report.html and the plots as PNG and SVG.
+    """
+    with plain_failures():
+        from .progress import progress_on
+        from .sensitivity.sources import actuator_of, read_source
+
+        console = _console()
+        with progress_on(console) as progress:
+            given = read_source(source, model, settings, progress)
+            progress("starting JAX")
+            _set_up_jax()
+            from .sensitivity.study import sensitivity
+
+            subject = given.subject(progress)
+            result = sensitivity(
+                subject,
+                given.settings,
+                actuator=actuator_of(subject, given.settings),
+                evaluations=evaluations,
+                progress=progress,
+            )
+            if out is not None:
+                from .sensitivity.sensitivity_files import sensitivity_files
+                from .write_files import write_all
+
+                progress("drawing")
+                write_all(out, sensitivity_files(result))
+        from .sensitivity.terminal_table import print_sensitivity
+
+        print_sensitivity(result, console)
+        if out is not None:
+            _say_where(console, out, "report.html")
+        if json:
+            from .sensitivity.sensitivity_json import sensitivity_json
+
+            _print_json(sensitivity_json(result))
+
+
 @app.command("new")
 def new_command(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder to make; it must not hold a record yet.")],

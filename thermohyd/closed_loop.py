@@ -55,16 +55,16 @@ def loops(found: Performance, actuator: Actuator) -> list[Loop]:
 
 
 def _spool(loop: Loop, spool: bool) -> "TransferFunction":
-    from control import tf
+    from control import TransferFunction
 
-    return tf([1.0], [1.0 / loop.omega_sv**2, 2.0 * loop.xi_sv / loop.omega_sv, 1.0] if spool else [1.0])
+    return TransferFunction([1.0], [1.0 / loop.omega_sv**2, 2.0 * loop.xi_sv / loop.omega_sv, 1.0] if spool else [1.0])
 
 
 def _jack(loop: Loop) -> "TransferFunction":
     """1/(s (1 + 2 xi_h s/omega_h + s^2/omega_h^2))."""
-    from control import tf
+    from control import TransferFunction
 
-    return tf([1.0], [1.0 / loop.omega_h**2, 2.0 * loop.xi_h / loop.omega_h, 1.0, 0.0])
+    return TransferFunction([1.0], [1.0 / loop.omega_h**2, 2.0 * loop.xi_h / loop.omega_h, 1.0, 0.0])
 
 
 def open_loop(loop: Loop, *, spool: bool = True) -> "TransferFunction":

@@ -33,7 +33,7 @@ def headline(
         names = _and([f"{e.name} ({_with_rivals(e)})" for e in effects])
         share = _closed(held)
         closes = f"{_verb(effects, 'closes', 'close')} {share}" if share else _verb(effects, "helps", "help")
-        rest = f"nothing in the library explains the rest{_curve(smooth)} (reduced chi-square {gap[0]:.3g} to {gap[1]:.3g})"
+        rest = f"but nothing in the library explains the rest{_curve(smooth)} (reduced chi-square {gap[0]:.3g} to {gap[1]:.3g})"
         return f"{first}: {names} {closes}, {rest}."
     closes = _closes(held, gap, "it" if len(effects) == 1 else "them")
     lead = f"{place}: " if place else ""

@@ -114,7 +114,7 @@ def test_the_recursion_equals_the_dense_sum() -> None:
     for s in range(4):
         rows = np.flatnonzero(sweeps == s)  # rows of a sweep may be interleaved with others'
         steps = np.abs(np.subtract.outer(np.arange(len(rows)), np.arange(len(rows))))
-        dense[np.ix_(rows, rows)] = np.where(steps == 0, 1.0, noise.share * noise.phi**steps)
+        dense[rows[:, None], rows] = np.where(steps == 0, 1.0, noise.share * noise.phi**steps)
     np.testing.assert_allclose(
         correlated_sum(columns, sweeps, noise), columns.T @ dense @ columns, rtol=1e-12, atol=1e-12
     )

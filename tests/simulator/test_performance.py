@@ -3,6 +3,7 @@
 import doctest
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -162,7 +163,12 @@ def test_gains_are_those_of_the_static_tests(amounts):
 def test_the_bench_stays_behind():
     at = {"temperature": 300.0, "supply_pressure": SUPPLY}
     plain = performance(seed_valve(), Actuator(), **at)
-    amounts = {"flowmeter_scale": 0.05, "flowmeter_offset": 1e-7, "temperature_offset": 5.0, "pressure_offset": 1e5}
+    amounts: dict[str, Any] = {
+        "flowmeter_scale": 0.05,
+        "flowmeter_offset": 1e-7,
+        "temperature_offset": 5.0,
+        "pressure_offset": 1e5,
+    }
     amounts |= {"position_scale": 0.03, "hysteresis": 3e-6, "flowmeter_lag": 1.0}
     read = performance(with_effects(seed_valve(null_bias=2e-6), amounts), Actuator(), **at)
     assert float(read.null_consumption) == float(plain.null_consumption)
@@ -226,7 +232,7 @@ def test_bode_data():
 
 def test_unequal_edges_keep_the_formulas():
     # Worn return edges move the null pressure off the middle: the formulas hold, as both chambers still share it.
-    worn = {"return_edge_wear": 8e-6}
+    worn: dict[str, Any] = {"return_edge_wear": 8e-6}
     own = performance(
         with_effects(seed_valve(), worn), Actuator(), temperature=300.0, supply_pressure=SUPPLY, return_pressure=BACK
     )

@@ -2,6 +2,7 @@
 
 import doctest
 from dataclasses import replace
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -19,7 +20,7 @@ from thermohyd.performance_derivatives import performance_with_derivatives
 
 
 TEMPERATURE = jnp.array([253.15, 313.15, 353.15])
-AT = {"temperature": TEMPERATURE, "supply_pressure": 70e5, "return_pressure": 3e5}
+AT: dict[str, Any] = {"temperature": TEMPERATURE, "supply_pressure": 70e5, "return_pressure": 3e5}
 JACK = replace(seed_actuator(), jack_leakage=jnp.asarray(2e-13))
 
 

@@ -5,6 +5,7 @@ import pytest
 from helpers.linear_fit import LinearProblem, linear_library
 
 from thermohyd.effects.registry import EFFECTS
+from thermohyd.identify.diagnosis.library_fit import LibraryProblem
 from thermohyd.identify.diagnosis.search import Found, implausible, merit, needed_beside, pair_gain, prune, search
 
 
@@ -29,7 +30,7 @@ def bench(rng: np.random.Generator, **missing: float) -> LinearProblem:
     return linear_library(misfit, nuisance, dict(zip(LIBRARY, signatures.T, strict=True)))
 
 
-def found_in(problem: LinearProblem, **options) -> Found:
+def found_in(problem: LibraryProblem, **options) -> Found:
     return search(problem, problem.fit(), {}, **options)
 
 

@@ -77,7 +77,7 @@ def test_high_supply():
 
 
 def test_fast_sweeps():
-    worst = found_in(lambda t: 4.0 * (np.abs(t.rate) > 1e-5))[0]
+    worst = found_in(lambda t: 4.0 * (np.abs(np.asarray(t.rate)) > 1e-5))[0]
     assert set(worst.limits) == {"rate"}
     assert worst.limits["rate"][0] == pytest.approx(20e-6)
 

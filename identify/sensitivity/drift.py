@@ -1,0 +1,109 @@
+"""How the figures of a valve drift with temperature, and which law of the oil or clearance is to blame for how much."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from thermohyd.effects.clearances import ThermalClearance
+from thermohyd.precision import require_float64
+from thermohyd.valve import Valve
+
+from .outputs import ASIDE
+from .row_slopes import COLUMNS, nominal_rows, slopes_at
+from .varied import LAWS
+
+
+# What a drift is put down to, in the order of `Drift.parts`.
+CAUSES = ("viscosity", "density", "bulk modulus", "heating", "clearance")
+FIGURES = {
+    "null_leakage": "m3/s",
+    "open_leakage": "m3/s",
+    "null_flow_gain": "m2/s",
+    "null_pressure_gain": "Pa/m",
+    "null_flow_pressure_gain": "m3/(s Pa)",
+    "full_flow": "m3/s",
+}
+OPEN = 0.49  # of the stroke
+_ROWS = 5  # null, to either side of it, open, full
+
+
+@dataclass(frozen=True)
+class Drift:
+    """One figure over temperature: value and d/dT, (temperatures,) each, SI.
+
+    parts: (causes, temperatures), what of d/dT is the oil's kinematic viscosity, its density, its bulk modulus, its heat
+    (specific heat and expansion in throttling) and the clearance's own growth (the effect thermal_clearance). They add up
+    to `slope` exactly.
+    """
+
+    name: str
+    unit: str
+    temperature: np.ndarray
+    value: np.ndarray
+    slope: np.ndarray
+    parts: np.ndarray
+    causes: tuple[str, ...] = CAUSES
+
+    @property
+    def relative(self) -> np.ndarray:
+        """d ln(figure)/dT [1/K]."""
+        return self.slope / self.value
+
+
+def temperature_drifts(
+    valve: Valve, temperatures: np.ndarray, supply_pressure: float, return_pressure: float = 0.0
+) -> dict[str, Drift]:
+    """{figure: Drift} of leakage (null, and over the lands at 49 % of the stroke), K_QX, K_PX and K_QP at the hydraulic
+    null and the flow at full stroke, over temperatures [K], at supply and return pressures [Pa].
+
+    K_QP is K_QX/K_PX, which it is at the null. Gains are taken over 0.02 % of the stroke.
+
+    >>> from thermohyd.identify.sensitivity.subject import seed_model
+    >>> from thermohyd.identify.sensitivity.varied import valve_of_model
+    >>> leak = temperature_drifts(valve_of_model(seed_model()), np.array([313.15]), 70e5)["null_leakage"]
+    >>> f"{100 * leak.relative[0]:.2f} %/K"
+    '3.03 %/K'
+    >>> bool(np.isclose(leak.parts.sum(axis=0)[0], leak.slope[0], rtol=1e-12))
+    True
+    """
+    require_float64("sensitivity")
+    stroke = float(valve.stroke)
+    x, t = (
+        a.reshape(-1)
+        for a in np.meshgrid(
+            stroke * np.array([0.0, -ASIDE, ASIDE, OPEN, 1.0]), np.asarray(temperatures, dtype=float), indexing="ij"
+        )
+    )
+    values = np.array(nominal_rows(valve, len(x)))
+    values[COLUMNS.index("null_bias")] = 0.0
+    at = np.full(len(x), supply_pressure), np.full(len(x), return_pressure)
+    readings, slopes = slopes_at(valve, x, *at, t, values)
+    growth = thermal_growth(valve)
+    parts = [slopes[:, COLUMNS.index(law)] for law in LAWS] + [growth * slopes[:, COLUMNS.index("clearance")]]
+    columns = np.stack([readings, slopes[:, COLUMNS.index("temperature")], *parts])
+    leakage, load, flow = np.moveaxis(
+        columns.reshape(len(columns), 3, _ROWS, -1), 1, 0
+    )  # (value, d/dT, parts...) first
+    over = 2.0 * ASIDE * stroke
+    flow_gain, pressure_gain = (flow[:, 2] - flow[:, 1]) / over, (load[:, 2] - load[:, 1]) / over
+    found = {
+        "null_leakage": leakage[:, 0],
+        "open_leakage": leakage[:, 3],
+        "null_flow_gain": flow_gain,
+        "null_pressure_gain": pressure_gain,
+        "null_flow_pressure_gain": _quotient(flow_gain, pressure_gain),
+        "full_flow": flow[:, 4],
+    }
+    kelvin = np.asarray(temperatures, dtype=float)
+    return {name: Drift(name, FIGURES[name], kelvin, c[0], c[1], c[2:]) for name, c in found.items()}
+
+
+def thermal_growth(valve: Valve) -> float:
+    """How the clearance grows with the temperature [m/K]: the effect thermal_clearance, 0 without it."""
+    return sum(float(effect.amount) for effect in valve.effects if isinstance(effect, ThermalClearance))
+
+
+def _quotient(above: np.ndarray, below: np.ndarray) -> np.ndarray:
+    """(value, derivatives...) of a quotient of two such stacks."""
+    value = above[0] / below[0]
+    return np.concatenate([value[None], (above[1:] - value * below[1:]) / below[0]])

@@ -1,0 +1,96 @@
+"""What a study found: plain numbers, ready for the terminal, JSON and plots."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from thermohyd.actuator import Actuator
+
+from .curves import CurveSlopes
+from .design import TestChoice
+from .dgsm import DerivativeMeasures
+from .drift import Drift
+from .information import Measurements
+from .outputs import Output
+from .posterior import Posterior
+from .sobol import SobolIndices
+from .subject import Subject
+
+
+@dataclass(frozen=True)
+class GlobalStudy:
+    """Sobol indices and derivative measures of the static tests' figures over the tolerances.
+
+    along: {test: (factors, positions)} total indices of the readings at `shares` of the stroke.
+    """
+
+    sobol: SobolIndices
+    derivative: DerivativeMeasures
+    shares: np.ndarray
+    along: dict[str, np.ndarray]
+
+
+@dataclass(frozen=True)
+class PosteriorStudy:
+    """How uncertain a fit leaves the figures, and which direction of its parameters is to blame.
+
+    std: (outputs,) by sampling; linear_std: (outputs,) from slopes and covariance alone.
+    """
+
+    posterior: Posterior
+    sobol: SobolIndices
+    std: np.ndarray
+    linear_std: np.ndarray
+
+
+@dataclass(frozen=True)
+class InformationStudy:
+    """Which measurement tells which parameter, and what to measure next.
+
+    measurements, share: the points of the map and their shares (points, parameters), see `information.shares`; `of` says
+    what they are. known: {parameter: standard deviation before any new test}, from `source`. tests: every possible next
+    sweep, the best first. points: single readings of a D-optimal plan over all of them, with how often each is taken.
+    """
+
+    measurements: Measurements
+    share: np.ndarray
+    of: str
+    known: dict[str, float]
+    source: str
+    tests: tuple[TestChoice, ...]
+    points: Measurements
+    repeats: np.ndarray
+
+
+@dataclass(frozen=True)
+class SensitivityResult:
+    """Everything that `sensitivity` found (SI). nominal: (outputs,); slope: (factors, outputs) there."""
+
+    subject: Subject
+    factors: tuple
+    outputs: tuple[Output, ...]
+    nominal: np.ndarray
+    slope: np.ndarray
+    curves: CurveSlopes
+    drifts: dict[str, Drift]
+    actuator: Actuator
+    tolerances: GlobalStudy
+    posterior: PosteriorStudy | None
+    information: InformationStudy
+    seconds: float
+    notes: tuple[str, ...] = ()
+
+    def ranking(self) -> list[int]:
+        """Indices of the factors, the one that brings most of the outputs' variance first."""
+        return sorted(range(len(self.factors)), key=lambda i: -self.weight(i))
+
+    def weight(self, factor: int) -> float:
+        """Mean total index of a factor over the outputs; the peak leakage, nearly always that at null, does not count twice."""
+        rows = [i for i, output in enumerate(self.outputs) if output.name != "peak_leakage"]
+        return float(np.mean(self.tolerances.sobol.total[rows, factor]))
+
+    def elasticity(self) -> np.ndarray:
+        """(factors, outputs): d ln y/d ln theta of the figures; per tolerance where a factor may be zero; NaN where y is 0."""
+        steps = np.array([factor.step for factor in self.factors])
+        scale = np.where(np.abs(self.nominal) > 1e-9 * np.sqrt(self.tolerances.sobol.variance), self.nominal, np.nan)
+        return steps[:, None] * self.slope / scale

@@ -1,0 +1,158 @@
+"""What a study is about: a valve, its conditions, what is known of it and how well its tests can be read."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..fit_result import FitResult
+from ..model import Model
+from ..model_file import model_of_fit
+from ..parameters import MICRON
+from ..record import BenchRecord, ValveData
+from .reading_noise import ReadingNoise
+from .settings import Settings
+
+
+REFERENCE = 313.15  # K, 40 degC
+USUAL_TEMPERATURES = (253.15, 283.15, 313.15, 343.15)  # K
+COLDEST, HOTTEST = 233.15, 393.15  # K: where a next test may be run
+HIGHEST = 350e5  # Pa
+APART_T, APART_P = 4.0, 0.06  # K and share: conditions this far apart are two
+
+
+@dataclass(frozen=True)
+class Subject:
+    """One study's valve and conditions (SI).
+
+    temperature, supply_pressure, return_pressure: where the study stands. temperatures, supply_pressures: where curves
+    are drawn and tests could be run. fit: of the record, where there is one.
+    """
+
+    name: str
+    model: Model
+    temperature: float
+    supply_pressure: float
+    return_pressure: float
+    temperatures: tuple[float, ...]
+    supply_pressures: tuple[float, ...]
+    noise: ReadingNoise
+    fit: FitResult | None = None
+    notes: tuple[str, ...] = ()
+
+
+def seed_model() -> Model:
+    """The seed paper's valve and oil (MODEL section 1): the valve of a study that names none."""
+    from ..seed.seed_valve import NOMINAL_FLOW, NOMINAL_PRESSURE, STROKE, seed_oil_definition, seed_valve
+
+    valve = seed_valve()
+    names = ("edge_radius", "clearance", "underlap", "discharge_coefficient", "transition_number", "null_bias")
+    body = ValveData(
+        "seed valve (MOOG 76101 class)",
+        STROKE,
+        float(valve.slot_width),
+        6900 * MICRON,
+        rated_flow=NOMINAL_FLOW,
+        rated_pressure_drop=NOMINAL_PRESSURE,
+    )
+    return Model(body, seed_oil_definition(), {name: float(getattr(valve, name)) for name in names})
+
+
+def subject_of_model(model: Model, settings: Settings, name: str = "") -> Subject:
+    """A study of a model alone: 40 degC and the rated pressure drop (70 bar where it has none), unless the settings say otherwise."""
+    supply = settings.supply_pressure or model.valve.rated_pressure_drop or 70e5
+    temperature = REFERENCE if settings.temperature is None else settings.temperature
+    return Subject(
+        name or model.valve.name or "valve",
+        model,
+        temperature,
+        supply,
+        settings.return_pressure or 0.0,
+        _with(settings.temperatures or USUAL_TEMPERATURES, temperature, APART_T),
+        _pressures(supply, (supply,)),
+        ReadingNoise(settings.noise, "stated"),
+        notes=_left_out(model),
+    )
+
+
+def subject_of_fit(fit: FitResult, settings: Settings) -> Subject:
+    """A study of a fitted record: its temperatures, pressures and noise, and what the fit left uncertain."""
+    record = fit.record
+    temperatures, pressures, back = _conditions(record)
+    temperature = (
+        min(temperatures, key=lambda t: abs(t - REFERENCE)) if settings.temperature is None else settings.temperature
+    )
+    supply = settings.supply_pressure or min(pressures)
+    few = {temperatures[0], temperatures[len(temperatures) // 2], temperatures[-1]}
+    wider = {t for t in (temperatures[0] - 25.0, temperatures[-1] + 25.0) if COLDEST <= t <= HOTTEST}
+    noise: dict[str, float] = {}
+    for channel in fit.channels:
+        both = np.sqrt(2.0) if channel.channel in ("pressure_a", "pressure_b") else 1.0
+        noise[channel.test] = float(channel.noise) * both
+    model = model_of_fit(fit)
+    return Subject(
+        record.name,
+        model,
+        temperature,
+        supply,
+        back if settings.return_pressure is None else settings.return_pressure,
+        _with(settings.temperatures or tuple(sorted(few | wider)), temperature, APART_T),
+        _pressures(supply, pressures),
+        ReadingNoise({**noise, **settings.noise}, "of the record" if not settings.noise else "of the record or stated"),
+        fit,
+        _left_out(model),
+    )
+
+
+def subject_of_record(record: BenchRecord, model: Model, settings: Settings) -> Subject:
+    """A study of a model at a record's conditions; the readings are not used."""
+    temperatures, pressures, back = _conditions(record)
+    own = replace(
+        settings,
+        temperature=settings.temperature or min(temperatures, key=lambda t: abs(t - REFERENCE)),
+        supply_pressure=settings.supply_pressure or min(pressures),
+        return_pressure=back if settings.return_pressure is None else settings.return_pressure,
+    )
+    subject = subject_of_model(model, own, record.name)
+    return replace(subject, supply_pressures=_pressures(subject.supply_pressure, pressures))
+
+
+def _conditions(record: BenchRecord) -> tuple[list[float], list[float], float]:
+    """The record's distinct temperatures and supply pressures, rising, and its usual return pressure."""
+    tests = list(record.tests.values())
+    temperature = np.sort(np.concatenate([test.temperature for test in tests]))
+    supply = np.sort(np.concatenate([test.supply_pressure for test in tests]))
+    back = float(np.median(np.concatenate([test.return_pressure for test in tests])))
+    return _groups(temperature, APART_T), _groups(supply, APART_P * float(supply[-1])), back
+
+
+def _groups(values: np.ndarray, apart: float) -> list[float]:
+    """The means of sorted values that lie close together; of a continuous range, its ends and middle."""
+    parts = np.split(values, np.flatnonzero(np.diff(values) > apart) + 1)
+    if len(parts) == 1 and np.ptp(values) > 2.0 * apart:
+        return [float(values[0]), float(np.median(values)), float(values[-1])]
+    return [float(part.mean()) for part in parts]
+
+
+def _with(values: tuple[float, ...], own: float, apart: float) -> tuple[float, ...]:
+    """Values, rising, the study's own among them in the place of any that is close to it."""
+    return tuple(sorted([own, *(v for v in values if abs(v - own) > apart)]))
+
+
+def _pressures(supply: float, measured: tuple[float, ...] | list[float]) -> tuple[float, ...]:
+    """The study's pressure, the record's highest, and one beyond each end; at most three."""
+    high = max(measured)
+    others = [high, 1.5 * high, 0.5 * min(measured)] if high > 1.05 * supply else [0.5 * supply, 1.5 * supply]
+    allowed = [p for p in others if p <= max(HIGHEST, high)]
+    return _with(tuple(allowed[:2]), supply, APART_P * supply)
+
+
+def _left_out(model: Model) -> tuple[str, ...]:
+    from .varied import OF_SWEEPS
+
+    dropped = [name for name, amount in model.effects.items() if amount and name in OF_SWEEPS]
+    notes = (
+        [f"{', '.join(dropped)} of the model left out: the study asks for single operating points"] if dropped else []
+    )
+    if model.learned:
+        notes.append("learned terms of the model left out: they are no physics")
+    return tuple(notes)

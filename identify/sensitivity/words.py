@@ -1,0 +1,186 @@
+"""The sentences and tables of a study, shared by terminal and page. Bench units."""
+
+import numpy as np
+
+from ..display_units import significant
+from .bench_units import bench_unit, factor_tolerance, factor_value, with_unit
+from .design import TestChoice
+from .drift import CAUSES
+from .result import SensitivityResult
+
+
+SHORT = {
+    "null_leakage": "leak null",
+    "open_leakage": "leak open",
+    "null_pressure_gain": "K_PX null",
+    "zero_load_pressure": "p_L at 0",
+    "null_flow_gain": "K_QX null",
+    "half_flow_gain": "K_QX half",
+    "full_flow": "full flow",
+}
+# Figures whose drift is shown; the time constant has that of the loop gain turned round, the load error the static error's.
+OF_DRIFT = {
+    "null_leakage": "leak null",
+    "open_leakage": "leak open",
+    "null_flow_gain": "K_QX null",
+    "null_pressure_gain": "K_PX null",
+    "null_flow_pressure_gain": "K_QP null",
+    "full_flow": "full flow",
+    "natural_frequency": "omega_h",
+    "damping_ratio": "xi_h",
+    "loop_gain": "loop gain",
+    "stability_ratio": "stability ratio",
+    "static_error": "static error",
+    "null_consumption": "null power",
+}
+TEST_WORDS = {"leakage": "leakage", "pressure_gain": "pressure gain", "flow_gain": "flow gain"}
+NEGLIGIBLE = 0.005  # a total index below is left out of tables
+
+
+def conditions_in_words(result: SensitivityResult) -> str:
+    s = result.subject
+    back = f", return {s.return_pressure * 1e-5:.3g} bar" if s.return_pressure else ""
+    return f"{s.temperature - 273.15:.0f} degC, supply {s.supply_pressure * 1e-5:.0f} bar{back}"
+
+
+def ranking_rows(result: SensitivityResult) -> list[list[str]]:
+    """Rank, factor, value, tolerance, mean total index, then the total index in % of each figure of SHORT with its sign."""
+    sobol, mean = result.tolerances.sobol, result.tolerances.derivative.mean_slope
+    rows = []
+    for place, i in enumerate(result.ranking(), start=1):
+        factor = result.factors[i]
+        cells = []
+        for name in SHORT:
+            o = sobol.outputs.index(name)
+            share = sobol.total[o, i]
+            sign = "-" if mean[o, i] < 0.0 else "+"
+            cells.append(f"{sign}{100 * share:.0f}" if share >= NEGLIGIBLE else "")
+        rows.append(
+            [
+                str(place),
+                factor.name,
+                factor_value(factor),
+                factor_tolerance(factor),
+                f"{100 * result.weight(i):.0f}",
+                *cells,
+            ]
+        )
+    return rows
+
+
+def spread_row(result: SensitivityResult) -> list[str]:
+    """The standard deviation of each figure of SHORT over the tolerances, in % of its value, or in its unit."""
+    sobol = result.tolerances.sobol
+    cells = []
+    for name in SHORT:
+        o = sobol.outputs.index(name)
+        std, value = np.sqrt(sobol.variance[o]), result.nominal[o]
+        cells.append(
+            f"{100 * std / abs(value):.2g} %" if abs(value) > std else with_unit(std, result.outputs[o].unit, 2)
+        )
+    return cells
+
+
+def largest_interval(result: SensitivityResult) -> float:
+    """The half width of the widest 95 % interval of a total index, in %."""
+    return 100.0 * float(result.tolerances.sobol.total_ci.max())
+
+
+def drift_rows(result: SensitivityResult) -> list[list[str]]:
+    """Figure, value, unit, %/K, then the share of each cause in %, at the study's temperature."""
+    rows = []
+    for name in OF_DRIFT:
+        drift = result.drifts.get(name)
+        if drift is None:
+            continue
+        at = int(np.argmin(np.abs(drift.temperature - result.subject.temperature)))
+        unit = bench_unit(drift.unit)
+        value, relative = drift.value[at], 100.0 * drift.relative[at]
+        # Of a figure that does not drift, shares would be rounding.
+        parts = 100.0 * drift.parts[:, at] / drift.value[at]
+        shares = [f"{part:+.3f}" if abs(part) >= 5e-4 else "0" for part in parts]
+        rows.append(
+            [
+                OF_DRIFT[name],
+                significant(value * unit.factor, 4),
+                unit.label,
+                f"{relative:+.3f}" if abs(relative) >= 5e-4 else "0",
+                *shares,
+            ]
+        )
+    return rows
+
+
+DRIFT_COLUMNS = ("figure", "value", "unit", "%/K", *CAUSES)
+
+
+def actuator_sentence(result: SensitivityResult) -> str:
+    """Whose performance it is."""
+    a = result.actuator
+    area, volume = float(a.piston_area) * 1e4, float(a.chamber_volume) * 1e6
+    gains = f"loop {float(a.amplifier_gain):g} A/V and {float(a.sensor_gain):g} V/m"
+    return f"Actuator: piston {area:g} cm2, chambers {volume:g} cm3, mass {float(a.moving_mass):g} kg, {gains}."
+
+
+def test_in_words(choice: TestChoice) -> str:
+    t, p = choice.temperature - 273.15, choice.supply_pressure * 1e-5
+    return f"{TEST_WORDS[choice.test]} at {round(t)} degC and {p:.0f} bar"
+
+
+def next_test_sentences(result: SensitivityResult) -> list[str]:
+    """What to measure next, and what it brings."""
+    study = result.information
+    best = study.tests[0]
+    gains = sorted(best.std, key=lambda name: best.std[name] / study.known[name])
+    factors = {f.name: f for f in result.factors}
+    parts = [
+        f"{name} {with_unit(study.known[name], factors[name].unit, 2)} -> {with_unit(best.std[name], factors[name].unit, 2)}"
+        for name in gains[:3]
+    ]
+    sentences = [
+        f"Best next sweep (D-optimal, given {study.source}): {test_in_words(best)}. Standard deviations: {'; '.join(parts)}."
+    ]
+    others = [test_in_words(choice) for choice in study.tests[1:3]]
+    if others:
+        sentences.append(f"Then: {'; '.join(others)}.")
+    return sentences
+
+
+def information_sentences(result: SensitivityResult) -> list[str]:
+    """Per parameter: which test carries most of what is known of it, and where."""
+    study, stroke = result.information, result.subject.model.valve.stroke
+    m = study.measurements
+    if not np.all(np.isfinite(study.share)):
+        return [f"{study.of}: they do not determine all the parameters, so no share can be given."]
+    found = []
+    for i, name in enumerate(m.parameters):
+        by_test = {test: float(study.share[m.test == test, i].sum()) for test in dict.fromkeys(m.test.tolist())}
+        test = max(by_test, key=lambda key: by_test[key])
+        rows = m.test == test
+        weight = study.share[rows, i]
+        place = np.abs(m.position[rows]) / stroke
+        order = np.argsort(place)
+        middle = 100.0 * float(place[order][np.searchsorted(np.cumsum(weight[order]), 0.5 * weight.sum())])
+        found.append(
+            f"{name}: {100 * by_test[test]:.0f} % from {TEST_WORDS[test]}, half of that within {middle:.2g} % of stroke"
+        )
+    return found
+
+
+def posterior_sentences(result: SensitivityResult) -> list[str]:
+    """What the fit's uncertainty does to the figures."""
+    study = result.posterior
+    if study is None:
+        return []
+    found = []
+    for name in SHORT:
+        o = study.sobol.outputs.index(name)
+        output, std = result.outputs[o], study.std[o]
+        if not std > 0.0:
+            continue
+        blame = int(np.argmax(study.sobol.total[o]))
+        share = f"{100 * study.sobol.total[o, blame]:.0f} % of it from {study.sobol.inputs[blame]}"
+        value = result.nominal[o]
+        relative = f" ({100 * std / abs(value):.2g} %)" if abs(value) > std else ""
+        found.append(f"{name}: +/- {with_unit(std, output.unit, 2)}{relative}, {share}")
+    return found

@@ -1,0 +1,92 @@
+"""The measurement to make next: what a bench can change, and how far two explanations then come apart."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers.small_bench import REACH, conditions_only
+from helpers.small_diagnosis import small_case
+
+from thermohyd.identify.diagnosis.library_fit import LibraryFit
+from thermohyd.identify.diagnosis.next_test import menu, next_test
+from thermohyd.identify.diagnosis.rivals import Rival, Rivals
+
+
+def bench(**columns):
+    return {name: replace(conditions_only(name), **columns) for name in REACH}
+
+
+def test_what_a_bench_can_change():
+    words = [words for words, _ in menu(bench())]
+    assert words == [
+        "once more as they were",
+        "at -25 degC",
+        "at 85 degC",
+        "at 84 bar supply pressure",
+        "at 315 bar supply pressure",
+        "with 32 bar in the return",
+        "at five times the sweep rate",
+        "at a fifth of the sweep rate",
+    ]
+
+
+def test_no_rate_without_time_and_nothing_that_no_bench_stands():
+    hot = bench(time=None, rate=None, temperature=np.full(256, 393.15), supply_pressure=np.full(256, 280e5))
+    words = [words for words, _ in menu(hot)]
+    assert not any("rate" in w for w in words)
+    assert "at 145 degC" not in words
+    assert "at 420 bar supply pressure" not in words
+
+
+def test_a_change_changes_what_it_says():
+    old = bench()
+    options = dict(menu(old))
+    for name, test in options["at 315 bar supply pressure"].items():
+        assert set(test.supply_pressure) == {315e5}
+        np.testing.assert_array_equal(test.spool_position, old[name].spool_position)
+    for test in options["at 85 degC"].values():
+        np.testing.assert_allclose(test.temperature, 358.15)
+    for name, test in options["at five times the sweep rate"].items():
+        before = old[name]
+        assert test.time is not None
+        assert before.time is not None
+        assert test.rate is not None
+        np.testing.assert_allclose(np.diff(test.time[:32]), np.diff(before.time[:32]) / 5.0)
+        moved = np.diff(test.spool_position[:32]) / np.diff(test.time[:32])
+        np.testing.assert_allclose(np.abs(moved[1:15]), np.abs(test.rate[1:15]), rtol=1e-9)
+
+
+@pytest.fixture(scope="module")
+def rivals() -> tuple[LibraryFit, LibraryFit]:
+    """Two explanations of a loop that a fast sweep tells apart, as if this record had not told them apart."""
+    problem = small_case("two").problem
+    return problem.fit(["hysteresis", "flowmeter_offset"]), problem.fit(["position_lag", "flowmeter_offset"])
+
+
+def test_hysteresis_and_a_lag_come_apart_with_the_rate(rivals):
+    final, other = rivals
+    rival = Rival("position_lag", "hysteresis", other, 1.0)
+    found = next_test(small_case("two").problem, final, {"hysteresis": Rivals("hysteresis", other, (rival,))}, 1.0)
+    assert found is not None
+    evidence = dict(found.options)
+    assert evidence["at five times the sweep rate"] > 4.0 * evidence["once more as they were"]
+    assert found.evidence == max(evidence.values())
+    assert "hysteresis, position_lag" in found.sentence
+    assert found.sentence.startswith("repeat the")
+
+
+def test_evidence_is_counted_in_the_misfit_that_is_there(rivals):
+    final, other = rivals
+    rival = {"hysteresis": Rivals("hysteresis", other, (Rival("position_lag", "hysteresis", other, 1.0),))}
+    problem = small_case("two").problem
+    one, four = (next_test(problem, final, rival, scale) for scale in (1.0, 4.0))
+    assert one is not None
+    assert four is not None
+    assert four.evidence == pytest.approx(one.evidence / 4.0)
+
+
+def test_without_rivals_there_is_nothing_to_separate(rivals):
+    final, other = rivals
+    assert next_test(small_case("two").problem, final, {}, 1.0) is None
+    far = Rival("position_lag", "hysteresis", other, 100.0)
+    assert next_test(small_case("two").problem, final, {"hysteresis": Rivals("hysteresis", other, (far,))}, 1.0) is None

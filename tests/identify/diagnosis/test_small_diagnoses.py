@@ -1,0 +1,172 @@
+"""The whole engine on small benches with a known truth: nothing, one effect, two, rivals, and something of no known kind."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers.small_bench import record_of, small_record
+from helpers.small_diagnosis import CASES, DRIFT, MIDDLE, opened, small_case, small_diagnosis
+
+from thermohyd.identify.diagnosis.choice import choose
+from thermohyd.identify.diagnosis.diagnose import diagnose_case
+from thermohyd.identify.diagnosis.result import DiagnosisResult
+
+
+def effect_of(result: DiagnosisResult, name: str):
+    [found] = [effect for effect in result.effects if effect.name == name]
+    return found
+
+
+@pytest.mark.parametrize("name", ["nothing", "correlated"])
+def test_nothing_is_named_where_nothing_is_missing(name):
+    result = small_diagnosis(name)
+    assert result.verdict == "consistent"
+    assert result.effects == ()
+    assert result.where == ()
+    assert result.variations == ()
+    assert result.next_test is None
+    assert result.left_over_p > 1e-3
+    assert result.gap_before == pytest.approx(1.0, abs=0.25)
+
+
+@pytest.mark.parametrize("name", ["pilot", "two"])
+def test_what_is_missing_is_named_with_its_amount(name):
+    result = small_diagnosis(name)
+    truth = CASES[name]["effects"]
+    assert result.verdict == "named"
+    assert {effect.name for effect in result.effects} == set(truth)
+    for name_of, amount in truth.items():
+        found = effect_of(result, name_of)
+        assert found.std is not None
+        assert abs(found.value - amount) < 4.0 * found.std
+        assert found.p_value < 1e-4
+        assert not found.alternatives
+        assert not found.at_bound
+    assert result.gap_after < 1.3 < result.gap_before
+    assert result.left_over_p > 1e-3
+
+
+@pytest.mark.parametrize("name", ["pilot", "two"])
+def test_the_gap_closes_on_rows_held_out_and_a_wrong_effect_closes_less(name):
+    held = small_diagnosis(name).held_out
+    assert held is not None
+    assert held.gap_closed > 0.9
+    assert held.reduced_chi2_after < 1.5
+    assert held.exchange
+    assert not set(held.exchange) & set(CASES[name]["effects"])
+    assert all(share < held.gap_closed - 0.1 for share in held.exchange.values())
+
+
+def test_the_worst_region_lies_in_the_test_that_sees_the_effect():
+    worst = small_diagnosis("pilot").where[0]
+    assert worst.test == "leakage"
+    assert worst.mean > 0.0
+    shares = [region.share for region in small_diagnosis("pilot").where]
+    assert shares == sorted(shares, reverse=True)
+
+
+def test_parameters_that_the_gap_had_bent_are_put_right():
+    shifts = {shift.name: shift for shift in small_diagnosis("pilot").shifts}
+    bent = shifts["clearance"]  # a leakage that is not that of the lands passes for a wider gap
+    assert bent.std_after is not None
+    assert bent.before - bent.after > 10.0 * bent.std_after
+    assert abs(bent.after - 2.4e-6) < 4.0 * bent.std_after
+
+
+@pytest.mark.parametrize("name", ["pilot", "two"])
+def test_evidence_adds_up_to_the_strength(name):
+    result = small_diagnosis(name)
+    for effect in result.effects:
+        rows = [part for part in result.evidence if part.effect == effect.name]
+        assert {part.test for part in rows} == {"leakage", "pressure_gain", "flow_gain"}
+        total = sum(float(np.sum(part.contribution)) for part in rows)
+        assert total == pytest.approx(effect.strength, rel=0.2)
+
+
+def test_evidence_for_a_leakage_lies_in_the_leakage():
+    sums = {part.test: float(np.sum(part.contribution)) for part in small_diagnosis("pilot").evidence}
+    assert sums["leakage"] > 0.8 * sum(sums.values())
+
+
+def test_every_effect_of_the_library_has_a_line():
+    table = {c.name: c for c in small_diagnosis("pilot").candidates}
+    assert table["pilot_leakage"].state == "testable"
+    assert table["pilot_leakage"].z > 20.0
+    assert table["pilot_leakage"].gap_closed > 0.9
+    assert table["pilot_leakage"].estimate == pytest.approx(1e-9, rel=0.2)
+    assert table["pilot_leakage"].least < 1e-9
+    assert max(table.values(), key=lambda c: c.gap_closed if c.gap_closed == c.gap_closed else -1.0).name == (
+        "pilot_leakage"
+    )
+
+
+def test_two_effects_that_do_the_same_are_both_said():
+    """Scaled positions are another valve of the same family of curves; another viscosity too: only their names differ."""
+    result = small_diagnosis("rivals")
+    assert result.verdict == "ambiguous"
+    [effect] = result.effects
+    assert "viscosity_shift" in {effect.name, *(a.name for a in effect.alternatives)}
+    assert effect.alternatives
+    assert all(alternative.chi2_more < 6.0 for alternative in effect.alternatives)
+    assert "cannot be told from" in result.headline
+    assert result.next_test is not None
+    evidence = [figure for _, figure in result.next_test.options]
+    assert evidence == sorted(evidence, reverse=True)
+    assert result.next_test.evidence == evidence[0]
+
+
+def test_what_the_library_lacks_stays_unexplained_and_what_would_have_to_vary_is_said():
+    result = small_diagnosis("outside")
+    assert result.verdict == "unexplained"
+    assert result.left_over_p < 1e-5
+    assert result.where
+    best = result.variations[0]
+    assert (best.quantity, best.variable) == ("null_bias", "temperature")
+    assert best.gap_closed > 0.9
+    assert not best.learned
+    np.testing.assert_allclose(best.curve - best.curve.mean(), DRIFT * (best.variable_values - MIDDLE), atol=0.3e-6)
+    assert "null bias varying smoothly with temperature" in result.headline
+
+
+def test_learning_closes_the_gap_and_says_that_it_learned():
+    before, result = small_diagnosis("outside"), small_diagnosis("outside", learn=True)
+    assert [term.quantity for term in result.learned] == ["null_bias"]
+    assert result.variations[0].learned
+    assert result.gap_after < 1.3 < before.gap_after
+    assert result.held_out is not None
+    assert result.held_out.gap_closed > 0.9
+    [term] = result.learned
+    slope = term.coefficients[1] / term.reach
+    assert slope == pytest.approx(DRIFT, rel=0.1)
+
+
+def test_permuted_residuals_name_nothing():
+    """Negative control: the misfit of a missing effect, its rows dealt out anew, is large and means nothing."""
+    case, rng = small_case("pilot"), np.random.default_rng(0)
+    record, at = small_record(), case.problem.evaluate(case.base.values)
+    tests = {}
+    for key, rows in case.problem.rows().items():
+        test = case.fitted.tests[key[0]]
+        channel, whitened = test.channels[0], at.residual[rows]
+        model = channel.value + _coloured(case, key, whitened)
+        mixed = rng.permutation(channel.value - model)
+        std = np.full(test.rows, float(np.sqrt(np.mean(mixed**2))))
+        tests[key[0]] = replace(test, channels=(replace(channel, value=model + mixed, std=std),))
+    result = diagnose_case(opened(record_of(tests)))
+    assert record.tests.keys() == tests.keys()
+    assert result.verdict == "consistent"
+    assert result.effects == ()
+
+
+def _coloured(case, key, whitened: np.ndarray) -> np.ndarray:
+    """Residuals in SI from whitened ones: the noise of this case is white."""
+    assert case.problem.noise.correlation[key].share == 0.0
+    return whitened * case.problem.noise.std[key]
+
+
+def test_the_same_answer_twice():
+    case = small_case("two")
+    first, again = (choose(case)[1] for _ in range(2))
+    assert first.effects == again.effects
+    assert first.final.chi2 == again.final.chi2
+    assert first.p_values == again.p_values

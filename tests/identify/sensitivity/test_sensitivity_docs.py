@@ -1,0 +1,15 @@
+"""The examples in the docstrings run as they stand."""
+
+import doctest
+from importlib import import_module
+
+import pytest
+
+
+@pytest.mark.parametrize(
+    "name", ["curves", "drift", "performance_drift", "sobol", "dgsm", "information", "design", "study"]
+)
+def test_examples(name):
+    found = doctest.testmod(import_module(f"thermohyd.identify.sensitivity.{name}"))
+    assert found.attempted > 0
+    assert found.failed == 0

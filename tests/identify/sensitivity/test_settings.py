@@ -1,0 +1,82 @@
+"""The settings file: what it may say, and what is said of a mistake."""
+
+import pytest
+
+from thermohyd.identify.errors import BenchInputError
+from thermohyd.identify.sensitivity.factors import FACTORS, factors_of
+from thermohyd.identify.sensitivity.settings import Settings, factors_with, read_settings
+from thermohyd.identify.sensitivity.subject import seed_model, subject_of_model
+
+
+WHOLE = """
+[conditions]
+temperature = "20 degC"
+temperatures = ["0 degC", "60 degC"]
+supply_pressure = "210 bar"
+return_pressure = "1 bar"
+[tolerances]
+clearance = "0.3 um"
+viscosity = "5 %"
+temperature = "2 K"
+[noise]
+leakage = "0.01 l/min"
+[actuator]
+piston_area = "20 cm^2"
+chamber_volume = "100 cm^3"
+controller = { amplifier_gain = "0.02 A/V", sensor_gain = "100 V/m" }
+"""
+
+
+def settings_of(tmp_path, text: str) -> Settings:
+    path = tmp_path / "settings.toml"
+    path.write_text(text)
+    return read_settings(path)
+
+
+def test_everything_arrives(tmp_path):
+    settings = settings_of(tmp_path, WHOLE)
+    subject = subject_of_model(seed_model(), settings)
+    assert subject.temperature == pytest.approx(293.15)
+    assert subject.temperatures == pytest.approx((273.15, 293.15, 333.15))
+    assert subject.supply_pressures == pytest.approx((105e5, 210e5, 315e5))
+    assert subject.return_pressure == pytest.approx(1e5)
+    assert subject.noise.absolute == pytest.approx({"leakage": 0.01 / 6e4})
+    assert settings.actuator == pytest.approx(
+        {"piston_area": 20e-4, "chamber_volume": 100e-6, "amplifier_gain": 0.02, "sensor_gain": 100.0}
+    )
+    tolerance = {f.name: f.tolerance for f in factors_with(settings, seed_model(), 293.15, 210e5, 1e5)}
+    assert tolerance["clearance"] == pytest.approx(0.3e-6)
+    assert tolerance["viscosity"] == pytest.approx(0.05)
+    assert tolerance["temperature"] == pytest.approx(2.0)
+    assert tolerance["underlap"] == pytest.approx(3e-6)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("[tolerances]\nclearence = '1 um'", 'did you mean "clearance"?'),
+        ("[tolerances]\nclearance = '1 bar'", "is a pressure"),
+        ("[tolerances]\nclearance = '-1 um'", "must be positive"),
+        ("[tolerances]\nclearance = 1", "has no unit"),
+        ("[tolerances]\ntemperature = '5 degC'", 'such as "5 K"'),
+        ("[conditions]\ntemperatures = '20 degC'", "must be a list"),
+        ("[conditions]\ntemperature = '300 degC'", "must lie between"),
+        ("[conditions]\nsupply_pressure = '10 bar'\nreturn_pressure = '20 bar'", "must be below"),
+        ("[noise]\nleakage = '1 bar'", "is a pressure"),
+        ("[actuator]\npiston_area = '1 m'", "is a length"),
+        ("[noises]\n", 'did you mean "noise"?'),
+    ],
+)
+def test_mistakes_are_named(tmp_path, text, words):
+    with pytest.raises(BenchInputError, match=r"settings\.toml, line \d, ") as error:
+        settings_of(tmp_path, text)
+    assert words in str(error.value)
+
+
+def test_intervals_are_cut_where_a_factor_cannot_go():
+    factors = {f.name: f for f in factors_of(seed_model(), 313.15, 70e5)}
+    assert tuple(factors) == FACTORS
+    assert (factors["heat_retention"].low, factors["heat_retention"].high) == (0.0, 1.0)
+    assert (factors["return_pressure"].low, factors["return_pressure"].high) == (0.0, 1e5)
+    with pytest.raises(ValueError, match="no factor"):
+        factors_of(seed_model(), 313.15, 70e5, tolerances={"clearence": 1e-6})
