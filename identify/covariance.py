@@ -69,7 +69,7 @@ def covariance_of(
     half /= lengths[alive, None]
     known = np.array([i not in why for i in alive])
     alive, half = alive[known], half[known]
-    matrix[np.ix_(alive, alive)] = half @ half.T
+    matrix[alive[:, None], alive] = half @ half.T
     return Covariance(matrix, why, singular, alive)
 
 

@@ -1,7 +1,7 @@
 """The linear position loop as python-control sees it: transfer functions, state space, frequency response, margins."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -60,6 +60,11 @@ def _spool(loop: Loop, spool: bool) -> "TransferFunction":
     return TransferFunction([1.0], [1.0 / loop.omega_sv**2, 2.0 * loop.xi_sv / loop.omega_sv, 1.0] if spool else [1.0])
 
 
+def _transfer(system: Any) -> "TransferFunction":
+    """What python-control's operators return for transfer functions, which its types do not say."""
+    return system
+
+
 def _jack(loop: Loop) -> "TransferFunction":
     """1/(s (1 + 2 xi_h s/omega_h + s^2/omega_h^2))."""
     from control import TransferFunction
@@ -69,14 +74,14 @@ def _jack(loop: Loop) -> "TransferFunction":
 
 def open_loop(loop: Loop, *, spool: bool = True) -> "TransferFunction":
     """K_l/(s (1 + 2 xi_h s/omega_h + s^2/omega_h^2) G_sv(s)), setpoint error to position; `spool=False`: G_sv = 1."""
-    return loop.loop_gain * _jack(loop) * _spool(loop, spool)
+    return _transfer(loop.loop_gain * _jack(loop) * _spool(loop, spool))
 
 
 def closed_loop(loop: Loop, *, spool: bool = True) -> "TransferFunction":
     """Position over setpoint, z/z*."""
     from control import feedback
 
-    return feedback(open_loop(loop, spool=spool), 1)
+    return _transfer(feedback(open_loop(loop, spool=spool), 1))
 
 
 def load_response(loop: Loop, *, spool: bool = True) -> "TransferFunction":
@@ -87,14 +92,16 @@ def load_response(loop: Loop, *, spool: bool = True) -> "TransferFunction":
     from control import feedback, tf
 
     entry = tf([-loop.load_factor * loop.tau_h, -loop.load_factor], [1.0])
-    return entry * feedback(_jack(loop), loop.loop_gain * _spool(loop, spool))
+    behind: Any = _transfer(loop.loop_gain * _spool(loop, spool))
+    return _transfer(entry * feedback(_jack(loop), behind))
 
 
 def state_space(loop: Loop, *, spool: bool = True) -> "StateSpace":
     """The closed loop from setpoint to position in state space; its poles are those of `closed_loop`."""
     from control import tf2ss
 
-    return tf2ss(closed_loop(loop, spool=spool))
+    system: Any = tf2ss(closed_loop(loop, spool=spool))
+    return system
 
 
 def loop_margins(found: Performance, actuator: Actuator, *, spool: bool = True) -> Margins:
@@ -136,4 +143,4 @@ def loop_frequency_response(
 def _phase(poles: np.ndarray, pulsation: np.ndarray) -> np.ndarray:
     """Phase [deg] of 1/prod(s - pole) counted from 0, without jumps on any grid: each pole's own angle, added up."""
     away = 1j * pulsation[:, None] - poles
-    return -np.degrees(np.sum(np.angle(np.where(poles.real > 0.0, -away, away)), axis=1))
+    return -np.degrees(np.sum(np.angle(np.where(np.real(poles) > 0.0, -away, away)), axis=1))

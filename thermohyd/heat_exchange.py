@@ -1,184 +1,178 @@
-"""The static tests between the seed paper's two heat models: oil that gives heat to a body of its own temperature.
+"""Heat between the extremes: oil that gives part of its throttling heat to a wall, and a wall that gives it to the air.
 
-After each throttling the oil passes along the wall and keeps exp(-NTU) of its excess temperature, NTU = h_w A_w/(m c_p)
-with the flow of that very edge; the wall is where what it takes from the oil equals what it gives to the ambience. With a
-wall as warm as the oil supplied this is MODEL section 4 with eta = exp(-NTU), eta then depending on position, temperature
-and pressures through the flow.
+What the seed paper left as future work. HM and THM are its limits: all heat leaves (a perfect contact with a wall held at
+the supply's temperature), or none does (no contact). Each port's volume and each side's return volume exchange heat with
+one wall, in plug flow: T_out = T_w + (T_in - T_w) eta, eta = exp(-NTU), NTU = h_w A_w/(m c_p) with the valve's own mass
+flow m. The wall is in balance: what the oil gives it, G_amb takes to the air.
 """
-
-from collections.abc import Callable
-from dataclasses import replace
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 
 from .balance import falling_root
 from .conditions import Conditions
 from .coupled_balance import coupled_root
-from .heat_path import HeatPath, Passed, pass_wall
-from .oil import Oil, density, specific_heat, throttling_rise
-from .ports import Between, PortFlows, Ports, between, port_flows
-from .valve import Valve, coupling, metering_edges, read_out, true_conditions, true_oil
+from .oil import Oil, specific_heat, throttling_rise
+from .ports import PortFlows, Ports, between, port_flows
+from .valve import Valve, coupling, metering_edges
 
 
-# Zero heat makes these flows those of the isothermal model; any value other than None makes them ask for a temperature.
-_COMPUTED = 0.0
-PASSAGES = 4
+def _as_array(value: float | Array) -> Array:
+    return jnp.asarray(value, dtype=jnp.result_type(float))
 
 
-class ExchangeState(eqx.Module):
-    """Ports and wall in balance; temperatures [K] behind each edge, heat flows [W]."""
+class HeatExchange(eqx.Module):
+    """Contact between oil, wall and air. Fields are numbers or one per row, differentiable; infinite conductances are allowed.
+
+    wall_conductance: h_w A_w [W/K] of each of the four volumes behind an edge (ports A and B, return of either side).
+    ambient_conductance: G_amb [W/K] from the wall to the air, 0 insulated. ambient_temperature: T_amb [K], None: that of
+    the oil supplied. No wall_conductance is the adiabatic model, an infinite one with an infinite ambient_conductance and
+    ambient_temperature None the isothermal one.
+    """
+
+    wall_conductance: Float[Array, "..."] = eqx.field(converter=_as_array)
+    ambient_conductance: Float[Array, "..."] = eqx.field(converter=_as_array, default=jnp.inf)
+    ambient_temperature: Float[Array, "..."] | None = None
+
+
+class WallState(eqx.Module):
+    """The ports, with eta (2, rows) of their volumes, and the temperatures [K] of the wall and of the joined return (rows,)."""
 
     ports: Ports
+    eta: Float[Array, "2 rows"]
     wall_temperature: Float[Array, " rows"]
     return_temperature: Float[Array, " rows"]
-    heat_made: Float[Array, " rows"]  # by throttling
-    heat_lost: Float[Array, " rows"]  # to the ambience
-    port_retention: Float[Array, "2 rows"]  # excess temperature of each port over that of an adiabatic one
+
+
+def eta_from_ntu(ntu: ArrayLike) -> Array:
+    """Share of its excess over the wall that oil keeps in plug flow: eta = exp(-NTU); 1 at 0, 0 at infinity."""
+    return jnp.exp(-jnp.asarray(ntu))
+
+
+def effectiveness(conductance: ArrayLike, mass_flow: ArrayLike, heat_capacity: ArrayLike) -> Array:
+    """1 - eta: share of its excess over the wall that oil gives away, NTU = h_w A_w [W/K]/(m [kg/s] c_p [J/(kg K)]).
+
+    Derivatives are finite at no conductance and, as zero, at an infinite one.
+
+    >>> print(float(effectiveness(0.0, 1e-3, 2000.0)), float(effectiveness(float("inf"), 1e-3, 2000.0)))
+    0.0 1.0
+    >>> print(f"{float(effectiveness(2.0, 1e-3, 2000.0)):.4f}")
+    0.6321
+    """
+    conductance = jnp.asarray(conductance, dtype=jnp.result_type(float))
+    finite = jnp.isfinite(conductance)
+    ntu = jnp.where(finite, conductance, 0.0) / (jnp.asarray(mass_flow) * jnp.asarray(heat_capacity))
+    return jnp.where(finite, -jnp.expm1(-ntu), 1.0)
+
+
+def _weighted_wall(
+    gains: list[tuple[Array, Array]], exchange: HeatExchange, excess_of_air: Float[Array, " rows"]
+) -> Float[Array, " rows"]:
+    """The wall's excess [K] over the supply where its heat balances: mean of what touches it, weighted by conductance.
+
+    gains: (effective conductance m c_p (1 - eta) [W/K], excess of the oil that enters [K]) of shape (streams, rows).
+    """
+    taken = sum((jnp.sum(g, axis=0) for g, _ in gains), start=jnp.zeros(()))
+    brought = sum((jnp.sum(g * t, axis=0) for g, t in gains), start=jnp.zeros(()))
+    finite = jnp.isfinite(exchange.ambient_conductance)
+    air = jnp.where(finite, exchange.ambient_conductance, 0.0)
+    total = taken + air
+    # A wall that nothing touches has no balance; its temperature acts on nothing.
+    alone = total == 0.0
+    balanced = (brought + air * excess_of_air) / jnp.where(alone, 1.0, total)
+    return jnp.where(finite, jnp.where(alone, 0.0, balanced), excess_of_air)
+
+
+class _Wall(eqx.Module):
+    """The valve's port balance with a wall: residuals and state at given unknowns."""
+
+    flows: PortFlows
+    exchange: HeatExchange
+    joined: bool = eqx.field(static=True)
 
     @property
-    def retention(self) -> Float[Array, " rows"]:
-        """Share of the throttling heat that leaves with the oil: 1 behind an insulated body, whatever happens inside."""
-        return 1.0 - self.heat_lost / self.heat_made
+    def oil(self) -> Oil:
+        return self.flows.oil
 
+    def air(self) -> Float[Array, " rows"]:
+        c = self.flows.conditions
+        given = self.exchange.ambient_temperature
+        return jnp.zeros_like(c.temperature) if given is None else given - c.temperature
 
-def _stages(
-    flows: PortFlows, oil: Oil, path: HeatPath, drops: Between, wall: Float[Array, " rows"], joined: bool
-) -> tuple[ExchangeState, Float[Array, " rows"]]:
-    """Both throttling stages at given port drops and wall temperature: the state, and the wall that it asks for.
+    def unit(self) -> Float[Array, " rows"]:
+        """What the wall's excess is counted in [K]: the whole throttling rise, and the air's distance."""
+        c = self.flows.conditions
+        drop = c.supply_pressure - c.return_pressure
+        rise = throttling_rise(self.oil, drop, c.return_pressure + 0.5 * drop, c.temperature)
+        return jax.lax.stop_gradient(rise + jnp.abs(self.air()))
 
-    `joined`: the ports are one volume, in which the oil of both supply edges mixes.
-    """
-    c = flows.conditions
-    ambient = c.temperature if path.ambient_temperature is None else path.ambient_temperature
-    heat = specific_heat(oil, c.temperature)
-    quarter = path.wall_conductance / PASSAGES
-    shape = (2, *c.position.shape)
+    def at(self, z: Float[Array, "unknowns rows"]) -> tuple[Float[Array, "unknowns rows"], WallState]:
+        """z: q of port A and of port B (closed) or of both (joined), then the wall's excess in its unit."""
+        c = self.flows.conditions
+        shape = (2, *c.position.shape)
+        drops = between(z[:-1], c)
+        heat = specific_heat(self.oil, c.temperature)
+        inflow = jnp.broadcast_to(self.flows.inflow(drops.supply_drop), shape)
+        # Joined ports are one volume with both walls.
+        fed, volumes = (jnp.sum(inflow, axis=0, keepdims=True), 2.0) if self.joined else (inflow, 1.0)
+        wall = c.temperature + z[-1] * self.unit()
 
-    inflow = flows.inflow(drops.supply_drop)
-    rise = throttling_rise(oil, drops.supply_drop, c.supply_pressure - 0.5 * drops.supply_drop, c.temperature)
-    first = pass_wall(inflow * heat, quarter, c.temperature + rise, wall)
-    port = first.temperature
-    if joined:
-        port = jnp.sum(inflow * port, axis=0) / jnp.sum(inflow, axis=0)
-    outflow = flows.outflow(drops.return_drop, port)
-    second_rise = throttling_rise(oil, drops.return_drop, c.return_pressure + 0.5 * drops.return_drop, port)
-    second = pass_wall(outflow * heat, quarter, port + second_rise, wall)
+        given = effectiveness(volumes * self.exchange.wall_conductance, fed, heat)
+        entering = self.flows.port_temperature(drops.supply_drop)
+        warm = entering + given * (wall - entering)
+        outflow = jnp.broadcast_to(self.flows.outflow(drops.return_drop, warm), shape)
 
-    def total(supply_side: Float[Array, "..."], return_side: Float[Array, "..."]) -> Float[Array, " rows"]:
-        return jnp.sum(jnp.broadcast_to(supply_side, shape) + jnp.broadcast_to(return_side, shape), axis=0)
+        back = effectiveness(self.exchange.wall_conductance, outflow, heat)
+        rise = throttling_rise(self.oil, drops.return_drop, c.return_pressure + 0.5 * drops.return_drop, warm)
+        returning = jnp.broadcast_to(warm + rise, shape)
+        leaving = returning + back * (wall - returning)
 
-    def taken(passed: Passed, arriving: Float[Array, "..."]) -> Float[Array, "..."]:
-        return passed.conductance * arriving
-
-    weight = total(first.conductance, second.conductance)
-    into = total(taken(first, c.temperature + rise), taken(second, port + second_rise))
-    state = ExchangeState(
-        ports=Ports(
+        gains = [
+            (fed * heat * given, jnp.broadcast_to(entering - c.temperature, fed.shape)),
+            (outflow * heat * back, returning - c.temperature),
+        ]
+        balanced = _weighted_wall(gains, self.exchange, self.air())
+        out = jnp.sum(outflow, axis=0, keepdims=True) if self.joined else outflow
+        residual = jnp.concatenate([jnp.log(fed / out), (z[-1] - balanced / self.unit())[None]])
+        ports = Ports(
             pressure=jnp.broadcast_to(c.return_pressure + drops.return_drop, shape),
-            temperature=jnp.broadcast_to(port, shape),
+            temperature=jnp.broadcast_to(warm, shape),
             inflow=inflow,
             outflow=outflow,
-        ),
-        wall_temperature=wall,
-        return_temperature=jnp.sum(outflow * second.temperature, axis=0) / jnp.sum(outflow, axis=0),
-        heat_made=heat * total(inflow * rise, outflow * second_rise),
-        heat_lost=into - weight * wall,
-        port_retention=jnp.broadcast_to((port - c.temperature) / rise, shape),
-    )
-    return state, (into + path.ambient_conductance * ambient) / (weight + path.ambient_conductance)
+        )
+        state = WallState(
+            ports=ports,
+            eta=jnp.broadcast_to(1.0 - given, shape),
+            wall_temperature=wall,
+            return_temperature=jnp.sum(outflow * leaving, axis=0) / jnp.sum(outflow, axis=0),
+        )
+        return residual, state
 
 
-def _solve(valve: Valve, oil: Oil, true: Conditions, path: HeatPath, joined: bool) -> ExchangeState:
+def wall_state(valve: Valve, oil: Oil, exchange: HeatExchange, true: Conditions, *, joined: bool) -> WallState:
+    """The ports (closed, or joined without loss) and the wall in balance together; `oil` and `true` as the edges see them.
+
+    Flow, eta and the wall's temperature depend on each other: one damped Newton solve per row, differentiated implicitly,
+    forward and reverse. The valve's own heat_retention takes no part. Raises ValueError for a valve whose effects tie the
+    ports to lines or to each other, which this balance leaves out.
+    """
     ties = coupling(valve)
     if ties.lines or ties.crossings:
-        raise ValueError(
-            "heat exchange is not computed together with effects that tie the balances of the ports (supply_droop, "
-            "flow_saturation, return_back_pressure, cross_port_leakage): leave them out of the valve"
-        )
-    flows = port_flows(metering_edges(valve, true), oil, jnp.asarray(_COMPUTED), true)
-    rise = throttling_rise(oil, true.supply_pressure - true.return_pressure, true.supply_pressure, true.temperature)
-    ambient = true.temperature if path.ambient_temperature is None else path.ambient_temperature
-    # Only a measure for the unknown: how far the wall may be from the oil supplied.
-    reach = jax.lax.stop_gradient(rise + jnp.abs(ambient - true.temperature))
+        names = ", ".join(type(effect).__name__ for effect in (*ties.lines, *ties.crossings))
+        raise ValueError(f"heat exchange with a wall is not solved together with {names}: leave these effects out")
+    edges = metering_edges(valve, true)
+    wall = _Wall(port_flows(edges, oil, jnp.ones(()), true), exchange, joined)
+    start = jnp.zeros((1 if joined else 2, *true.position.shape))
 
-    def at(z: Float[Array, "unknowns rows"]) -> tuple[ExchangeState, Float[Array, " rows"]]:
-        drops = between(z[0] if joined else z[:2], true)
-        return _stages(flows, oil, path, drops, true.temperature + reach * z[-1], joined)
+    def isothermal(q: Float[Array, "unknowns rows"]) -> Float[Array, "unknowns rows"]:
+        drops = between(q, true)
+        into, out = wall.flows.inflow(drops.supply_drop), wall.flows.outflow(drops.return_drop, true.temperature)
+        if joined:
+            into, out = (jnp.sum(m, axis=0, keepdims=True) for m in (into, out))
+        return jnp.log(into / out)
 
-    def imbalance(z: Float[Array, "unknowns rows"]) -> Float[Array, "unknowns rows"]:
-        state, wanted = at(z)
-        ratio = _log_ratio(state.ports, joined)
-        return jnp.concatenate([ratio, ((state.wall_temperature - wanted) / reach)[None]])
-
-    def isothermal(q: Float[Array, "ports rows"]) -> Float[Array, "ports rows"]:
-        drops = between(q[0] if joined else q, true)
-        inflow = flows.inflow(drops.supply_drop)
-        return _log_ratio_of(inflow, flows.outflow(drops.return_drop, true.temperature), joined)
-
-    start = falling_root(isothermal, jnp.zeros((1 if joined else 2, *true.position.shape)))
-    first = jax.lax.stop_gradient(jnp.concatenate([start, jnp.zeros((1, *true.position.shape))]))
-    return at(coupled_root(imbalance, first))[0]
-
-
-def _log_ratio(ports: Ports, joined: bool) -> Float[Array, "ports rows"]:
-    return _log_ratio_of(ports.inflow, ports.outflow, joined)
-
-
-def _log_ratio_of(inflow: Array, outflow: Array, joined: bool) -> Float[Array, "ports rows"]:
-    if joined:
-        inflow, outflow = (jnp.sum(flow, axis=0, keepdims=True) for flow in (inflow, outflow))
-    return jnp.log(inflow / outflow)
-
-
-def _spread(path: HeatPath, conditions: Conditions) -> HeatPath:
-    """The path with one entry per row, so that its derivatives are taken row by row too."""
-    return jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, conditions.position.shape), path)
-
-
-@eqx.filter_jit
-def exchange_blocked(
-    valve: Valve, conditions: Conditions, path: HeatPath
-) -> tuple[dict[str, Float[Array, " rows"]], ExchangeState]:
-    """Readings with closed use ports (leakage_flow [m3/s], pressure_a, pressure_b, load_pressure [Pa]) and the state.
-
-    The valve's own `heat_retention`, and an effect on it, are replaced by the exchange. Raises ValueError for a valve with
-    effects that tie the ports' balances together.
-    """
-    true, oil = true_conditions(valve, conditions), true_oil(valve)
-    state = _solve(valve, oil, true, _spread(path, conditions), joined=False)
-    ports = state.ports
-    leaving = jnp.sum(ports.outflow, axis=0) / density(oil, true.return_pressure, state.return_temperature)
-    values = {
-        "leakage_flow": leaving,
-        "pressure_a": ports.pressure[0],
-        "pressure_b": ports.pressure[1],
-        "load_pressure": ports.pressure[0] - ports.pressure[1],
-    }
-    return {name: read_out(valve, name, value, conditions, true, oil) for name, value in values.items()}, state
-
-
-@eqx.filter_jit
-def exchange_connected(
-    valve: Valve, conditions: Conditions, path: HeatPath
-) -> tuple[Float[Array, " rows"], ExchangeState]:
-    """Control flow of the flow-gain test [m3/s] with connected use ports, and the state; see `exchange_blocked`."""
-    true, oil = true_conditions(valve, conditions), true_oil(valve)
-    state = _solve(valve, oil, true, _spread(path, conditions), joined=True)
-    ports = state.ports
-    through = (ports.inflow[0] - ports.outflow[0]) / density(oil, ports.pressure[0], ports.temperature[0])
-    return read_out(valve, "flow", through, conditions, true, oil), state
-
-
-def slopes_in_position(
-    reading: Callable[[Conditions], tuple[Array, Array]], conditions: Conditions
-) -> tuple[Array, Array, Array]:
-    """(reading, its slope over the position, what came with it), row by row."""
-
-    def of(x: Float[Array, " rows"]) -> tuple[Array, Array]:
-        return reading(replace(conditions, position=x))
-
-    value, slope, rest = jax.jvp(of, (conditions.position,), (jnp.ones_like(conditions.position),), has_aux=True)
-    return value, slope, rest
+    begin = jnp.concatenate([falling_root(isothermal, start), jnp.zeros((1, *true.position.shape))])
+    z = coupled_root(lambda z: wall.at(z)[0], jax.lax.stop_gradient(begin))
+    return wall.at(z)[1]

@@ -63,7 +63,8 @@ def _readings(
         changes = by_name(one, names)
         # The rows at the null stand where the sample itself has it, so they see neither its bias nor its stroke.
         for name, at_null in (("null_bias", jnp.zeros(())), ("stroke", valve.stroke)):
-            changes[name] = jnp.where(jnp.asarray(IS_NULL), at_null, changes.get(name, getattr(valve, name)))
+            own = changes[name] if name in changes else getattr(valve, name)
+            changes[name] = jnp.where(jnp.asarray(IS_NULL), at_null, own)
         return three_tests(*varied(valve, conditions, changes))
 
     return jax.vmap(of)(values)
@@ -122,8 +123,8 @@ class StaticTests:
         values[COLUMNS.index("null_bias"), null] = 0.0
         values[COLUMNS.index("stroke"), null] = float(self.valve.stroke)
         x = spread(float(self.valve.stroke) * SHARES[:, None])
-        fixed = (self.supply_pressure, self.return_pressure, self.temperature)
-        readings, slopes = slopes_at(self.valve, x, *map(spread, fixed), values, progress)
+        supply, back, warm = map(spread, (self.supply_pressure, self.return_pressure, self.temperature))
+        readings, slopes = slopes_at(self.valve, x, supply, back, warm, values, progress)
         slopes[:, [COLUMNS.index("null_bias"), COLUMNS.index("stroke")]] *= ~null
         columns = np.stack([columns_of(slopes[i], self.factors) for i in range(3)])
         stroke = self._column("stroke", samples)

@@ -53,10 +53,11 @@ def stretched(position: np.ndarray, stroke: float) -> np.ndarray:
 
 def key_of_factors(figure: Figure, names: Sequence[str], y: float, columns: int = 7) -> None:
     """A legend under the panels."""
-    handles = [Line2D([], [], color=COLOURS[name], linestyle=dashes(name), linewidth=1.8) for name in names]
+    handles = [Line2D([], [], color=COLOURS[name], ls=dashes(name), linewidth=1.8) for name in names]
     figure.legend(handles, list(names), loc="lower center", ncols=columns, bbox_to_anchor=(0.5, y))
 
 
 def pale(share: float) -> str:
     """White to blue for a share between 0 and 1."""
-    return to_hex(np.array([1.0, 1.0, 1.0]) + share * (np.array([0.184, 0.435, 0.690]) - 1.0))
+    red, green, blue = (1.0 + share * (end - 1.0) for end in (0.184, 0.435, 0.690))
+    return to_hex((red, green, blue))

@@ -211,10 +211,10 @@ def _known(subject: Subject, factors: tuple[Factor, ...], free: tuple[str, ...])
         return weak, "the tolerances"
     rows = [subject.model.free.index(name) for name in free]
     own = covariance[np.ix_(rows, rows)]
-    certain = np.diag(own) > 0.0  # a parameter without an error bar is known by its tolerance only
+    certain = np.flatnonzero(np.diag(own) > 0.0)  # a parameter without an error bar is known by its tolerance only
     information = weak.copy()
-    information[np.ix_(certain, certain)] = covariance_of(own[np.ix_(certain, certain)])
-    return information, "the fit" if certain.all() else "the fit, and tolerances where it gave no error"
+    information[certain[:, None], certain] = covariance_of(own[certain[:, None], certain])
+    return information, "the fit" if len(certain) == len(own) else "the fit, and tolerances where it gave no error"
 
 
 def _remarks(varied: GlobalStudy) -> tuple[str, ...]:

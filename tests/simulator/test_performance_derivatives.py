@@ -57,7 +57,8 @@ def test_every_derivative_is_that_of_finite_differences(heat):
         for by in (step, -step, 2 * step, -2 * step):
             v, a, at = moved(valve, JACK, AT, name, jnp.asarray(base + by))
             eta = (v.heat_retention if name == "valve.heat_retention" else heat) if heat is not None else None
-            sides.append(performance(v, a, heat=eta, **at))
+            arguments: dict[str, Any] = {**at, "heat": eta}
+            sides.append(performance(v, a, **arguments))
         numeric = jax.tree.map(lambda p, m, pp, mm, step=step: (8 * (p - m) - (pp - mm)) / (12 * step), *sides)
         for figure in type(found.value).__dataclass_fields__:
             value = np.asarray(getattr(found.value, figure))
