@@ -83,7 +83,7 @@ def bode_figure(
             labels,
             title="oil temperature: gain margin, phase margin",
             loc="lower center",
-            ncols=4,
+            ncols=5,
             bbox_to_anchor=(0.53, 0.0),
         )
     return figure

@@ -20,6 +20,12 @@ if TYPE_CHECKING:
         nondimensional_pressure_gain as nondimensional_pressure_gain,
         pressure_gain as pressure_gain,
     )
+    from .heat_exchange import (
+        HeatExchange as HeatExchange,
+        effectiveness as effectiveness,
+        eta_from_ntu as eta_from_ntu,
+    )
+    from .heat_information import EtaIdentifiability as EtaIdentifiability, eta_identifiability as eta_identifiability
     from .oil import Oil as Oil, oil_from_definition as oil_from_definition
     from .oil_definition import OilDefinition as OilDefinition, walther_coefficients as walther_coefficients
     from .performance_derivatives import (
@@ -34,6 +40,12 @@ if TYPE_CHECKING:
         port_pressures as port_pressures,
     )
     from .valve import Valve as Valve
+    from .wall_tests import (
+        HeatStudy as HeatStudy,
+        WallReadings as WallReadings,
+        heat_study as heat_study,
+        wall_readings as wall_readings,
+    )
 
 _HOME = {
     "Actuator": "actuator",
@@ -49,6 +61,11 @@ _HOME = {
     "nondimensional_flow_gain": "gains",
     "nondimensional_pressure_gain": "gains",
     "pressure_gain": "gains",
+    "HeatExchange": "heat_exchange",
+    "effectiveness": "heat_exchange",
+    "eta_from_ntu": "heat_exchange",
+    "EtaIdentifiability": "heat_information",
+    "eta_identifiability": "heat_information",
     "Oil": "oil",
     "oil_from_definition": "oil",
     "OilDefinition": "oil_definition",
@@ -61,6 +78,10 @@ _HOME = {
     "load_pressure": "static_tests",
     "port_pressures": "static_tests",
     "Valve": "valve",
+    "HeatStudy": "wall_tests",
+    "WallReadings": "wall_tests",
+    "heat_study": "wall_tests",
+    "wall_readings": "wall_tests",
 }
 __all__ = [*_HOME]  # pyright: ignore[reportUnsupportedDunderAll]
 
