@@ -17,6 +17,7 @@ class Actuator(eqx.Module):
     rated_current [A]: x = X_n I/I_rated. The loop: I = K_A K_p (z* - z), amplifier_gain K_A [A/V], sensor_gain K_p [V/m].
     spool_frequency [Hz] and spool_damping [-]: the spool behind the current, second order.
     bulk_modulus_factor [-]: of the oil in the chambers only (air, hoses), 1 where they add nothing.
+    piston_stroke [m]: from one end stop to the other, z = 0 half way.
     """
 
     piston_area: Float[Array, ""] = eqx.field(converter=_as_array, default=12e-4)
@@ -32,6 +33,7 @@ class Actuator(eqx.Module):
     spool_frequency: Float[Array, ""] = eqx.field(converter=_as_array, default=100.0)
     spool_damping: Float[Array, ""] = eqx.field(converter=_as_array, default=0.7)
     bulk_modulus_factor: Float[Array, ""] = eqx.field(converter=_as_array, default=1.0)
+    piston_stroke: Float[Array, ""] = eqx.field(converter=_as_array, default=50e-3)
 
 
 def seed_actuator() -> Actuator:

@@ -1,0 +1,170 @@
+"""Where a run starts: the steady state under the first row's command, as a root of the same equations (MODEL section 7).
+
+Closed loop: everything at rest, the spool where the closed ports carry the external force, the piston where the loop asks
+for that spool. Open loop: the spool where the command puts it, the piston at mid stroke and at its steady speed.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from ..oil import bulk_modulus, density
+from .command import asked_position, loop_gain
+from .flows import flows_at
+from .plant import Plant, Surroundings
+from .state import Scaling, State
+from .vector_field import rates_at
+
+
+# Newton converges in 5 to 10 steps; the limit only ends a search that has no root (a force beyond what the supply holds).
+MOST_STEPS = 60
+# Of the scaled imbalances: what rounding leaves is about 1e-15.
+BALANCED = 1e-11
+# Lengths tried along a Newton step; the last ones only serve a start in the saturated part of dry friction.
+LENGTHS = (1.0, 0.5, 0.25, 0.1, 0.03, 0.01, 0.001)
+
+
+def scaling_of(plant: Plant, around: Surroundings) -> Scaling:
+    """Sizes of order 1 from the plant itself: strokes, supply pressure, free speed, kelvins."""
+    v, j = plant.valve, plant.actuator
+    span = around.supply_pressure - around.return_pressure
+    rho = density(plant.oil, around.supply_pressure, around.temperature)
+    speed = v.discharge_coefficient * v.slot_width * v.stroke * jnp.sqrt(span / rho) / j.piston_area
+    omega = 2.0 * jnp.pi * j.spool_frequency
+    zero, pair = jnp.zeros(()), jnp.zeros(2)
+    warm = plant.keeps_heat
+    walled = warm and plant.walls.capacity is not None
+    play = plant.motion.backlash is not None
+    kelvins = jnp.full(2, 10.0)
+    origin = State(
+        spool=zero, spool_speed=zero, pressure=pair + around.return_pressure, position=zero, velocity=zero,
+        temperature=pair + around.temperature if warm else None, wall=pair + around.temperature if walled else None,
+        play=zero if play else None,
+    )  # fmt: skip
+    size = State(
+        spool=v.stroke, spool_speed=v.stroke * omega, pressure=pair + span, position=speed / omega, velocity=speed,
+        temperature=kelvins if warm else None, wall=kelvins if walled else None, play=v.stroke if play else None,
+    )  # fmt: skip
+    # Sizes say nothing about the answer, and so nothing about its derivatives.
+    return jax.lax.stop_gradient(Scaling(origin, size))
+
+
+def equilibrium(plant: Plant, scaling: Scaling, time: Float[Array, ""]) -> tuple[State, Bool[Array, ""]]:
+    """(state at the start, whether it was found); differentiable, forward and reverse, as the root that it is."""
+    around, command = plant.surroundings(time), plant.command(time)
+    closed = plant.kind == "setpoint"
+    base = _first_guess(plant, scaling, around, command)
+    fixed = scaling.pack(base)
+    free = _unknowns(base, fixed.shape[0], closed)
+    sizes = _imbalance_sizes(plant, scaling, around)
+
+    def state_of(unknown: Float[Array, " unknowns"]) -> State:
+        return scaling.unpack(fixed.at[free].set(unknown))
+
+    def imbalance(unknown: Float[Array, " unknowns"]) -> Float[Array, " unknowns"]:
+        state = state_of(unknown)
+        rates, _, target = rates_at(plant, state, around, command)
+        drive = rates.velocity / sizes.velocity
+        rows = [drive] if closed else [drive, (target - state.spool) / plant.valve.stroke]
+        if rates.wall is not None:
+            rows.append(rates.wall / sizes.wall)
+        if rates.temperature is not None:
+            rows.append(rates.temperature / sizes.temperature)
+        return jnp.concatenate([jnp.atleast_1d(r) for r in (*rows, rates.pressure / sizes.pressure)])
+
+    unknown = _root(imbalance, fixed[free])
+    found = jnp.max(jnp.abs(imbalance(jax.lax.stop_gradient(unknown)))) < BALANCED
+    state = state_of(unknown)
+    if closed:
+        state, reachable = _in_the_loop(plant, around, state, command)
+        found = found & reachable
+    return state, found & jnp.all(jnp.isfinite(scaling.pack(state)))
+
+
+def _in_the_loop(
+    plant: Plant, around: Surroundings, state: State, setpoint: Float[Array, ""]
+) -> tuple[State, Bool[Array, ""]]:
+    """The same with the piston where the loop asks for its spool, and whether the clipped command reaches that far."""
+    asked = state.spool
+    if plant.motion.flow_force is not None:
+        force = flows_at(plant, plant.at(around), around, state).force
+        assert force is not None
+        asked = asked + plant.motion.flow_force * force
+    position = setpoint - asked / loop_gain(plant)
+    state = eqx.tree_at(lambda s: s.position, state, position)
+    if state.play is not None:
+        state = eqx.tree_at(lambda s: s.play, state, asked)
+    return state, jnp.abs(asked) <= plant.valve.stroke
+
+
+def _first_guess(plant: Plant, scaling: Scaling, around: Surroundings, command: Float[Array, ""]) -> State:
+    """Both ports about the middle, apart by what carries the external force; the spool at null or at its command."""
+    middle = 0.5 * (around.supply_pressure + around.return_pressure)
+    limit = 0.49 * (around.supply_pressure - around.return_pressure)
+    half = jnp.clip(0.5 * around.external_force / plant.actuator.piston_area, -limit, limit)
+    zero = jnp.zeros(())
+    asked = asked_position(plant, command, zero)
+    closed = plant.kind == "setpoint"
+    return State(
+        spool=plant.valve.null_bias if closed else asked, spool_speed=zero, position=zero, velocity=zero,
+        pressure=jnp.stack([middle + half, middle - half]), temperature=scaling.origin.temperature,
+        wall=scaling.origin.wall, play=None if scaling.origin.play is None else asked,
+    )  # fmt: skip
+
+
+def _unknowns(base: State, count: int, closed: bool) -> np.ndarray:
+    """Which entries of the vector are unknown: spool (and speed in open loop), walls, temperatures, pressures."""
+    after_play = 4 + (base.play is not None)
+    return np.array([*([1] if closed else [2, 1]), *range(after_play, count)])
+
+
+def _imbalance_sizes(plant: Plant, scaling: Scaling, around: Surroundings) -> State:
+    """Rates of order 1: full pressure on the piston, a tenth of the rated flow into a chamber, 10 K of it."""
+    j, size = plant.actuator, scaling.size
+    beta = bulk_modulus(plant.oil, around.supply_pressure, around.temperature)
+    turnover = 0.1 * size.velocity * j.piston_area / j.chamber_volume
+    force = j.piston_area * (around.supply_pressure - around.return_pressure)
+    sizes = eqx.tree_at(
+        lambda s: (s.velocity, s.pressure), size, (force / j.moving_mass, jnp.broadcast_to(beta * turnover, (2,)))
+    )
+    if size.temperature is not None:
+        sizes = eqx.tree_at(lambda s: s.temperature, sizes, size.temperature * turnover)
+    if size.wall is not None:
+        sizes = eqx.tree_at(lambda s: s.wall, sizes, size.wall * turnover)
+    return jax.lax.stop_gradient(sizes)
+
+
+def _root(fn, start: Float[Array, " unknowns"]) -> Float[Array, " unknowns"]:
+    """Damped Newton from `start`; derivatives by the implicit function theorem."""
+
+    def newton(fn, start: Array) -> Array:
+        lengths = jnp.asarray(LENGTHS)
+
+        def size(values: Array) -> Array:
+            norm = jnp.max(jnp.abs(values), axis=-1)
+            return jnp.where(jnp.isfinite(norm), norm, jnp.inf)
+
+        def going(carry: tuple[Array, Array, Array]) -> Array:
+            _, value, count = carry
+            # One step beyond the tolerance costs little and leaves rounding only.
+            return (size(value) > 1e-3 * BALANCED) & (count < MOST_STEPS)
+
+        def step(carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+            at, value, count = carry
+            move = jnp.linalg.solve(jax.jacfwd(fn)(at), value)
+            trials = at - lengths[:, None] * move
+            values = jax.vmap(fn)(trials)
+            # The longest that helps at all; the shortest where none does, and the limit of steps ends the search.
+            better = size(values) < size(value)
+            best = jnp.where(jnp.any(better), jnp.argmax(better), len(LENGTHS) - 1)
+            stuck = ~jnp.any(better) & (size(value) < BALANCED)
+            return trials[best], values[best], jnp.where(stuck, MOST_STEPS, count + 1)
+
+        return jax.lax.while_loop(going, step, (start, fn(start), jnp.asarray(0)))[0]
+
+    def tangent_solve(linear, y: Array) -> Array:
+        return jnp.linalg.solve(jax.jacfwd(linear)(y), y)
+
+    return jax.lax.custom_root(fn, start, newton, tangent_solve)
