@@ -13,6 +13,13 @@ if TYPE_CHECKING:
     from .actuator_performance import Performance as Performance, performance as performance
     from .closed_loop import loop_frequency_response as loop_frequency_response, loop_margins as loop_margins
     from .conditions import Conditions as Conditions, operating_points as operating_points
+    from .dynamics.inputs import StepInputs as StepInputs, step_inputs as step_inputs
+    from .dynamics.simulate import StepReadings as StepReadings, simulate_step as simulate_step
+    from .dynamics.small_signal import (
+        FrequencyResponse as FrequencyResponse,
+        frequency_response as frequency_response,
+    )
+    from .dynamics.walls import Walls as Walls
     from .gains import (
         flow_gain as flow_gain,
         flow_pressure_gain as flow_pressure_gain,
@@ -56,6 +63,13 @@ _HOME = {
     "loop_margins": "closed_loop",
     "Conditions": "conditions",
     "operating_points": "conditions",
+    "StepInputs": "dynamics.inputs",
+    "step_inputs": "dynamics.inputs",
+    "StepReadings": "dynamics.simulate",
+    "simulate_step": "dynamics.simulate",
+    "FrequencyResponse": "dynamics.small_signal",
+    "frequency_response": "dynamics.small_signal",
+    "Walls": "dynamics.walls",
     "flow_gain": "gains",
     "flow_pressure_gain": "gains",
     "nondimensional_flow_gain": "gains",

@@ -18,12 +18,10 @@ from .state import Scaling, State
 from .vector_field import rates_at
 
 
-# Newton converges in 5 to 10 steps; the limit only ends a search that has no root (a force beyond what the supply holds).
-MOST_STEPS = 60
-# Of the scaled imbalances: what rounding leaves is about 1e-15.
-BALANCED = 1e-11
-# Lengths tried along a Newton step; the last ones only serve a start in the saturated part of dry friction.
-LENGTHS = (1.0, 0.5, 0.25, 0.1, 0.03, 0.01, 0.001)
+# Newton converges in 5 to 10 turns; the limit only ends a search that has no root (a force beyond what the supply holds).
+MOST_TURNS = 200
+# Of the scaled imbalances: rounding leaves less than 1e-14.
+BALANCED, ROUNDING = 1e-11, 1e-15
 
 
 def scaling_of(plant: Plant, around: Surroundings) -> Scaling:
@@ -74,8 +72,8 @@ def equilibrium(plant: Plant, scaling: Scaling, time: Float[Array, ""]) -> tuple
             rows.append(rates.temperature / sizes.temperature)
         return jnp.concatenate([jnp.atleast_1d(r) for r in (*rows, rates.pressure / sizes.pressure)])
 
-    unknown = _root(imbalance, fixed[free])
-    found = jnp.max(jnp.abs(imbalance(jax.lax.stop_gradient(unknown)))) < BALANCED
+    unknown, left = _root(imbalance, fixed[free])
+    found = left < BALANCED
     state = state_of(unknown)
     if closed:
         state, reachable = _in_the_loop(plant, around, state, command)
@@ -136,35 +134,41 @@ def _imbalance_sizes(plant: Plant, scaling: Scaling, around: Surroundings) -> St
     return jax.lax.stop_gradient(sizes)
 
 
-def _root(fn, start: Float[Array, " unknowns"]) -> Float[Array, " unknowns"]:
-    """Damped Newton from `start`; derivatives by the implicit function theorem."""
+def _root(fn, start: Float[Array, " unknowns"]) -> tuple[Float[Array, " unknowns"], Float[Array, ""]]:
+    """(root by damped Newton from `start`, largest imbalance left); derivatives by the implicit function theorem.
 
-    def newton(fn, start: Array) -> Array:
-        lengths = jnp.asarray(LENGTHS)
+    One evaluation, value and Jacobian together, per turn: a point that is no better than the best one halves the step.
+    """
 
-        def size(values: Array) -> Array:
-            norm = jnp.max(jnp.abs(values), axis=-1)
-            return jnp.where(jnp.isfinite(norm), norm, jnp.inf)
+    def newton(fn, start: Array) -> tuple[Array, Array]:
+        columns = jnp.eye(start.shape[0])
 
-        def going(carry: tuple[Array, Array, Array]) -> Array:
-            _, value, count = carry
-            # One step beyond the tolerance costs little and leaves rounding only.
-            return (size(value) > 1e-3 * BALANCED) & (count < MOST_STEPS)
+        def going(carry: tuple[Array, ...]) -> Array:
+            _, size, _, _, turn = carry
+            return (size > ROUNDING) & (turn < MOST_TURNS)
 
-        def step(carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
-            at, value, count = carry
-            move = jnp.linalg.solve(jax.jacfwd(fn)(at), value)
-            trials = at - lengths[:, None] * move
-            values = jax.vmap(fn)(trials)
-            # The longest that helps at all; the shortest where none does, and the limit of steps ends the search.
-            better = size(values) < size(value)
-            best = jnp.where(jnp.any(better), jnp.argmax(better), len(LENGTHS) - 1)
-            stuck = ~jnp.any(better) & (size(value) < BALANCED)
-            return trials[best], values[best], jnp.where(stuck, MOST_STEPS, count + 1)
+        def step(carry: tuple[Array, ...]) -> tuple[Array, ...]:
+            best, size, move, length, turn = carry
+            at = best - length * move
+            value, push = jax.linearize(fn, at)
+            jacobian = jax.vmap(push, out_axes=1)(columns)
+            norm = jnp.max(jnp.abs(value))
+            better = norm < size  # never where a value is NaN
+            newton_step = jnp.linalg.solve(jacobian, value)
+            return (
+                jnp.where(better, at, best),
+                jnp.where(better, norm, size),
+                jnp.where(better, newton_step, move),
+                jnp.where(better, 1.0, 0.4 * length),
+                # A found root is left once no step improves on it.
+                jnp.where(~better & (size < BALANCED), MOST_TURNS, turn + 1),
+            )
 
-        return jax.lax.while_loop(going, step, (start, fn(start), jnp.asarray(0)))[0]
+        first = (start, jnp.asarray(jnp.inf), jnp.zeros_like(start), jnp.ones(()), jnp.asarray(0))
+        best, size, *_ = jax.lax.while_loop(going, step, first)
+        return best, size
 
     def tangent_solve(linear, y: Array) -> Array:
         return jnp.linalg.solve(jax.jacfwd(linear)(y), y)
 
-    return jax.lax.custom_root(fn, start, newton, tangent_solve)
+    return jax.lax.custom_root(fn, start, newton, tangent_solve, has_aux=True)

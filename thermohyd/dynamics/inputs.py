@@ -127,7 +127,9 @@ def step_inputs(
     for name, value in given.items():
         column = np.asarray(value, dtype=float)
         if column.ndim and column.shape != time.shape:
-            raise ValueError(f"{name} must be a number or have the {time.size} rows of time, but has shape {column.shape}")
+            raise ValueError(
+                f"{name} must be a number or have the {time.size} rows of time, but has shape {column.shape}"
+            )
         columns[name] = np.broadcast_to(column, time.shape)
         if not np.all(np.isfinite(columns[name])):
             raise ValueError(f"{name} must be finite in every row")

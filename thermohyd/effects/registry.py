@@ -1,23 +1,33 @@
 """Every effect by name: what it is, in which unit, between which limits, how large it usually is and where it shows.
 
-Plain data; importing it makes no arrays. A new effect is one class in this folder and one line in `EFFECTS`.
+Plain data; importing it makes no arrays. A new effect is one class in this folder and one line in `EFFECTS`, or, where only an
+actuator in motion shows it, in `DYNAMIC_EFFECTS`: those inherit from `dynamics.motion.AbstractMotionEffect`, and static tests
+and what looks at static records pass them by.
 """
 
 from dataclasses import dataclass, replace
 
 from jaxtyping import Array
 
+from ..dynamics.motion import AbstractMotionEffect
 from ..effect import STAGES, AbstractEffect
 from ..valve import Valve
+from .backlash import Backlash
 from .clearances import PressureClearance, ThermalClearance
+from .dry_friction import CoulombFriction, StribeckFriction
 from .edge_shape import ReturnEdgeWear, SupplyEdgeWear, UnequalUnderlap
+from .entrained_air import EntrainedAir
+from .flow_force import FlowForce
 from .flowmeter import FlowmeterLag, FlowmeterOffset, FlowmeterScale
 from .gauges import PositionScale, PressureOffset, TemperatureOffset
 from .hysteresis import Hysteresis, PositionLag
 from .internal_leakage import BushingLeakage, CrossPortLeakage, PilotLeakage
+from .jack_leakage import JackLeakage
 from .lands import Eccentricity, LandLeakage
 from .oil_state import PressureViscosity, ThrottleHeating, ViscosityShift
 from .passages import FlowSaturation, ReturnBackPressure, SupplyDroop
+from .spool_delay import SpoolDelay
+from .wall_heat import WallHeat
 
 
 @dataclass(frozen=True)
@@ -41,8 +51,14 @@ class EffectInfo:
 
     @property
     def stages(self) -> tuple[str, ...]:
-        """Where it acts (see `thermohyd.effect`)."""
-        return tuple(name for name, stage in STAGES.items() if issubclass(self.effect, stage))
+        """Where it acts (see `thermohyd.effect`; "motion": `thermohyd.dynamics.motion`)."""
+        stages = {**STAGES, "motion": AbstractMotionEffect}
+        return tuple(name for name, stage in stages.items() if issubclass(self.effect, stage))
+
+    @property
+    def dynamic(self) -> bool:
+        """Whether only dynamic tests show it, so that static ones need not ask for it."""
+        return issubclass(self.effect, AbstractMotionEffect)
 
     @property
     def rowwise(self) -> bool:
@@ -178,11 +194,47 @@ EFFECTS: dict[str, EffectInfo] = {
 }
 
 
+_STEP, _MOTION = ("step",), ("step", "frequency")
+
+DYNAMIC_EFFECTS: dict[str, EffectInfo] = {
+    "coulomb_friction": EffectInfo(
+        CoulombFriction, "N", 0.0, 1e5, (20.0, 1000.0), 100.0, _MOTION, "dry friction brakes the piston"
+    ),
+    "stribeck_friction": EffectInfo(
+        StribeckFriction, "N", 0.0, 1e5, (20.0, 1000.0), 100.0, _MOTION, "the piston sticks before it slides"
+    ),
+    "backlash": EffectInfo(
+        Backlash, "m", 0.0, 100e-6, (0.5e-6, 10e-6), 2e-6, _STEP, "there is play between the command and the spool"
+    ),
+    "entrained_air": EffectInfo(
+        EntrainedAir, "1", 0.0, 0.5, (0.002, 0.05), 0.01, _MOTION, "air bubbles soften the oil in the chambers"
+    ),
+    "jack_leakage": EffectInfo(
+        JackLeakage, "m3/(s Pa)", 0.0, 1e-9, (1e-14, 1e-11), 1e-12, _MOTION, "oil leaks past the piston"
+    ),
+    "flow_force": EffectInfo(
+        FlowForce, "m/N", 0.0, 1e-4, (1e-8, 2e-6), 2e-7, _MOTION, "the jets' force closes the spool"
+    ),
+    "spool_delay": EffectInfo(
+        SpoolDelay, "s", 0.0, 1.0, (0.2e-3, 10e-3), 1e-3, _MOTION, "the command acts with a delay"
+    ),
+    "wall_heat": EffectInfo(
+        WallHeat, "W/K", 0.0, 1e5, (1.0, 100.0), 10.0, _MOTION, "the chambers' oil exchanges heat with the metal"
+    ),
+}
+
+
+def effect_info(name: str) -> EffectInfo:
+    """What is known of the named effect, static or dynamic. Raises KeyError, with the known names, for any other name."""
+    for known in (EFFECTS, DYNAMIC_EFFECTS):
+        if name in known:
+            return known[name]
+    raise KeyError(f"unknown effect {name!r}; known: {', '.join((*EFFECTS, *DYNAMIC_EFFECTS))}")
+
+
 def effect(name: str, amount: float | Array = 0.0) -> AbstractEffect:
     """The named effect with an amount in its SI unit. Raises KeyError, with the known names, for any other name."""
-    if name not in EFFECTS:
-        raise KeyError(f"unknown effect {name!r}; known: {', '.join(EFFECTS)}")
-    return EFFECTS[name].effect(amount)  # pyright: ignore  # every concrete effect has one field, which converts numbers
+    return effect_info(name).effect(amount)  # pyright: ignore  # every concrete effect has one field, which converts numbers
 
 
 def with_effects(valve: Valve, amounts: dict[str, float | Array]) -> Valve:

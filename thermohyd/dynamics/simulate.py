@@ -1,0 +1,137 @@
+"""A step test of an actuator: readings at a record's rows (MODEL section 7)."""
+
+from typing import cast
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from ..actuator import Actuator
+from ..precision import require_float64
+from ..valve import Valve
+from .equilibrium import equilibrium, scaling_of
+from .inputs import StepInputs
+from .integrate import FAILURES, NO_EQUILIBRIUM, Gradient, integrate
+from .plant import Heat, plant_of, transducer_gain
+from .walls import Walls
+
+
+RTOL, ATOL = 1e-7, 1e-7
+MAX_STEPS = 100_000
+
+
+class StepReadings(eqx.Module):
+    """What a step test reads, one entry per row, SI units; pressures gauge.
+
+    temperature_a, temperature_b: the oil's in the chambers [K], T_s where the run is isothermal. steps: the solver took.
+    failure: an index into `thermohyd.dynamics.integrate.FAILURES`, 0 for none; readings of a failed run are NaN.
+    """
+
+    time: Float[Array, " rows"]
+    spool_position: Float[Array, " rows"]
+    pressure_a: Float[Array, " rows"]
+    pressure_b: Float[Array, " rows"]
+    piston_position: Float[Array, " rows"]
+    piston_velocity: Float[Array, " rows"]
+    temperature_a: Float[Array, " rows"]
+    temperature_b: Float[Array, " rows"]
+    steps: Int[Array, ""]
+    failure: Int[Array, ""]
+
+
+@eqx.filter_jit
+def _simulate(
+    valve: Valve,
+    actuator: Actuator,
+    inputs: StepInputs,
+    walls: Walls,
+    rtol: Array,
+    atol: Array,
+    heat: Heat,
+    polarity: int,
+    gradient: Gradient,
+    max_steps: int,
+) -> StepReadings:
+    plant = plant_of(valve, actuator, inputs, heat=heat, walls=walls, polarity=polarity)
+    first = inputs.time[0]
+    scaling = scaling_of(plant, plant.surroundings(first))
+    start, found = equilibrium(plant, scaling, first)
+    run = integrate(plant, scaling, start, gradient=gradient, rtol=rtol, atol=atol, max_steps=max_steps)
+    failure = jnp.where(found, run.failure, NO_EQUILIBRIUM)
+    good = failure == 0
+    states = run.states
+    if states.temperature is None:
+        supplied = jax.vmap(lambda time: plant.surroundings(time).temperature)(inputs.time)
+        warm = jnp.stack([supplied, supplied], axis=1)
+    else:
+        warm = states.temperature
+    readings = (
+        states.spool / transducer_gain(valve),
+        states.pressure[:, 0],
+        states.pressure[:, 1],
+        states.position,
+        states.velocity,
+        warm[:, 0],
+        warm[:, 1],
+    )
+    shown = (jnp.where(good, reading, jnp.nan) for reading in readings)
+    return StepReadings(inputs.time, *shown, steps=run.steps, failure=failure)
+
+
+def simulate_step(
+    valve: Valve,
+    actuator: Actuator,
+    inputs: StepInputs,
+    *,
+    heat: Heat = "adiabatic",
+    walls: Walls | None = None,
+    polarity: int = 1,
+    gradient: Gradient = "forward",
+    rtol: float | Array = RTOL,
+    atol: float | Array = ATOL,
+    max_steps: int = MAX_STEPS,
+    throw: bool = True,
+) -> StepReadings:
+    """Run the actuator on the valve through a step test; readings at the rows of `inputs` (MODEL section 7).
+
+    inputs: from `step_inputs`. heat: "adiabatic" (THM: chambers keep their heat, but for what `walls` take) or "isothermal"
+    (HM: all oil at T_s). polarity: +1 or -1, of an open-loop current. Effects of the valve act where they make sense: static
+    ones on edges, oil, lines and paths, a gauge's on the reading of the spool, dynamic ones (registry, DYNAMIC_EFFECTS) here
+    only. The run starts in equilibrium under the first row; see `equilibrium`.
+
+    It can be jitted, vmapped (inputs stacked, with equal `knots`) and differentiated in every array of valve, actuator,
+    walls and inputs: gradient = "forward" for `jax.jvp` and `jax.jacfwd` (few parameters), "reverse" for `jax.grad` and
+    `jax.jacrev` (many). The start is differentiated as the root that it is, the run as the steps that were taken.
+
+    rtol, atol: of the state scaled to order 1 (stroke, supply pressure, free speed, 10 K). Raises RuntimeError with one
+    sentence in single precision and, with `throw`, where there is no equilibrium or the integration fails; where the call is
+    traced, `failure` says so and the readings are NaN. Raises ValueError for a choice that does not exist.
+    """
+    require_float64("simulate_step")
+    if heat not in ("adiabatic", "isothermal"):
+        raise ValueError(f'heat must be "adiabatic" or "isothermal", not {heat!r}')
+    if gradient not in ("forward", "reverse"):
+        raise ValueError(f'gradient must be "forward" or "reverse", not {gradient!r}')
+    if polarity not in (1, -1):
+        raise ValueError(f"polarity must be 1 or -1, not {polarity!r}")
+    if heat == "isothermal" and walls is not None:
+        raise ValueError('walls exchange heat with adiabatic chambers only: leave them out, or set heat = "adiabatic"')
+    tolerances = (jnp.asarray(value, dtype=jnp.result_type(float)) for value in (rtol, atol))
+    readings = cast(
+        StepReadings,
+        _simulate(
+            valve,
+            actuator,
+            inputs,
+            Walls() if walls is None else walls,
+            *tolerances,
+            heat,
+            polarity,
+            gradient,
+            max_steps,
+        ),
+    )
+    if throw and not isinstance(readings.failure, jax.core.Tracer) and jnp.any(readings.failure != 0):
+        raise RuntimeError(FAILURES[int(jnp.max(readings.failure))])
+    return readings
