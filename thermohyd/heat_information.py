@@ -4,7 +4,7 @@ Fisher information: a sweep says of eta what its readings change per unit of it,
 geometric parameters could imitate.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -82,9 +82,9 @@ def standard_error(columns: np.ndarray) -> float:
 def eta_identifiability(
     valve: Valve,
     *,
-    temperature: ArrayLike,
-    supply_pressure: ArrayLike,
-    position: ArrayLike,
+    temperature: ArrayLike | Sequence[float],
+    supply_pressure: ArrayLike | Sequence[float],
+    position: ArrayLike | Sequence[float],
     eta: float = 0.5,
     noise: Mapping[str, float] | None = None,
     return_pressure: float = 0.0,
@@ -103,6 +103,9 @@ def eta_identifiability(
     ...                             position=np.linspace(-20e-6, 20e-6, 41))
     >>> for name, held, free in zip(found.tests, found.held[:, 0, 0], found.free[:, 0, 0]):
     ...     print(f"{name}: {held:.3f} with the six parameters known, {free:.2g} without")
+    leakage: 0.011 with the six parameters known, 1.2 without
+    pressure_gain: 0.029 with the six parameters known, 1.1 without
+    flow_gain: 0.009 with the six parameters known, 43 without
     """
     p, t, x = (np.atleast_1d(np.asarray(a, dtype=float)) for a in (supply_pressure, temperature, position))
     grid = np.meshgrid(p, t, x, indexing="ij")

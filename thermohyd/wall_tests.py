@@ -1,5 +1,6 @@
 """The static tests and gains of a valve whose wall takes part of the heat: HM, THM and everything between them."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -7,7 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 
 from .conditions import Conditions, operating_points
 from .heat_exchange import HeatExchange, wall_state
@@ -84,8 +85,8 @@ class HeatStudy(NamedTuple):
 def heat_study(
     valve: Valve,
     *,
-    wall_conductance: np.ndarray,
-    temperature: np.ndarray,
+    wall_conductance: ArrayLike | Sequence[float],
+    temperature: ArrayLike | Sequence[float],
     supply_pressure: float,
     position: float = 0.0,
     return_pressure: float = 0.0,
@@ -100,9 +101,13 @@ def heat_study(
     >>> from thermohyd import heat_study
     >>> from thermohyd.identify.seed.seed_valve import seed_valve
     >>> found = heat_study(seed_valve(), wall_conductance=[0.1, 10.0], temperature=[273.15, 343.15], supply_pressure=70e5)
-    >>> ratio = found.between.leakage_flow / found.hm.leakage_flow
+    >>> above = found.between.leakage_flow / found.hm.leakage_flow - 1.0
+    >>> for conductance, row in zip(found.wall_conductance, 100.0 * above):
+    ...     print(f"{conductance:4.1f} W/K: {row[0]:.2f} and {row[1]:.2f} % above the isothermal leakage")
+     0.1 W/K: 3.48 and 1.48 % above the isothermal leakage
+    10.0 W/K: 0.00 and 0.13 % above the isothermal leakage
     """
-    conductance, warm = (np.asarray(a, dtype=float) for a in (wall_conductance, temperature))
+    conductance, warm = (np.atleast_1d(np.asarray(a, dtype=float)) for a in (wall_conductance, temperature))
     # Rows: conductances by temperatures, then the two extremes.
     grid = [a.ravel() for a in np.meshgrid(conductance, warm, indexing="ij")]
     inf, none = np.full(warm.size, np.inf), np.zeros(warm.size)

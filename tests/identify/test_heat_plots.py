@@ -3,28 +3,28 @@
 import numpy as np
 
 from thermohyd.heat_information import EtaIdentifiability
-from thermohyd.identify.heat_plots import eta_figure, heat_figure
+from thermohyd.identify.heat_plots import identifiability_figure, heat_study_figure
 from thermohyd.identify.plot_style import png
 from thermohyd.identify.seed.seed_valve import seed_valve
 from thermohyd.wall_tests import heat_study
 
 
-def test_heat_figure():
+def test_heat_study_figure():
     study = heat_study(
         seed_valve(),
         wall_conductance=np.array([0.01, 1.0]),
         temperature=np.array([253.15, 333.15]),
         supply_pressure=70e5,
     )
-    figure = heat_figure(study)
-    leakage = figure.axes[0]
+    figure = heat_study_figure(study)
+    leakage = figure.axes[1]
     curves = [line.get_ydata() for line in leakage.lines if len(line.get_ydata()) == 2 and line.get_marker() == "None"]
     expected = 100.0 * (np.asarray(study.between.leakage_flow) / np.asarray(study.hm.leakage_flow) - 1.0)
     np.testing.assert_allclose(curves[0], expected[:, 0])
     assert png(figure).startswith(b"\x89PNG")
 
 
-def test_eta_figure_leaves_out_what_is_infinite():
+def test_identifiability_figure_leaves_out_what_is_infinite():
     held = np.full((3, 2, 3), 0.1)  # tests, supply pressures, temperatures
     free = np.where(np.arange(3)[:, None, None] == 1, np.inf, 0.2)
     found = EtaIdentifiability(
@@ -40,6 +40,6 @@ def test_eta_figure_leaves_out_what_is_infinite():
         all_tests=held[0],
         all_temperatures=held[:, :, 0],
     )
-    figure = eta_figure(found)
-    assert [len(axes.lines) for axes in figure.axes] == [10, 8]
+    figure = identifiability_figure(found)
+    assert [len(axes.lines) for axes in figure.axes] == [3, 3, 3, 5, 5, 5]
     assert png(figure).startswith(b"\x89PNG")

@@ -1,7 +1,5 @@
 """What may be named while a misfit of unknown cause remains: only what closes a good part of it, on rows kept back too."""
 
-from typing import Any, cast
-
 import numpy as np
 import pytest
 from helpers.linear_fit import LinearProblem, linear_fit, linear_library, linear_problem
@@ -12,6 +10,7 @@ from thermohyd.identify.diagnosis.held_out import split_rows
 from thermohyd.identify.diagnosis.library_fit import LibraryFit
 from thermohyd.identify.diagnosis.record_noise import NoiseFound
 from thermohyd.identify.diagnosis.search import search
+from thermohyd.identify.fitted import Fitted
 from thermohyd.identify.noise_correlation import NoiseCorrelation
 
 
@@ -63,7 +62,8 @@ def modelled(misfit: np.ndarray, signatures: dict[str, np.ndarray], known: bool 
     nuisance = rng.normal(size=(ROWS, 6)) / np.sqrt(ROWS)
     problem: LinearProblem = linear_library(misfit + rng.normal(size=ROWS), nuisance, signatures)
     noise = {key: NoiseFound(np.ones(EACH), WHITE, "", "", known) for key in KEYS}
-    case = Case(cast(Any, None), problem, {}, noise, problem.fit(), {})
+    unread = Fitted.__new__(Fitted)  # the final model looks at nothing of it
+    case = Case(unread, problem, {}, noise, problem.fit(), {})
     chosen = problem.with_rows(~SPLIT.held)
     return final_model(case, search(chosen, chosen.fit(), {}), SPLIT)
 

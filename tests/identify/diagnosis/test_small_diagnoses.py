@@ -141,7 +141,10 @@ def test_learning_closes_the_gap_and_says_that_it_learned():
 
 
 def test_permuted_residuals_name_nothing():
-    """Negative control: the misfit of a missing effect, its rows dealt out anew, is large and means nothing."""
+    """Negative control: the misfit of a missing effect, its rows dealt out anew, is large and means nothing.
+
+    Signs are drawn too: a permutation keeps the mean, and a flow that is too high everywhere is a leak.
+    """
     case, rng = small_case("pilot"), np.random.default_rng(0)
     record, at = small_record(), case.problem.evaluate(case.base.values)
     tests = {}
@@ -149,7 +152,7 @@ def test_permuted_residuals_name_nothing():
         test = case.fitted.tests[key[0]]
         channel, whitened = test.channels[0], at.residual[rows]
         model = channel.value + _coloured(case, key, whitened)
-        mixed = rng.permutation(channel.value - model)
+        mixed = rng.permutation(channel.value - model) * rng.choice([-1.0, 1.0], test.rows)
         std = np.full(test.rows, float(np.sqrt(np.mean(mixed**2))))
         tests[key[0]] = replace(test, channels=(replace(channel, value=model + mixed, std=std),))
     result = diagnose_case(opened(record_of(tests)))

@@ -88,7 +88,7 @@ def test_record_with_a_model_takes_the_record_s_conditions(run, model_file):
     ran = run(sample_record("seed_valve"), "--model", model_file, "--json", *FEW)
     assert ran.exit_code == 0, ran.stderr
     at = json.loads(ran.stdout)["conditions"]
-    assert at["temperature"] == pytest.approx(313.15)
+    assert at["temperature"] == pytest.approx(313.15, abs=0.1)  # the mean of a thermometer with noise
     assert at["supply_pressures"] == pytest.approx([70e5, 210e5, 315e5])
 
 
