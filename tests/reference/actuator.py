@@ -90,7 +90,8 @@ class Machine:
         """P_s, P_t, true T_s, F_e."""
         r = self.run
         ps, pt, ts, fe = (
-            float(np.interp(t, r.time, c)) for c in (r.supply_pressure, r.return_pressure, r.temperature, r.external_force)
+            float(np.interp(t, r.time, c))
+            for c in (r.supply_pressure, r.return_pressure, r.temperature, r.external_force)
         )
         return ps, pt, ts + self.static.temperature_offset, fe
 

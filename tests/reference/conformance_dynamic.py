@@ -30,7 +30,12 @@ def machine_of(name: str) -> Machine:
     kind = {"closed": "setpoint", "current": "current"}[record["mode"]]
     valve = Valve(slot_width=a["width"], **t["parameters"])
     return Machine(
-        valve, seed_oil(), jack, Run(kind, *table(name)[:, :6].T), record["heat"] == "adiabatic", Dynamic(**record["effects"])
+        valve,
+        seed_oil(),
+        jack,
+        Run(kind, *table(name)[:, :6].T),
+        record["heat"] == "adiabatic",
+        Dynamic(**record["effects"]),
     )
 
 

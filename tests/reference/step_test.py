@@ -1,5 +1,7 @@
 """Step tests of the reference actuator: start in equilibrium, Radau between the rows where a column bends."""
 
+from itertools import pairwise
+
 import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import root
@@ -75,7 +77,7 @@ def simulate(machine: Machine, rtol: float = 1e-9, method: str = "Radau") -> np.
     edges = np.concatenate([[time[0]], bends(machine), [time[-1]]])
     out = np.empty((len(time), len(STATES)))
     out[0] = state
-    for begin, end in zip(edges[:-1], edges[1:], strict=True):
+    for begin, end in pairwise(edges):
         rows = np.flatnonzero((time > begin) & (time <= end))
         at = np.append(time[rows], end) if not rows.size or time[rows[-1]] < end else time[rows]
         solved = solve_ivp(machine.rates, (begin, end), state, method, at, rtol=rtol, atol=rtol * SIZES)

@@ -25,7 +25,10 @@ BALANCED, ROUNDING = 1e-11, 1e-15
 
 
 def scaling_of(plant: Plant, around: Surroundings) -> Scaling:
-    """Sizes of order 1 from the plant itself: strokes, supply pressure, free speed, kelvins."""
+    """What is large for this plant: strokes, a tenth of the supply pressure (about its middle), free speed, kelvins.
+
+    A tenth, as both ports stay near the middle: so the solver's tolerance costs every reading alike.
+    """
     v, j = plant.valve, plant.actuator
     span = around.supply_pressure - around.return_pressure
     rho = density(plant.oil, around.supply_pressure, around.temperature)
@@ -37,12 +40,12 @@ def scaling_of(plant: Plant, around: Surroundings) -> Scaling:
     play = plant.motion.backlash is not None
     kelvins = jnp.full(2, 10.0)
     origin = State(
-        spool=zero, spool_speed=zero, pressure=pair + around.return_pressure, position=zero, velocity=zero,
+        spool=zero, spool_speed=zero, pressure=pair + 0.5 * (around.supply_pressure + around.return_pressure), position=zero, velocity=zero,
         temperature=pair + around.temperature if warm else None, wall=pair + around.temperature if walled else None,
         play=zero if play else None,
     )  # fmt: skip
     size = State(
-        spool=v.stroke, spool_speed=v.stroke * omega, pressure=pair + span, position=speed / omega, velocity=speed,
+        spool=v.stroke, spool_speed=v.stroke * omega, pressure=pair + 0.1 * span, position=speed / omega, velocity=speed,
         temperature=kelvins if warm else None, wall=kelvins if walled else None, play=v.stroke if play else None,
     )  # fmt: skip
     # Sizes say nothing about the answer, and so nothing about its derivatives.

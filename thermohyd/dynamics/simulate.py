@@ -17,7 +17,7 @@ from .plant import Heat, plant_of, transducer_gain
 from .walls import Walls
 
 
-RTOL, ATOL = 1e-8, 1e-8
+RTOL, ATOL = 3e-9, 3e-9
 MAX_STEPS = 100_000
 
 

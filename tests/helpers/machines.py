@@ -1,0 +1,79 @@
+"""The reference's machines run by the simulator: one description for both sides of a comparison."""
+
+from dataclasses import asdict, fields
+
+import jax.numpy as jnp
+import numpy as np
+from reference.actuator import Dynamic, Machine
+from reference.step_test import READINGS
+
+from thermohyd.actuator import Actuator
+from thermohyd.dynamics.inputs import StepInputs, step_inputs
+from thermohyd.dynamics.plant import Plant, plant_of
+from thermohyd.dynamics.simulate import StepReadings, simulate_step
+from thermohyd.dynamics.walls import Walls
+from thermohyd.effects.registry import with_effects
+from thermohyd.oil import Oil
+from thermohyd.valve import Valve
+
+
+DYNAMIC = tuple(field.name for field in fields(Dynamic))
+
+
+def valve_of(machine: Machine, effects: tuple[str, ...] = ()) -> Valve:
+    """The valve, with the named effects at the machine's amounts (those of 0 included, to share compiled programs)."""
+    v, o = machine.valve, machine.oil
+    oil = Oil(viscosity_a=o.walther_a, viscosity_b=o.walther_b, density_15degC=o.density)
+    bare = Valve(oil=oil, stroke=machine.jack.stroke, **asdict(v))
+    given = asdict(machine.static) | asdict(machine.dynamic)
+    used = {name for name, amount in given.items() if amount} | set(effects)
+    return with_effects(bare, {name: given[name] for name in sorted(used)})
+
+
+def actuator_of(machine: Machine) -> Actuator:
+    given = asdict(machine.jack)
+    return Actuator(**{name: value for name, value in given.items() if name not in ("stroke", "polarity")})
+
+
+def inputs_of(machine: Machine, knots: int = 0) -> StepInputs:
+    r = machine.run
+    return step_inputs(
+        r.time, r.command, r.kind, supply_pressure=r.supply_pressure, return_pressure=r.return_pressure,
+        temperature=r.temperature, external_force=r.external_force, knots=knots,
+    )  # fmt: skip
+
+
+def heat_of(machine: Machine):
+    return "adiabatic" if machine.adiabatic else "isothermal"
+
+
+def simulated(machine: Machine, effects: tuple[str, ...] = (), knots: int = 0, **options) -> StepReadings:
+    return simulate_step(
+        valve_of(machine, effects),
+        actuator_of(machine),
+        inputs_of(machine, knots),
+        heat=heat_of(machine),
+        polarity=machine.jack.polarity,
+        **options,
+    )
+
+
+def plant(machine: Machine, effects: tuple[str, ...] = ()) -> Plant:
+    return plant_of(
+        valve_of(machine, effects),
+        actuator_of(machine),
+        inputs_of(machine),
+        heat=heat_of(machine),
+        walls=Walls(),
+        polarity=machine.jack.polarity,
+    )
+
+
+def as_table(readings: StepReadings) -> np.ndarray:
+    """(rows, 5) in the order of the reference's READINGS."""
+    return np.asarray(jnp.stack([getattr(readings, name) for name in READINGS], axis=1))
+
+
+def apart(found: np.ndarray, expected: np.ndarray) -> np.ndarray:
+    """Largest difference of each reading, as a share of its range."""
+    return np.max(np.abs(found - expected), axis=0) / np.ptp(expected, axis=0)
