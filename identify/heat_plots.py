@@ -114,7 +114,7 @@ def identifiability_figure(
         for axes in panels[1]:
             axes.set_ylim(low, high)
             look.plain_numbers(axes.yaxis)
-        panels[0, 0].legend(loc="best", ncols=2)
+        panels[0, 0].legend(loc="upper right")
         handles, labels = panels[1, 0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="lower center", ncols=6, bbox_to_anchor=(0.53, 0.015))
     return figure
