@@ -1,5 +1,6 @@
 """Mass and energy of the two chambers: how fast their pressures and temperatures change (MODEL section 7)."""
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -36,28 +37,50 @@ def chamber_volumes(plant: Plant, position: Float[Array, "..."]) -> Float[Array,
     return j.chamber_volume + j.piston_area * SIDES * position[..., None]
 
 
-def chamber_rates(
-    plant: Plant, around: Surroundings, state: State, flows: Flows
-) -> tuple[Float[Array, "2"], Float[Array, "2"] | None]:
-    """(dp/dt [Pa/s], dT/dt [K/s] or None where the oil stays at T_s)."""
+class Sources(eqx.Module):
+    """What changes the chambers' state; all of it is zero in a steady state, where the pressures and temperatures rest.
+
+    squeeze: relative surplus of oil over room [1/s]; heating: of the oil at constant pressure [K/s], renewal: how fast inflow
+    and walls bring that about [1/s], both None where the oil stays at T_s. density [kg/m3], temperature [K].
+    """
+
+    squeeze: Float[Array, "2"]
+    heating: Float[Array, "2"] | None
+    renewal: Float[Array, "2"] | None
+    density: Float[Array, "2"]
+    temperature: Float[Array, "2"]
+
+
+def chamber_sources(plant: Plant, around: Surroundings, state: State, flows: Flows) -> Sources:
+    """Oil and heat that flows, walls and the piston's motion bring."""
     oil, p = plant.oil, state.pressure
     t = jnp.broadcast_to(around.temperature, (2,)) if state.temperature is None else state.temperature
     volume = chamber_volumes(plant, state.position)
     rho = density(oil, p, t)
-    beta = bulk_modulus(oil, p, t) * plant.actuator.bulk_modulus_factor
-    if plant.motion.entrained_air is not None:
-        beta = mixture_modulus(beta, plant.motion.entrained_air, p)
     growth = plant.actuator.piston_area * SIDES * state.velocity
     squeeze = (flows.net / rho - growth) / volume
     if state.temperature is None:
-        return beta * squeeze, None
+        return Sources(squeeze, None, None, rho, t)
     assert flows.warming is not None
-    alpha, heat_capacity = expansion(oil, p, t), rho * specific_heat(oil, t)
-    per_volume = flows.warming * specific_heat(oil, t) / volume
+    mass = rho * volume
+    heating, renewal = flows.warming / mass, flows.inflow / mass
     passed = plant.walls.into_oil(t, state.wall, around.temperature)
     if passed is not None:
-        per_volume = per_volume + passed / volume
+        capacity = mass * specific_heat(oil, t)
+        heating, renewal = heating + passed / capacity, renewal + plant.walls.conductance / capacity
+    return Sources(squeeze, heating, renewal, rho, t)
+
+
+def chamber_rates(plant: Plant, state: State, sources: Sources) -> tuple[Float[Array, "2"], Float[Array, "2"] | None]:
+    """(dp/dt [Pa/s], dT/dt [K/s] or None where the oil stays at T_s)."""
+    oil, p, t = plant.oil, state.pressure, sources.temperature
+    beta = bulk_modulus(oil, p, t) * plant.actuator.bulk_modulus_factor
+    if plant.motion.entrained_air is not None:
+        beta = mixture_modulus(beta, plant.motion.entrained_air, p)
+    if sources.heating is None:
+        return beta * sources.squeeze, None
     # dp = beta (squeeze + alpha dT) and dT = heating + k dp are two linear equations.
-    heating, k = per_volume / heat_capacity, alpha * t / heat_capacity
-    dp = beta * (squeeze + alpha * heating) / (1.0 - beta * alpha * k)
-    return dp, heating + k * dp
+    alpha = expansion(oil, p, t)
+    k = alpha * t / (sources.density * specific_heat(oil, t))
+    dp = beta * (sources.squeeze + alpha * sources.heating) / (1.0 - beta * alpha * k)
+    return dp, sources.heating + k * dp

@@ -10,16 +10,17 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ..oil import bulk_modulus, density
+from ..oil import density
 from .command import asked_position, loop_gain
 from .flows import flows_at
 from .plant import Plant, Surroundings
 from .state import Scaling, State
-from .vector_field import rates_at
+from .vector_field import instant, thrust
 
 
 # Newton converges in 5 to 10 turns; the limit only ends a search that has no root (a force beyond what the supply holds).
 MOST_TURNS = 200
+KELVINS = 10.0
 # Of the scaled imbalances: rounding leaves less than 1e-14.
 BALANCED, ROUNDING = 1e-11, 1e-15
 
@@ -38,7 +39,7 @@ def scaling_of(plant: Plant, around: Surroundings) -> Scaling:
     warm = plant.keeps_heat
     walled = warm and plant.walls.capacity is not None
     play = plant.motion.backlash is not None
-    kelvins = jnp.full(2, 10.0)
+    kelvins = jnp.full(2, KELVINS)
     origin = State(
         spool=zero, spool_speed=zero, pressure=pair + 0.5 * (around.supply_pressure + around.return_pressure), position=zero, velocity=zero,
         temperature=pair + around.temperature if warm else None, wall=pair + around.temperature if walled else None,
@@ -59,21 +60,27 @@ def equilibrium(plant: Plant, scaling: Scaling, time: Float[Array, ""]) -> tuple
     base = _first_guess(plant, scaling, around, command)
     fixed = scaling.pack(base)
     free = _unknowns(base, fixed.shape[0], closed)
-    sizes = _imbalance_sizes(plant, scaling, around)
 
     def state_of(unknown: Float[Array, " unknowns"]) -> State:
         return scaling.unpack(fixed.at[free].set(unknown))
 
     def imbalance(unknown: Float[Array, " unknowns"]) -> Float[Array, " unknowns"]:
         state = state_of(unknown)
-        rates, _, target = rates_at(plant, state, around, command)
-        drive = rates.velocity / sizes.velocity
-        rows = [drive] if closed else [drive, (target - state.spool) / plant.valve.stroke]
-        if rates.wall is not None:
-            rows.append(rates.wall / sizes.wall)
-        if rates.temperature is not None:
-            rows.append(rates.temperature / sizes.temperature)
-        return jnp.concatenate([jnp.atleast_1d(r) for r in (*rows, rates.pressure / sizes.pressure)])
+        now = instant(plant, state, around, command)
+        force = plant.actuator.piston_area * (around.supply_pressure - around.return_pressure)
+        rows = [thrust(plant, around, state) / force]
+        if not closed:
+            rows.append((now.target - state.spool) / plant.valve.stroke)
+        if state.wall is not None:
+            assert state.temperature is not None
+            rows.append(plant.walls.rate(state.temperature, state.wall) * plant.walls.settling / KELVINS)
+        if now.sources.heating is not None:
+            # Not the rate, but how far the temperature is from where its inflow takes it: nearly linear in everything.
+            assert now.sources.renewal is not None
+            rows.append(now.sources.heating / (now.sources.renewal + 1e-12) / KELVINS)
+        # A tenth of the flow at full opening.
+        turnover = 0.1 * scaling.size.velocity * plant.actuator.piston_area / plant.actuator.chamber_volume
+        return jnp.concatenate([jnp.atleast_1d(row) for row in (*rows, now.sources.squeeze / turnover)])
 
     unknown, left = _root(imbalance, fixed[free])
     found = left < BALANCED
@@ -119,22 +126,6 @@ def _unknowns(base: State, count: int, closed: bool) -> np.ndarray:
     """Which entries of the vector are unknown: spool (and speed in open loop), walls, temperatures, pressures."""
     after_play = 4 + (base.play is not None)
     return np.array([*([1] if closed else [2, 1]), *range(after_play, count)])
-
-
-def _imbalance_sizes(plant: Plant, scaling: Scaling, around: Surroundings) -> State:
-    """Rates of order 1: full pressure on the piston, a tenth of the rated flow into a chamber, 10 K of it."""
-    j, size = plant.actuator, scaling.size
-    beta = bulk_modulus(plant.oil, around.supply_pressure, around.temperature)
-    turnover = 0.1 * size.velocity * j.piston_area / j.chamber_volume
-    force = j.piston_area * (around.supply_pressure - around.return_pressure)
-    sizes = eqx.tree_at(
-        lambda s: (s.velocity, s.pressure), size, (force / j.moving_mass, jnp.broadcast_to(beta * turnover, (2,)))
-    )
-    if size.temperature is not None:
-        sizes = eqx.tree_at(lambda s: s.temperature, sizes, size.temperature * turnover)
-    if size.wall is not None:
-        sizes = eqx.tree_at(lambda s: s.wall, sizes, size.wall * turnover)
-    return jax.lax.stop_gradient(sizes)
 
 
 def _root(fn, start: Float[Array, " unknowns"]) -> tuple[Float[Array, " unknowns"], Float[Array, ""]]:

@@ -30,12 +30,13 @@ class Flows(eqx.Module):
 
     through: of the edges, from the supply and to the return. net: into the chambers, flow past the piston and the spool
     included. warming: sum over the inflows of mass times how much warmer they arrive [kg K/s], None where no heat is
-    computed. force: F of MODEL section 7 [N], None where nothing feels it.
+    computed. inflow: mass that enters, all inflows. force: F of MODEL section 7 [N], None where nothing feels it.
     """
 
     through: Float[Array, "2 2"]
     net: Float[Array, "2"]
     warming: Float[Array, "2"] | None
+    inflow: Float[Array, "2"]
     force: Float[Array, ""] | None
 
 
@@ -118,19 +119,19 @@ def flows_at(plant: Plant, supplied: Supplied, around: Surroundings, state: Stat
     across = sent * conductance * fall
 
     warming = None
+    inflow = jnp.maximum(jnp.stack([through[0], -through[1], across]), 0.0)
     if state.temperature is not None:
         t = state.temperature
         outside = jnp.broadcast_to(around.temperature, (2,))
         origin = jnp.stack([outside, outside, t[::-1]])
         drop = jnp.stack([drops.drop[0], -drops.drop[1], fall])
         middle = jnp.stack([*drops.mean, jnp.broadcast_to(mean, (2,))])
-        inflow = jnp.maximum(jnp.stack([through[0], -through[1], across]), 0.0)
         warming = jnp.sum(inflow * (origin + throttling_rise(oil, drop, middle, origin) - t), axis=0)
 
     force = None
     if plant.motion.flow_force is not None:
         force = JET_ANGLE * jnp.sum(OPENS_WITH_X * _jets(at, upstream, drops, through))
-    return Flows(through, through[0] - through[1] + across, warming, force)
+    return Flows(through, through[0] - through[1] + across, warming, jnp.sum(inflow, axis=0), force)
 
 
 def _jets(at: OpenEdge, oil: OilAtTemperature, drops: _Drops, through: Float[Array, "2 2"]) -> Float[Array, "2 2"]:

@@ -57,7 +57,7 @@ class Plant(eqx.Module):
     inputs: StepInputs
     supplied: Supplied | None
     keeps_heat: bool = eqx.field(static=True)
-    polarity: int = eqx.field(static=True)
+    polarity: Float[Array, ""]
 
     @property
     def kind(self) -> Kind:
@@ -114,7 +114,9 @@ def _as_pair(supply: Float[Array, "..."], return_: Float[Array, "..."]) -> Float
     return jnp.stack([jnp.reshape(supply, (1,)), jnp.reshape(return_, (1,))])
 
 
-def plant_of(valve: Valve, actuator: Actuator, inputs: StepInputs, *, heat: Heat, walls: Walls, polarity: int) -> Plant:
+def plant_of(
+    valve: Valve, actuator: Actuator, inputs: StepInputs, *, heat: Heat, walls: Walls, polarity: int | Array
+) -> Plant:
     """The plant of one run; instruments' errors undone, the delay taken up by the command's knots."""
     oil, motion = true_oil(valve), motion_of(actuator, valve.effects)
     shift = (
@@ -137,5 +139,5 @@ def plant_of(valve: Valve, actuator: Actuator, inputs: StepInputs, *, heat: Heat
         inputs=inputs,
         supplied=supplied_at(valve, oil, first) if steady else None,
         keeps_heat=heat == "adiabatic",
-        polarity=polarity,
+        polarity=jnp.asarray(polarity, dtype=jnp.result_type(float)),
     )

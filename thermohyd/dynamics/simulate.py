@@ -48,8 +48,8 @@ def _simulate(
     walls: Walls,
     rtol: Array,
     atol: Array,
+    polarity: Array,
     heat: Heat,
-    polarity: int,
     gradient: Gradient,
     max_steps: int,
 ) -> StepReadings:
@@ -117,7 +117,8 @@ def simulate_step(
         raise ValueError(f"polarity must be 1 or -1, not {polarity!r}")
     if heat == "isothermal" and walls is not None:
         raise ValueError('walls exchange heat with adiabatic chambers only: leave them out, or set heat = "adiabatic"')
-    tolerances = (jnp.asarray(value, dtype=jnp.result_type(float)) for value in (rtol, atol))
+    # Arrays, not numbers: those would be compiled in.
+    numbers = (jnp.asarray(value, dtype=jnp.result_type(float)) for value in (rtol, atol, polarity))
     readings = cast(
         StepReadings,
         _simulate(
@@ -125,9 +126,8 @@ def simulate_step(
             actuator,
             inputs,
             Walls() if walls is None else walls,
-            *tolerances,
+            *numbers,
             heat,
-            polarity,
             gradient,
             max_steps,
         ),

@@ -63,9 +63,8 @@ def _response(
     output: Output,
     absolute: bool,
     heat: Heat,
-    polarity: int,
+    polarity: int | Array,
 ) -> FrequencyResponse:
-    delay = plant_of(valve, actuator, inputs, heat=heat, walls=walls, polarity=polarity).motion.spool_delay
     plant = plant_of(valve, actuator, inputs, heat=heat, walls=walls, polarity=polarity)
     time = inputs.time[0]
     around = plant.surroundings(time)
@@ -73,7 +72,7 @@ def _response(
     start, found = equilibrium(plant, scaling, time)
 
     def field(vector: Array, command: Array) -> Array:
-        return scaling.pack_rates(rates_at(plant, scaling.unpack(vector), around, command)[0])
+        return scaling.pack_rates(rates_at(plant, scaling.unpack(vector), around, command))
 
     vector, command = scaling.pack(start), inputs.command.start[0]
     matrix, drive = jax.jacfwd(field, argnums=(0, 1))(vector, command)
@@ -94,8 +93,8 @@ def _response(
     climbed = jnp.unwrap(jnp.angle(jax.lax.stop_gradient(linear.gain(ladder))))
     near = jnp.interp(jax.lax.stop_gradient(jnp.log(wanted)), jnp.log(ladder), climbed)
     phase = own + 2.0 * jnp.pi * jax.lax.stop_gradient(jnp.round((near - own) / (2.0 * jnp.pi)))
-    if delay is not None:
-        phase = phase - wanted * delay
+    if plant.motion.spool_delay is not None:
+        phase = phase - wanted * plant.motion.spool_delay
     return FrequencyResponse(amplitude, jnp.rad2deg(phase), found)
 
 

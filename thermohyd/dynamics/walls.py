@@ -43,3 +43,10 @@ class Walls(eqx.Module):
         if self.ambient_conductance is not None and self.ambient_temperature is not None:
             heat = heat + self.ambient_conductance * (self.ambient_temperature - wall)
         return heat / self.capacity
+
+    @property
+    def settling(self) -> Float[Array, ""]:
+        """C_w/(h_w A_w + G_amb) [s]: the wall's own time constant."""
+        assert self.capacity is not None
+        parts = [g for g in (self.conductance, self.ambient_conductance) if g is not None]
+        return self.capacity / sum(parts, start=jnp.zeros(()))
