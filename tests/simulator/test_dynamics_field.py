@@ -1,0 +1,133 @@
+"""The vector field against the reference's right-hand side, state by state: every effect that acts, alone and together."""
+
+from dataclasses import asdict, replace
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from helpers.machines import DYNAMIC, inputs_of, plant
+from reference.actuator import STATES, Dynamic, Machine
+from reference.conformance_dynamic import machine_of
+from reference.valve import Effects
+
+from thermohyd.dynamics.plant import Plant
+from thermohyd.dynamics.state import State
+from thermohyd.dynamics.vector_field import vector_field
+from thermohyd.effects.registry import DYNAMIC_EFFECTS, EFFECTS, with_effects
+
+
+# What acts in motion; the others belong to a flowmeter, a gauge or a sweep, or to the static heat models.
+STATIC = {
+    "supply_edge_wear": 5e-6, "return_edge_wear": 3e-6, "unequal_underlap": 2e-6, "eccentricity": 0.6, "land_leakage": 8.0,
+    "thermal_clearance": 5e-9, "pressure_clearance": 3e-14, "flow_saturation": 6e13, "supply_droop": 5e9,
+    "return_back_pressure": 4e13, "pressure_viscosity": 1.5e-8, "viscosity_shift": 0.2, "temperature_offset": 4.0,
+    "cross_port_leakage": 5e-13,
+}  # fmt: skip
+MOVING = {
+    "coulomb_friction": 200.0, "stribeck_friction": 300.0, "backlash": 4e-6, "entrained_air": 0.02, "jack_leakage": 2e-12,
+    "flow_force": 4e-7, "wall_heat": 30.0,
+}  # fmt: skip
+NO_PART = set(EFFECTS) - set(STATIC) - {"position_scale"}
+PRESENT = (*STATIC, *MOVING)
+TIMES = 6
+
+
+def machine(adiabatic: bool, static: dict[str, float], moving: dict[str, float]) -> Machine:
+    base = machine_of("closed_adiabatic")
+    return replace(base, adiabatic=adiabatic, static=Effects(**static), dynamic=Dynamic(**moving))
+
+
+def random_states(seed: int) -> list[np.ndarray]:
+    """States in the order of the reference, some with flows that run backwards and a piston in its end stop."""
+    rng = np.random.default_rng(seed)
+    low = np.array([-2e-4, -0.1, -0.5e5, -0.5e5, 300.0, 300.0, -24e-3, -0.1, -2e-4])
+    high = np.array([2e-4, 0.1, 230e5, 230e5, 330.0, 330.0, 24e-3, 0.1, 2e-4])
+    found = [rng.uniform(low, high) for _ in range(TIMES)]
+    found[1][6] = 25.01e-3
+    found[2][6], found[2][7] = -25.01e-3, -0.05
+    return found
+
+
+def as_state(vector: np.ndarray, adiabatic: bool) -> State:
+    x, vx, pa, pb, ta, tb, z, v, y = (jnp.asarray(value) for value in vector)
+    warm = jnp.stack([ta, tb]) if adiabatic else None
+    return State(x, vx, jnp.stack([pa, pb]), warm, z, v, play=y)
+
+
+def as_vector(rates: State) -> np.ndarray:
+    warm = np.zeros(2) if rates.temperature is None else np.asarray(rates.temperature)
+    assert rates.play is not None
+    parts = (
+        rates.spool,
+        rates.spool_speed,
+        *np.asarray(rates.pressure),
+        *warm,
+        rates.position,
+        rates.velocity,
+        rates.play,
+    )
+    return np.array([float(part) for part in parts])
+
+
+@eqx.filter_jit
+def field(of: Plant, time: jax.Array, state: State) -> State:
+    return vector_field(of, time, state)
+
+
+def largest_difference(of: Machine, adiabatic: bool) -> float:
+    built = plant(of, PRESENT)
+    worst = 0.0
+    for i, vector in enumerate(random_states(3)):
+        time = 0.019 + 0.0003 * i
+        found = as_vector(field(built, jnp.asarray(time), as_state(vector, adiabatic)))
+        expected = of.rates(time, vector)
+        scale = np.maximum(np.abs(expected), 1e-6 * np.array([1.0, 1e3, 1e9, 1e9, 1e2, 1e2, 1.0, 1e2, 1.0]))
+        worst = max(worst, float(np.max(np.abs(found - expected) / scale)))
+    return worst
+
+
+ALONE = [*((name, {name: amount}, {}) for name, amount in STATIC.items()),
+         *((name, {}, {name: amount}) for name, amount in MOVING.items())]  # fmt: skip
+
+
+@pytest.mark.parametrize("adiabatic", [True, False])
+def test_every_effect_alone_and_together(adiabatic):
+    cases = [("none", {}, {}), *ALONE, ("all", STATIC, MOVING)]
+    found = {name: largest_difference(machine(adiabatic, s, m), adiabatic) for name, s, m in cases}
+    print(f"{max(found, key=lambda name: found[name])}: {max(found.values()):.1e} of the rate")
+    assert max(found.values()) < 1e-11
+
+
+@pytest.mark.parametrize("adiabatic", [True, False])
+def test_neutral_changes_nothing(adiabatic):
+    bare = machine(adiabatic, {}, {})
+    vector = random_states(5)[0]
+    # Without backlash there is no play to carry.
+    state = eqx.tree_at(lambda s: s.play, as_state(vector, adiabatic), None)
+    time = jnp.asarray(0.0195)
+    plain = field(plant(bare), time, state)
+    neutral = field(plant(bare, PRESENT), time, as_state(vector, adiabatic))
+    for name in ("spool", "spool_speed", "pressure", "temperature", "position", "velocity"):
+        if getattr(plain, name) is not None:
+            np.testing.assert_allclose(getattr(neutral, name), getattr(plain, name), rtol=1e-11, atol=1e-12)
+
+
+def test_others_take_no_part():
+    bare = machine(True, {}, {})
+    valve = plant(bare).valve
+    state = eqx.tree_at(lambda s: s.play, as_state(random_states(6)[0], True), None)
+    loaded = with_effects(valve, {name: EFFECTS[name].scale for name in NO_PART})
+    both = [
+        field(eqx.tree_at(lambda p: p.valve.effects, plant(bare), v.effects), jnp.asarray(0.0), state)
+        for v in (valve, loaded)
+    ]
+    assert all(np.array_equal(one, other) for one, other in zip(*map(jax.tree.leaves, both), strict=True))
+
+
+def test_the_library_is_the_reference_s():
+    assert set(DYNAMIC_EFFECTS) == set(DYNAMIC) == set(asdict(Dynamic()))
+    assert len(STATES) == 9
+    # Rows of a CSV rounded to 12 digits have no bends of their own: four where the setpoint ramps begin and end.
+    assert np.count_nonzero(np.abs(np.asarray(inputs_of(machine(True, {}, {})).command.bends)) > 1e-9) == 4
