@@ -6,7 +6,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from ..actuator import Actuator
 from ..precision import require_float64
@@ -14,8 +14,8 @@ from ..valve import Valve
 from .equilibrium import equilibrium, scaling_of
 from .inputs import StepInputs
 from .integrate import FAILURES, NO_EQUILIBRIUM
-from .plant import Heat, plant_of, transducer_gain
-from .state import State
+from .plant import Heat, Plant, plant_of, transducer_gain
+from .state import POSITION, State
 from .vector_field import rates_at
 from .walls import Walls
 
@@ -35,11 +35,11 @@ class FrequencyResponse(eqx.Module):
 
     amplitude_ratio: Float[Array, " frequencies"]
     phase: Float[Array, " frequencies"]
-    found: Array
+    found: Bool[Array, ""]
 
 
-class _Linear(eqx.Module):
-    """x' = A x + b u, y = c x, in the scaled state."""
+class Linearised(eqx.Module):
+    """x' = A x + b u, y = c x about an equilibrium, in the scaled state; u the command, without its delay."""
 
     matrix: Float[Array, "states states"]
     drive: Float[Array, " states"]
@@ -47,26 +47,16 @@ class _Linear(eqx.Module):
 
     def gain(self, pulsation: Float[Array, " frequencies"]) -> Array:
         """y/u at s = i omega, complex."""
+        matrix, drive, read = (part.astype(complex) for part in (self.matrix, self.drive, self.read))
         s = 1j * pulsation.astype(complex)
-        resolvent = s[:, None, None] * jnp.eye(self.matrix.shape[0]) - self.matrix.astype(complex)
-        drive = jnp.broadcast_to(self.drive.astype(complex), (pulsation.shape[0], *self.drive.shape))
-        return jnp.sum(jnp.linalg.solve(resolvent, drive[..., None])[..., 0] * self.read, axis=-1)
+        resolvent = s[:, None, None] * jnp.eye(matrix.shape[0], dtype=complex) - matrix
+        moved = jnp.linalg.solve(resolvent, jnp.broadcast_to(drive[:, None], (*pulsation.shape, *drive.shape, 1)))
+        return jnp.sum(moved[..., 0] * read, axis=-1)
 
 
-@eqx.filter_jit
-def _response(
-    valve: Valve,
-    actuator: Actuator,
-    inputs: StepInputs,
-    walls: Walls,
-    frequency: Array,
-    output: Output,
-    absolute: bool,
-    heat: Heat,
-    polarity: int | Array,
-) -> FrequencyResponse:
-    plant = plant_of(valve, actuator, inputs, heat=heat, walls=walls, polarity=polarity)
-    time = inputs.time[0]
+def linearise(plant: Plant, output: Output) -> tuple[Linearised, Bool[Array, ""]]:
+    """(the vector field linearised about the equilibrium of the first row, whether there is one)."""
+    time = plant.inputs.time[0]
     around = plant.surroundings(time)
     scaling = scaling_of(plant, around)
     start, found = equilibrium(plant, scaling, time)
@@ -74,15 +64,19 @@ def _response(
     def field(vector: Array, command: Array) -> Array:
         return scaling.pack_rates(rates_at(plant, scaling.unpack(vector), around, command))
 
-    vector, command = scaling.pack(start), inputs.command.start[0]
+    vector, command = scaling.pack(start), plant.inputs.command.start[0]
     matrix, drive = jax.jacfwd(field, argnums=(0, 1))(vector, command)
+    read = jax.jacfwd(lambda v: _reading(scaling.unpack(v), output, plant.valve))(vector)
     keep = np.arange(vector.shape[0])
-    if inputs.kind != "setpoint" and output != "piston_position":
+    if plant.kind != "setpoint" and output != "piston_position":
         # In open loop the position only integrates, and nothing else depends on it: without it there is a lowest frequency.
-        keep = np.delete(keep, 3)
-    read = jax.jacfwd(lambda v: _reading(scaling.unpack(v), output, valve))(vector)
-    linear = _Linear(matrix[np.ix_(keep, keep)], drive[keep], read[keep])
+        keep = np.delete(keep, POSITION)
+    return Linearised(matrix[np.ix_(keep, keep)], drive[keep], read[keep]), found
 
+
+@eqx.filter_jit
+def _response(plant: Plant, frequency: Array, output: Output, absolute: bool) -> FrequencyResponse:
+    linear, found = linearise(plant, output)
     wanted = 2.0 * jnp.pi * frequency
     gain = linear.gain(wanted)
     amplitude = jnp.abs(gain)
@@ -134,12 +128,11 @@ def frequency_response(
     if output == "piston_position" and inputs.kind != "setpoint" and not absolute:
         raise ValueError("a piston position in open loop has no low-frequency asymptote: ask for the absolute ratio")
     built = Walls() if walls is None else walls
-    if plant_of(valve, actuator, inputs, heat=heat, walls=built, polarity=polarity).motion.backlash is not None:
+    plant = plant_of(valve, actuator, inputs, heat=heat, walls=built, polarity=polarity)
+    if plant.motion.backlash is not None:
         raise ValueError("backlash has no small-signal response: take it out, or use a step test")
     frequency = jnp.asarray(frequency, dtype=jnp.result_type(float))
-    found = cast(
-        FrequencyResponse, _response(valve, actuator, inputs, built, frequency, output, absolute, heat, polarity)
-    )
-    if throw and not isinstance(found.found, jax.core.Tracer) and not jnp.all(found.found):
+    response = cast(FrequencyResponse, _response(plant, frequency, output, absolute))
+    if throw and not isinstance(response.found, jax.core.Tracer) and not jnp.all(response.found):
         raise RuntimeError(FAILURES[NO_EQUILIBRIUM])
-    return found
+    return response

@@ -5,6 +5,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 
+POSITION = 3  # of the piston, in the vector
+
+
 class State(eqx.Module):
     """Spool x [m] and its speed [m/s]; p_A, p_B [Pa, gauge]; T_A, T_B [K]; piston z [m] and v [m/s].
 
