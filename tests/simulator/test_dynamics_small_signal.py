@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from helpers.quick_compile import quick_compile
 from helpers.valves import seed_valve, temperature_at
 
 from thermohyd.actuator import Actuator
@@ -18,6 +19,12 @@ from thermohyd.dynamics.plant import plant_of
 from thermohyd.dynamics.small_signal import frequency_response, linearise
 from thermohyd.dynamics.walls import Walls
 from thermohyd.effects.registry import with_effects
+
+
+@pytest.fixture(autouse=True, scope="module")
+def quickly():
+    with quick_compile():
+        yield
 
 
 TS = temperature_at(30.0)
@@ -104,13 +111,14 @@ def test_load_factor_at_rest():
 def test_relative_amplitude_delay_and_outputs():
     low = jnp.array([1e-3, 1.0, 50.0])
     loop = inputs("setpoint")
-    found = frequency_response(seed_valve(), JACK, loop, low, output="piston_position")
+    found = frequency_response(seed_valve(), JACK, loop, low, output="piston_position", heat="isothermal")
     assert float(found.amplitude_ratio[0]) == pytest.approx(1.0, abs=1e-4)
-    late = frequency_response(
-        with_effects(seed_valve(), {"spool_delay": 2e-3}), JACK, loop, low, output="piston_position"
-    )
+    delayed = with_effects(seed_valve(), {"spool_delay": 2e-3})
+    late = frequency_response(delayed, JACK, loop, low, output="piston_position", heat="isothermal")
     np.testing.assert_allclose(late.phase - found.phase, -360.0 * np.asarray(low) * 2e-3, atol=1e-9)
-    spool = frequency_response(seed_valve(), JACK, inputs(), jnp.array([100.0]), output="spool_position", absolute=True)
+    spool = frequency_response(
+        seed_valve(), JACK, inputs(), jnp.array([100.0]), output="spool_position", absolute=True, heat="isothermal"
+    )
     assert float(spool.amplitude_ratio[0]) == pytest.approx(1.0 / 1.4, rel=1e-9)
     assert float(spool.phase[0]) == pytest.approx(-90.0, abs=1e-7)
 
