@@ -23,15 +23,12 @@ SCALE = np.array([10e-6, 3e-6, 10e-6, 0.7, 100.0, 5e-6])
 
 @functools.cache
 def compiled(test: str, warm: bool):
-    """One compiled function that gives reading, forward and reverse Jacobian in the scaled parameters."""
+    """A test's readings, and their forward and reverse Jacobian in the scaled parameters: two compiled functions."""
 
     def reading(z, eta, conditions, unit):
         return TESTS[test](valve_of(z * SCALE, eta if warm else None), conditions) / unit
 
-    def all_three(*args):
-        return reading(*args), jax.jacfwd(reading)(*args), jax.jacrev(reading)(*args)
-
-    return jax.jit(all_three)
+    return jax.jit(reading), jax.jit(lambda *args: (jax.jacfwd(reading)(*args), jax.jacrev(reading)(*args)))
 
 
 def agree(test, eta, values, conditions, step=1e-4, rtol=1e-6):
@@ -39,13 +36,14 @@ def agree(test, eta, values, conditions, step=1e-4, rtol=1e-6):
 
     The step of 1e-4 with fourth-order differences leaves about 1e-12 of rounding and 1e-14 of truncation.
     """
-    fn, heat, z = compiled(test, eta is not None), jnp.asarray(eta or 0.0), jnp.asarray(values / SCALE)
-    unit = jnp.max(jnp.abs(fn(z, heat, conditions, jnp.asarray(1.0))[0]))
-    _, forward, reverse = (np.asarray(a) for a in fn(z, heat, conditions, unit))
+    reading, jacobians = compiled(test, eta is not None)
+    heat, z = jnp.asarray(eta or 0.0), jnp.asarray(values / SCALE)
+    unit = jnp.max(jnp.abs(reading(z, heat, conditions, jnp.asarray(1.0))))
+    forward, reverse = (np.asarray(a) for a in jacobians(z, heat, conditions, unit))
     columns = []
     for e in np.eye(z.size):
         low, high = (
-            (fn(z + s * e, heat, conditions, unit)[0] - fn(z - s * e, heat, conditions, unit)[0]) / (2 * s)
+            (reading(z + s * e, heat, conditions, unit) - reading(z - s * e, heat, conditions, unit)) / (2 * s)
             for s in (step, 2 * step)
         )
         columns.append(np.asarray((4 * low - high) / 3))

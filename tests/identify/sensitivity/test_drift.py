@@ -25,7 +25,7 @@ COLD = seed_model()
 WARM = replace(
     COLD,
     parameters={**COLD.parameters, "heat_retention": 0.7},
-    effects={"thermal_clearance": 5e-9, "bushing_leakage": 1e-13, "cross_port_leakage": 1e-14},
+    effects={"thermal_clearance": 5e-9, "bushing_leakage": 1e-13},
 )
 
 

@@ -17,10 +17,10 @@ from thermohyd.identify.sensitivity.varied import LAWS, by_name, valve_of_model,
 
 POSITION = np.array([-150e-6, -40e-6, -6e-6, 0.0, 3e-6, 25e-6, 100e-6, 213e-6])
 IDEAL = seed_model()
-# One effect that couples the ports, one stated at 40 degC, one in the clearance; and some heat kept.
+# One effect beside the ports, one in the clearance; and some heat kept.
 WITH_EFFECTS = replace(
     IDEAL,
-    effects={"thermal_clearance": 4e-9, "bushing_leakage": 1e-13, "cross_port_leakage": 1e-14},
+    effects={"thermal_clearance": 4e-9, "bushing_leakage": 1e-13},
     parameters={**IDEAL.parameters, "heat_retention": 0.4, "null_bias": 1.5e-6},
 )
 # Steps of the differences, about 1e-5 of each factor; the size that a step of `LAWS` has is that of the temperature.
