@@ -39,7 +39,7 @@ def has_bench_unit(si_unit: str) -> bool:
 
 
 def amount(name: str, value: float, si_unit: str, std: float | None = None) -> str:
-    """An effect's amount as a report writes it, "0.0451 +/- 0.0006 l/min/sqrt(bar)"; without std four digits."""
+    """An effect's amount as a report writes it, "0.04510 +/- 0.00061 l/min/sqrt(bar)"; without std four digits."""
     unit = effect_unit(name, si_unit)
     shown = None if std is None else std * unit.factor
     words = beside(value * unit.factor, shown)
