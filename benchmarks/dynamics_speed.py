@@ -24,6 +24,7 @@ from reference.actuator import Machine, Run  # noqa: E402
 from reference.conformance_dynamic import machine_of  # noqa: E402
 from reference.step_test import readings  # noqa: E402
 
+from thermohyd.dynamics.integrate import Gradient  # noqa: E402
 from thermohyd.dynamics.simulate import simulate_step  # noqa: E402
 
 
@@ -72,7 +73,7 @@ def main() -> None:
     inputs = inputs_of(given)
     ones = jnp.ones(10)
 
-    def table(theta, rtol, gradient="forward"):
+    def table(theta, rtol, gradient: Gradient = "forward"):
         valve, jack = of(theta, given)
         r = simulate_step(valve, jack, inputs, rtol=rtol, atol=rtol, gradient=gradient, throw=False)
         return jnp.stack([r.spool_position, r.pressure_a, r.pressure_b, r.piston_position, r.piston_velocity], axis=1)

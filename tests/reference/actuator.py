@@ -1,6 +1,7 @@
 """The actuator in time in plain NumPy: MODEL section 7 written out once more, one right-hand side for SciPy's solvers."""
 
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 from scipy.optimize import root
@@ -56,7 +57,7 @@ class Dynamic:
 class Run:
     """Columns over time (rows,), SI; command by kind: "setpoint", "current" or "spool_position"."""
 
-    kind: str
+    kind: Literal["setpoint", "current", "spool_position"]
     time: np.ndarray
     command: np.ndarray
     supply_pressure: np.ndarray
@@ -93,7 +94,7 @@ class Machine:
             float(np.interp(t, r.time, c))
             for c in (r.supply_pressure, r.return_pressure, r.temperature, r.external_force)
         )
-        return ps, pt, ts + self.static.temperature_offset, fe
+        return ps, pt, ts + float(self.static.temperature_offset), fe
 
     def command(self, t: float) -> float:
         return float(np.interp(t - self.dynamic.spool_delay, self.run.time, self.run.command))

@@ -27,7 +27,7 @@ def machine_of(name: str) -> Machine:
         a["S"], a["Vt"], a["stroke"], a["m"], a["viscous_friction"], a["spool_frequency"], a["spool_damping"],
         a["bulk_modulus_factor"], a["KAKp"] / 100.0, 100.0, a["Irated"], a["Xn"], a["polarity"],
     )  # fmt: skip
-    kind = {"closed": "setpoint", "current": "current"}[record["mode"]]
+    kind = "setpoint" if record["mode"] == "closed" else "current"
     valve = Valve(slot_width=a["width"], **t["parameters"])
     return Machine(
         valve,

@@ -15,7 +15,7 @@ from reference.valve import Effects
 from thermohyd.dynamics.plant import Plant
 from thermohyd.dynamics.state import State
 from thermohyd.dynamics.vector_field import vector_field
-from thermohyd.effects.registry import DYNAMIC_EFFECTS, EFFECTS, with_effects
+from thermohyd.effects.registry import DYNAMIC_EFFECTS, EFFECTS, effect, with_effects
 
 
 # What acts in motion; the others belong to a flowmeter, a gauge or a sweep, or to the static heat models.
@@ -131,3 +131,16 @@ def test_the_library_is_the_reference_s():
     assert len(STATES) == 9
     # Rows of a CSV rounded to 12 digits have no bends of their own: four where the setpoint ramps begin and end.
     assert np.count_nonzero(np.abs(np.asarray(inputs_of(machine(True, {}, {})).command.bends)) > 1e-9) == 4
+
+
+@pytest.mark.parametrize("name", DYNAMIC_EFFECTS)
+def test_registry_line(name):
+    info = DYNAMIC_EFFECTS[name]
+    assert info.dynamic
+    assert info.stages == ("motion",)
+    assert info.lower == 0.0 < info.typical[0] <= info.scale <= info.typical[1] <= info.upper
+    assert set(info.shows) <= {"step", "frequency"}
+    assert info.sentence[0].islower()
+    assert all(word in str(info.effect.__doc__) for word in ("Source:", "Amount", "Shows"))
+    assert float(effect(name).amount) == 0.0
+    assert not any(known.dynamic for known in EFFECTS.values())

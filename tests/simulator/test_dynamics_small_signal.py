@@ -14,7 +14,7 @@ from helpers.valves import seed_valve, temperature_at
 from thermohyd.actuator import Actuator
 from thermohyd.actuator_performance import performance
 from thermohyd.dynamics.equilibrium import equilibrium, scaling_of
-from thermohyd.dynamics.inputs import step_inputs
+from thermohyd.dynamics.inputs import Kind, step_inputs
 from thermohyd.dynamics.plant import plant_of
 from thermohyd.dynamics.small_signal import frequency_response, linearise
 from thermohyd.dynamics.walls import Walls
@@ -33,7 +33,7 @@ JACK = Actuator(jack_leakage=3e-13)
 FREQUENCIES = jnp.geomspace(0.5, 2000.0, 60)
 
 
-def inputs(kind="spool_position", command=0.0):
+def inputs(kind: Kind = "spool_position", command: float = 0.0):
     return step_inputs(
         np.array([0.0, 1.0]), command, kind, supply_pressure=SUPPLY, return_pressure=BACK, temperature=TS
     )
@@ -134,7 +134,6 @@ def test_derivative_of_the_response():
     at = jnp.asarray(2000.0)
     difference = (ratio(at + 1.0) - ratio(at - 1.0)) / 2.0
     assert float(jax.jvp(ratio, (at,), (jnp.ones(()),))[1]) == pytest.approx(float(difference), rel=1e-5)
-    assert float(jax.grad(ratio)(at)) == pytest.approx(float(difference), rel=1e-5)
 
 
 def test_what_has_no_response_is_refused():

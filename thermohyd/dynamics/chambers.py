@@ -66,6 +66,7 @@ def chamber_sources(plant: Plant, around: Surroundings, state: State, flows: Flo
     heating, renewal = flows.warming / mass, flows.inflow / mass
     passed = plant.walls.into_oil(t, state.wall, around.temperature)
     if passed is not None:
+        assert plant.walls.conductance is not None
         capacity = mass * specific_heat(oil, t)
         heating, renewal = heating + passed / capacity, renewal + plant.walls.conductance / capacity
     return Sources(squeeze, heating, renewal, rho, t)

@@ -6,6 +6,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Bool, Float
 
 from ..actuator import Actuator
@@ -71,7 +72,7 @@ def linearise(plant: Plant, output: Output) -> tuple[Linearised, Bool[Array, ""]
     if plant.kind != "setpoint" and output != "piston_position":
         # In open loop the position only integrates, and nothing else depends on it: without it there is a lowest frequency.
         keep = np.delete(keep, POSITION)
-    return Linearised(matrix[np.ix_(keep, keep)], drive[keep], read[keep]), found
+    return Linearised(matrix[keep][:, keep], drive[keep], read[keep]), found
 
 
 @eqx.filter_jit
@@ -133,6 +134,6 @@ def frequency_response(
         raise ValueError("backlash has no small-signal response: take it out, or use a step test")
     frequency = jnp.asarray(frequency, dtype=jnp.result_type(float))
     response = cast(FrequencyResponse, _response(plant, frequency, output, absolute))
-    if throw and not isinstance(response.found, jax.core.Tracer) and not jnp.all(response.found):
+    if throw and not isinstance(response.found, Tracer) and not jnp.all(response.found):
         raise RuntimeError(FAILURES[NO_EQUILIBRIUM])
     return response
