@@ -23,7 +23,8 @@ DYNAMIC = tuple(field.name for field in fields(Dynamic))
 def valve_of(machine: Machine, effects: tuple[str, ...] = ()) -> Valve:
     """The valve, with the named effects at the machine's amounts (those of 0 included, to share compiled programs)."""
     v, o = machine.valve, machine.oil
-    oil = Oil(*(jnp.asarray(value) for value in (o.walther_a, o.walther_b, o.density)))
+    a, b, rho = (float(value) for value in (o.walther_a, o.walther_b, o.density))
+    oil = Oil(viscosity_a=a, viscosity_b=b, density_15degC=rho)
     bare = Valve(oil=oil, stroke=machine.jack.stroke, **asdict(v))
     given = asdict(machine.static) | asdict(machine.dynamic)
     used = {name for name, amount in given.items() if amount} | set(effects)

@@ -136,7 +136,8 @@ class Rodas5P(diffrax.AbstractAdaptiveSolver):
             k = jnp.sum(solve * right, axis=1)
             return jax.lax.dynamic_update_slice(ks, k[None], (i.astype(int), 0)), at
 
-        ks, ats = jax.lax.scan(stage, jnp.zeros((8, n)), tuple(jnp.asarray(part) for part in TABLEAU))
+        a, c, d, nodes = (jnp.asarray(part) for part in TABLEAU)
+        ks, ats = jax.lax.scan(stage, jnp.zeros((8, n)), (a, c, d, nodes))
         y1 = ats[-1] + ks[-1]
         bends = jnp.tensordot(DENSE, ks, 1)
         return y1, ks[-1], {"y0": y0, "y1": y1, "bends": bends}, None, diffrax.RESULTS.successful
