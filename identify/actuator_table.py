@@ -1,7 +1,6 @@
-"""The `[actuator]` table and the tables of the dynamic tests: checked, though only static tests are fitted yet."""
+"""The `[actuator]` table: the jack, its load and its loop, with the defaults that BENCH_FORMAT states."""
 
-from .noise_table import read_noise
-from .record import ValveData
+from .record import ActuatorData, ValveData
 from .toml_source import TomlTable
 from .units import parse_quantity
 
@@ -21,11 +20,10 @@ ACTUATOR = {
 }
 CONTROLLER = {"amplifier_gain": "amplifier gain", "sensor_gain": "sensor gain"}
 HEAT = ("adiabatic", "isothermal")
-OUTPUTS = ("spool_position", "piston_velocity", "piston_position")
 
 
-def check_actuator(table: TomlTable, valve: ValveData) -> None:
-    """Raise BenchInputError where the table says something that an actuator cannot be."""
+def read_actuator(table: TomlTable, valve: ValveData) -> ActuatorData:
+    """The table in SI. Raises BenchInputError where it says something that an actuator cannot be."""
     table.refuse_unknown((*ACTUATOR, "controller", "heat"))
     value = {}
     for key, (kind, sign, default) in ACTUATOR.items():
@@ -39,25 +37,22 @@ def check_actuator(table: TomlTable, valve: ValveData) -> None:
             f"piston_stroke / 2 = {swept * 1e6:.6g} cm^3, which the piston sweeps from mid stroke",
             key,
         )
-    _check_word(table, "heat", HEAT)
+    check_word(table, "heat", HEAT)
+    gains: dict[str, float] = {}
     controller = table.table("controller")
     if controller is not None:
         controller.refuse_unknown(tuple(CONTROLLER))
         for key, kind in CONTROLLER.items():
-            if controller.quantity(key, kind, sign="positive") is None:
+            gain = controller.quantity(key, kind, sign="positive")
+            if gain is None:
                 raise controller.error(f"{key} is missing; a controller needs amplifier_gain and sensor_gain")
+            gains[key] = gain
         if valve.rated_current is None:
             raise controller.error("a controller drives the valve by a current: [valve] needs rated_current")
+    return ActuatorData(**value, **gains, heat=str(table.data.get("heat", HEAT[0])))
 
 
-def check_dynamic_test(table: TomlTable) -> None:
-    """Raise BenchInputError where a `[tests.step]` or `[tests.frequency]` is not what BENCH_FORMAT describes."""
-    if table.path[-1] == "frequency":
-        _check_word(table, "output", OUTPUTS)
-        table.flag("absolute")
-    read_noise(table)
-
-
-def _check_word(table: TomlTable, key: str, words: tuple[str, ...]) -> None:
+def check_word(table: TomlTable, key: str, words: tuple[str, ...]) -> None:
+    """Raise BenchInputError where a key holds none of the words."""
     if key in table and table.data[key] not in words:
         raise table.error(f"must be one of {', '.join(words)}", key)

@@ -1,13 +1,14 @@
 """A test's CSV file as standard columns in SI units: headers recognised, units converted, what cannot be refused."""
 
 import re
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 
-from .bench_toml import StaticTest
-from .columns_of_tests import CONDITIONS, POSITION, columns_of, standard_columns
+from .bench_tests import StaticTest
+from .columns_of_tests import CONDITIONS, standard_columns
 from .csv_cells import CsvCells
 from .csv_lines import CsvLines, read_csv_lines
 from .errors import BenchInputError, quoted, suggestion
@@ -31,6 +32,7 @@ class BenchTable:
     notes: tuple[str, ...]
     cells: CsvCells
     columns: dict[str, int]  # standard name -> place in the file
+    kinds: dict[str, str]  # standard name -> kind of quantity that its unit turned out to be of
 
     def error(self, name: str | None, row: int | None, message: str) -> BenchInputError:
         """An error about a standard column (None: the file as a whole) and one of its rows."""
@@ -45,8 +47,8 @@ def read_bench_csv(test: StaticTest, valve: ValveData) -> BenchTable:
     source = read_csv_lines(test.file)
     names = [_split_header(header) for header in source.header]
     columns, spare = _recognise(test, source, names)
-    kinds = columns_of(test.name)
-    units = {n: _unit(test, source, n, names[i], i, kinds, valve) for n, i in columns.items() if n != "run"}
+    found = {n: _unit(test, source, n, names[i], i, valve) for n, i in columns.items() if n != "run"}
+    units, kinds = {n: unit for n, (unit, _) in found.items()}, {n: kind for n, (_, kind) in found.items()}
     run = columns.get("run")
     cells = CsvCells(source, () if run is None else (run,))
     values = {name: unit.to_si(cells.numbers(columns[name])) for name, unit in units.items()}
@@ -63,7 +65,7 @@ def read_bench_csv(test: StaticTest, valve: ValveData) -> BenchTable:
     notes = (f"columns that this test does not use: {', '.join(unused)}",) if unused else ()
     lines = np.asarray(source.numbers)
     return BenchTable(
-        values, None if run is None else cells.texts(run), len(lines), lines, table, notes, cells, columns
+        values, None if run is None else cells.texts(run), len(lines), lines, table, notes, cells, columns, kinds
     )
 
 
@@ -94,7 +96,7 @@ def _recognise(
             raise error(places[1], "duplicate header; each column needs a name of its own")
         columns[standard] = places[0]
     taken = set(columns.values())
-    used, known = ("run", *columns_of(test.name)), standard_columns()
+    used, known = ("run", *test.kinds), standard_columns()
     spare = []
     seen: set[str] = set()
     for i, (name, _) in enumerate(names):
@@ -140,20 +142,25 @@ def _unit(
     name: str,
     header: tuple[str, str | None],
     place: int,
-    kinds: dict[str, str],
     valve: ValveData,
-) -> Unit:
+) -> tuple[Unit, str]:
+    """The unit of a column, and which of the kinds that the column may be of it is."""
+    kinds = test.kinds[name]
     text = header[1]
     if text is None and name in test.columns:
         text = _split_header(test.columns[name])[1]
-    full_scale = valve.stroke if name in POSITION and name == "spool_position" else None
+    full_scale = valve.stroke if name in test.percent_of_stroke else None
     try:
         if text is None:
-            raise UnitError(f"the unit is missing; write for example {name} [{_example(kinds[name])}]")
-        return parse_unit(text, kinds[name], full_scale)
+            raise UnitError(f"the unit is missing; write for example {name} [{_example(kinds[0])}]")
+        for kind in kinds[1:]:
+            with suppress(UnitError):
+                return parse_unit(text, kind), kind
+        return parse_unit(text, kinds[0], full_scale), kinds[0]
     except UnitError as error:
+        also = "".join(f", or {expected(kind)}" for kind in kinds[1:])
         raise BenchInputError(
-            str(error), file=source.path, line=source.header_line, column=source.header[place]
+            f"{error}{also}", file=source.path, line=source.header_line, column=source.header[place]
         ) from None
 
 

@@ -18,6 +18,45 @@ READINGS = {
 }
 # Columns of the dynamic tests that are no readings.
 DRIVES = ("command", "frequency", "external_force")
+# What an absolute amplitude ratio is, by its output and by whether the command is a current.
+ABSOLUTE_RATIO = {
+    ("spool_position", False): "plain number",
+    ("piston_position", False): "plain number",
+    ("piston_velocity", False): "frequency",
+    ("spool_position", True): "length per current",
+    ("piston_position", True): "length per current",
+    ("piston_velocity", True): "velocity per current",
+}
+
+
+def columns_of_step(closed_loop: bool) -> dict[str, tuple[str, ...]]:
+    """{column: kinds that it may have} of a step test. In open loop a command is a spool position or a current."""
+    own_noise = {f"{reading}_std": (kind,) for reading, kind in READINGS["step"].items()}
+    readings = {reading: (kind,) for reading, kind in READINGS["step"].items()}
+    conditions = {name: (kind,) for name, kind in CONDITIONS.items()}
+    return {
+        "time": ("time",),
+        **_command(closed_loop),
+        "external_force": ("force",),
+        **conditions,
+        **readings,
+        **own_noise,
+    }
+
+
+def columns_of_frequency(closed_loop: bool, ratio: str) -> dict[str, tuple[str, ...]]:
+    """{column: kinds that it may have} of a frequency test whose amplitude ratio is of the kind `ratio`."""
+    readings = {"amplitude_ratio": (ratio,), "phase": ("angle",)}
+    own_noise = {f"{reading}_std": kind for reading, kind in readings.items()}
+    conditions = {name: (kind,) for name, kind in CONDITIONS.items()}
+    return {
+        "frequency": ("frequency",), **_command(closed_loop), "external_force": ("force",), **conditions, **readings,
+        **own_noise,
+    }  # fmt: skip
+
+
+def _command(closed_loop: bool) -> dict[str, tuple[str, ...]]:
+    return {"command": ("length",) if closed_loop else ("length", "current")}
 
 
 def columns_of(test: str) -> dict[str, str]:

@@ -1,15 +1,17 @@
 """The `noise` of a test in bench.toml: what the user knows of its readings' scatter."""
 
+from collections.abc import Mapping
+
 from .columns_of_tests import READINGS
 from .toml_source import TomlTable
 
 
-def read_noise(table: TomlTable) -> dict[str, float]:
+def read_noise(table: TomlTable, readings: Mapping[str, str] | None = None) -> dict[str, float]:
     """{reading: standard deviation, SI} of a `[tests.<name>]` table: one quantity for all readings, or a table.
 
-    Raises BenchInputError.
+    readings: {name: kind} where the test's own keys decide it. Raises BenchInputError.
     """
-    readings = READINGS[table.path[-1]]
+    readings = READINGS[table.path[-1]] if readings is None else readings
     if "noise" not in table:
         return {}
     each = table.table("noise") if isinstance(table.data["noise"], dict) else None

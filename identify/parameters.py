@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from .record import StartValue, ValveData
+from .record import ActuatorData, StartValue, ValveData
 
 
 @dataclass(frozen=True)
@@ -40,6 +40,22 @@ def identified_by_default(valve: ValveData) -> dict[str, ParameterInfo]:
 def heat_retention() -> ParameterInfo:
     """eta between the isothermal (0) and the adiabatic (1) model: held at 0 unless a record frees it."""
     return ParameterInfo("heat_retention", "dimensionless", 0.0, 0.0, 1.0, 0.3, "share of the heat that the oil keeps")
+
+
+# Identified from motion (MODEL section 7); names of `thermohyd.actuator.Actuator`.
+IN_MOTION = ("spool_frequency", "spool_damping", "bulk_modulus_factor", "viscous_friction")
+
+
+def identified_in_motion(actuator: ActuatorData) -> dict[str, ParameterInfo]:
+    """The four parameters that dynamic tests identify; they start at the `[actuator]` table's values."""
+    hz, xi, f = actuator.spool_frequency, actuator.spool_damping, actuator.viscous_friction
+    known = (
+        ParameterInfo("spool_frequency", "Hz", hz, 0.02 * hz, 50.0 * hz, 0.3 * hz, "natural frequency of the spool"),
+        ParameterInfo("spool_damping", "dimensionless", xi, 0.01, max(20.0, 10.0 * xi), 0.3, "damping of the spool"),
+        ParameterInfo("bulk_modulus_factor", "dimensionless", 1.0, 0.01, 5.0, 0.3, "of the chambers' bulk modulus"),
+        ParameterInfo("viscous_friction", "N*s/m", f, 0.0, max(1e6, 20.0 * f), max(f, 500.0), "f of the piston"),
+    )
+    return {info.name: info for info in known}
 
 
 @dataclass(frozen=True)

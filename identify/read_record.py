@@ -3,17 +3,16 @@
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
-from .bench_csv import BenchTable, read_bench_csv
-from .bench_toml import BenchFile, StaticTest, read_bench_toml
+from .bench_csv import BenchTable
+from .bench_tests import StaticTest
+from .bench_toml import BenchFile, read_bench_toml
 from .columns_of_tests import CONDITIONS, READINGS
-from .errors import BenchInputError, quoted, suggestion
+from .errors import BenchInputError
+from .read_dynamic import read_dynamic
 from .record import BenchRecord, Channel, TestRecord
 from .sweeps import first_step_back, sweep_direction, sweep_rate
-
-
-NAME = "bench.toml"
+from .table_parts import NAME, channels_of, condition, missing, read_table, runs
 
 
 def read_record(folder: str | Path, *, readings_required: bool = True) -> BenchRecord:
@@ -33,24 +32,28 @@ def read_record(folder: str | Path, *, readings_required: bool = True) -> BenchR
         raise BenchInputError(f"cannot be read ({error})", file=folder) from None
     bench = read_bench_toml(folder / NAME)
     tests = {test.name: _read_test(test, bench, readings_required) for test in bench.tests.values()}
-    return BenchRecord(folder, bench.valve.name, bench.valve, bench.oil, tests, bench.start, bench.warnings)
+    return BenchRecord(
+        folder,
+        bench.valve.name,
+        bench.valve,
+        bench.oil,
+        tests,
+        bench.start,
+        dynamic=read_dynamic(bench, readings_required=readings_required),
+    )
 
 
 def _read_test(test: StaticTest, bench: BenchFile, readings_required: bool) -> TestRecord:
-    if not _is_file(test.file):
-        found = sorted(path.name for path in bench.source.path.parent.iterdir() if ".csv" in path.name)
-        hint = suggestion(test.file.name, found) if found else "the folder holds no CSV file"
-        raise test.table.error(f"there is no file {quoted(test.table.data['file'])}; {hint}", "file")
-    table = read_bench_csv(test, bench.valve)
+    table = read_table(test, bench)
     position, abscissa = _position(table, bench, test)
-    given = {name: _condition(table, bench, test, name) for name in CONDITIONS}
+    given = {name: condition(table, bench, test, name) for name in CONDITIONS}
     load_pressure = None
     if test.name == "load_flow":
         load_pressure = table.values.get("load_pressure")
         if load_pressure is None:
-            raise _missing(table, test, "load_pressure [bar], the imposed load pressure,")
+            raise missing(table, test, "load_pressure [bar], the imposed load pressure,")
     channels = _channels(table, test, readings_required)
-    run, run_names = _runs(table)
+    run, run_names = runs(table)
     time = table.values.get("time")
     if time is not None and (back := first_step_back(time, run)) is not None:
         raise table.error(
@@ -79,18 +82,6 @@ def _read_test(test: StaticTest, bench: BenchFile, readings_required: bool) -> T
     )
 
 
-def _is_file(path: Path) -> bool:
-    try:
-        return path.is_file()
-    except (OSError, ValueError):
-        return False
-
-
-def _missing(table: BenchTable, test: StaticTest, what: str) -> BenchInputError:
-    has = ", ".join(quoted(header) for header in table.cells.source.header)
-    return table.error(None, None, f"the {test.name} test needs a column {what} but the file has {has}")
-
-
 def _position(table: BenchTable, bench: BenchFile, test: StaticTest) -> tuple[np.ndarray, str]:
     valve = bench.valve
     if "spool_position" in table.values:
@@ -103,7 +94,7 @@ def _position(table: BenchTable, bench: BenchFile, test: StaticTest) -> tuple[np
             )
         position = valve.stroke * table.values["current"] / valve.rated_current * valve.polarity
     else:
-        raise _missing(table, test, "spool_position [um] or current [mA],")
+        raise missing(table, test, "spool_position [um] or current [mA],")
     far = np.flatnonzero(np.abs(position) > 2.0 * valve.stroke)
     if len(far):
         row = int(far[0])
@@ -115,18 +106,6 @@ def _position(table: BenchTable, bench: BenchFile, test: StaticTest) -> tuple[np
     return position, name
 
 
-def _condition(table: BenchTable, bench: BenchFile, test: StaticTest, name: str) -> np.ndarray:
-    if name in table.values:
-        return table.values[name]
-    if name in bench.conditions:
-        return np.full(table.rows, bench.conditions[name])
-    example = {"supply_pressure": "70 bar", "temperature": "40 degC"}[name]
-    raise bench.source.root.table_error(
-        "conditions",
-        f'{name} is missing: {test.file.name} has no such column; write {name} = "{example}" in [conditions]',
-    )
-
-
 def _channels(table: BenchTable, test: StaticTest, required: bool) -> tuple[Channel, ...]:
     found = [reading for reading in READINGS[test.name] if reading in table.values]
     if required:
@@ -134,21 +113,8 @@ def _channels(table: BenchTable, test: StaticTest, required: bool) -> tuple[Chan
             what = {"pressure_gain": "load_pressure [bar], or pressure_a and pressure_b,"}
             reading, kind = next(iter(READINGS[test.name].items()))
             example = "l/min" if kind == "flow" else "bar"
-            raise _missing(table, test, what.get(test.name, f"{reading} [{example}],"))
+            raise missing(table, test, what.get(test.name, f"{reading} [{example}],"))
         if len(found) == 1 and found[0] in ("pressure_a", "pressure_b"):
             other = {"pressure_a": "pressure_b", "pressure_b": "pressure_a"}[found[0]]
-            raise _missing(table, test, f"{other} [bar] beside {found[0]},")
-    channels = []
-    for reading in found:
-        std, source = table.values.get(f"{reading}_std"), "declared per row"
-        if std is None and reading in test.noise:
-            std, source = np.full(table.rows, test.noise[reading]), f"declared in {NAME}"
-        channels.append(Channel(reading, table.values[reading], std, "" if std is None else source))
-    return tuple(channels)
-
-
-def _runs(table: BenchTable) -> tuple[np.ndarray, tuple[str, ...]]:
-    if table.run is None:
-        return np.zeros(table.rows, dtype=int), ("",)
-    codes, names = pd.factorize(table.run)
-    return codes.astype(int), tuple(str(name) for name in names)
+            raise missing(table, test, f"{other} [bar] beside {found[0]},")
+    return channels_of(table, test, tuple(found))

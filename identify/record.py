@@ -36,6 +36,7 @@ class StartValue:
 
     value: float
     fixed: bool = False
+    freed: bool = False  # `fixed = false` in so many words: a dynamic fit then frees what it holds by default
     prior_std: float | None = None  # a Gaussian prior around `value`
     lower: float | None = None
     upper: float | None = None
@@ -86,6 +87,65 @@ class TestRecord:
     def rows(self) -> int:
         return len(self.spool_position)
 
+    @property
+    def place(self) -> np.ndarray:
+        """What the rows are drawn over (rows,), SI: the position here, time or frequency in a dynamic test."""
+        return self.spool_position
+
+
+@dataclass(frozen=True)
+class ActuatorData:
+    """The `[actuator]` table, SI. Without a controller its two gains are None, and the command drives the valve."""
+
+    piston_area: float = 12e-4
+    chamber_volume: float = 60e-6
+    piston_stroke: float = 50e-3
+    moving_mass: float = 50.0
+    viscous_friction: float = 2000.0
+    coulomb_friction: float = 0.0
+    jack_leakage: float = 0.0
+    spool_frequency: float = 100.0
+    spool_damping: float = 0.7
+    external_force: float = 0.0
+    amplifier_gain: float | None = None
+    sensor_gain: float | None = None
+    heat: str = "adiabatic"  # or "isothermal"
+
+    @property
+    def closed_loop(self) -> bool:
+        return self.amplifier_gain is not None
+
+
+@dataclass(frozen=True)
+class DynamicTest(TestRecord):
+    """A step or a frequency test. `spool_position` says nothing here (0); what is measured of it is a channel.
+
+    command: setpoint [m], current [A] or spool position [m] by `command_kind`. external_force [N]: None, the actuator's own.
+    frequency [Hz], output and absolute: of a frequency test only. Each run starts at equilibrium under its first row.
+    """
+
+    command: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    command_kind: str = "setpoint"  # or "current", "spool_position"
+    external_force: np.ndarray | None = None
+    frequency: np.ndarray | None = None
+    output: str = "spool_position"
+    absolute: bool = False
+
+    @property
+    def place(self) -> np.ndarray:
+        found = self.time if self.frequency is None else self.frequency
+        assert found is not None
+        return found
+
+
+@dataclass(frozen=True)
+class DynamicData:
+    """The dynamic part of a record: its actuator and its step and frequency tests. given: [actuator] is in the file."""
+
+    actuator: ActuatorData
+    tests: dict[str, DynamicTest]
+    given: bool = True
+
 
 @dataclass(frozen=True)
 class BenchRecord:
@@ -98,3 +158,9 @@ class BenchRecord:
     tests: dict[str, TestRecord]
     start: dict[str, StartValue] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
+    dynamic: DynamicData | None = None
+
+    @property
+    def all_tests(self) -> dict[str, TestRecord]:
+        """Static tests, then dynamic ones."""
+        return self.tests if self.dynamic is None else {**self.tests, **self.dynamic.tests}

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 from .errors import quoted
-from .parameters import heat_retention, identified_by_default
-from .record import StartValue, ValveData
+from .parameters import IN_MOTION, heat_retention, identified_by_default, identified_in_motion
+from .record import ActuatorData, StartValue, ValveData
 from .toml_source import TomlTable
 
 
@@ -21,8 +21,11 @@ class _Limits:
     words: str
 
 
-def read_start(table: TomlTable, valve: ValveData) -> dict[str, StartValue]:
-    """{parameter: StartValue}, SI. A plain quantity is a starting value that stays free. Raises BenchInputError."""
+def read_start(table: TomlTable, valve: ValveData, actuator: ActuatorData | None) -> dict[str, StartValue]:
+    """{parameter: StartValue}, SI. A plain quantity is a starting value that stays free. Raises BenchInputError.
+
+    actuator: None where the record has no dynamic test, whose parameters are then unknown here.
+    """
     stroke = valve.stroke
     within = _Limits("length", -stroke, stroke, "within the stroke")
     limits = {
@@ -33,8 +36,16 @@ def read_start(table: TomlTable, valve: ValveData) -> dict[str, StartValue]:
         "transition_number": _Limits("plain number", 1e-3, 1e6, "from 0.001 to 1000000"),
         "null_bias": within,
         "heat_retention": _Limits("plain number", 0.0, 1.0, "from 0 (isothermal) to 1 (adiabatic)"),
+        "spool_frequency": _Limits("frequency", 0.01, 1e5, "from 0.01 to 100000 Hz"),
+        "spool_damping": _Limits("plain number", 1e-3, 100.0, "from 0.001 to 100"),
+        "bulk_modulus_factor": _Limits("plain number", 1e-3, 10.0, "from 0.001 to 10"),
+        "viscous_friction": _Limits("viscous friction", 0.0, 1e8, "from 0 to 100000000 N s/m"),
     }
     nominal = {info.name: info.nominal for info in (*identified_by_default(valve).values(), heat_retention())}
+    if actuator is None:
+        limits = {name: limit for name, limit in limits.items() if name not in IN_MOTION}
+    else:
+        nominal |= {info.name: info.nominal for info in identified_in_motion(actuator).values()}
     table.refuse_unknown(tuple(limits), "parameter")
     start = {}
     for name in table.data:
@@ -70,4 +81,5 @@ def _read_entry(entry: TomlTable, limits: _Limits, nominal: float, stroke: float
     if (lower is not None and value < lower) or (upper is not None and value > upper):
         raise entry.error(f"the starting value {quoted(entry.data['value'])} lies outside min and max", "value")
     std = entry.quantity("std", limits.kind, full_scale=stroke, sign="positive")
-    return StartValue(value, fixed=entry.flag("fixed"), prior_std=std, lower=lower, upper=upper)
+    freed = "fixed" in entry and not entry.flag("fixed")
+    return StartValue(value, fixed=entry.flag("fixed"), freed=freed, prior_std=std, lower=lower, upper=upper)

@@ -35,6 +35,8 @@ KINDS = {
     "frequency": "Hz",
     "amplifier gain": "A/V",
     "sensor gain": "V/m",
+    "length per current": "um/mA",
+    "velocity per current": "mm/s/mA",
     "plain number": "1",
     "angle": "deg",
 }

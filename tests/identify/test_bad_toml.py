@@ -243,7 +243,7 @@ SPOILED = {
     "only dynamic": (
         "[tests.leakage]",
         "[tests.step]",
-        "bench.toml, line 15, [tests]: holds only dynamic tests (step), which this version does not fit; add one of leakage, pressure_gain, flow_gain, load_flow",
+        'leakage.csv, line 2: the step test needs a column command [um] or command [mA] but the file has "time [s]", "run", "spool_position [um]", "leakage_flow [l/min]"',
     ),
     "chamber": (
         'file = "leakage.csv"\n',

@@ -227,22 +227,6 @@ def test_oil_from_points_and_properties(tmp_path):
     assert (preset.oil.bulk_modulus, preset.oil.density) == (pytest.approx(1.5e9), 849.2)
 
 
-def test_dynamic_tests_are_checked_and_left_out(tmp_path):
-    toml = TOML + (
-        '[tests.step]\nfile = "step.csv"\nnoise = { piston_position = "5 um" }\n'
-        '[tests.frequency]\nfile = "f.csv"\noutput = "piston_velocity"\n'
-        '[actuator]\npiston_area = "12 cm^2"\nmoving_mass = "50 kg"\nheat = "isothermal"\n'
-        'viscous_friction = "2000 N s/m"\n'
-        'controller = { amplifier_gain = "0.01 A/V", sensor_gain = "100 V/m" }\n'
-    )
-    record = read_record(write_record(tmp_path, toml))
-    assert list(record.tests) == ["leakage"]
-    assert record.warnings == (
-        "step: dynamic tests are not fitted in this version; left out",
-        "frequency: dynamic tests are not fitted in this version; left out",
-    )
-
-
 def test_samples_read_cleanly():
     seed = read_record(sample_record("seed_valve"))
     assert {name: test.rows for name, test in seed.tests.items()} == dict.fromkeys(

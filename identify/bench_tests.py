@@ -1,0 +1,125 @@
+"""The `[tests.<name>]` tables of a bench.toml: which file, what noise, and which kind of quantity each column holds."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from .actuator_table import check_word
+from .columns_of_tests import ABSOLUTE_RATIO, READINGS, columns_of, columns_of_frequency, columns_of_step
+from .errors import quoted
+from .noise_table import read_noise
+from .record import DYNAMIC_TESTS, STATIC_TESTS, ActuatorData
+from .toml_source import TomlTable
+
+
+KEYS = ("file", "noise", "columns", "ignore")
+OUTPUTS = ("spool_position", "piston_velocity", "piston_position")
+
+
+@dataclass(frozen=True)
+class StaticTest:
+    """A `[tests.<name>]` table: where its rows are, and what the user says about its columns."""
+
+    name: str
+    file: Path
+    noise: dict[str, float]  # {reading: standard deviation, SI}
+    columns: dict[str, str]  # {standard column: the user's header}
+    ignore: tuple[str, ...]
+    table: TomlTable  # for messages
+
+    @property
+    def kinds(self) -> dict[str, tuple[str, ...]]:
+        """{standard column: kinds of quantity that its unit may be of}"""
+        return {name: (kind,) for name, kind in columns_of(self.name).items()}
+
+    @property
+    def percent_of_stroke(self) -> tuple[str, ...]:
+        """Columns that may be given in percent of the valve's stroke."""
+        return ("spool_position",)
+
+
+@dataclass(frozen=True)
+class DynamicTestTable(StaticTest):
+    """A `[tests.step]` or `[tests.frequency]` table. ratio_kind: None, known from the command's unit only."""
+
+    closed_loop: bool = False
+    output: str = "spool_position"
+    absolute: bool = False
+
+    @property
+    def kinds(self) -> dict[str, tuple[str, ...]]:
+        if self.name == "step":
+            return columns_of_step(self.closed_loop)
+        known = columns_of_frequency(self.closed_loop, "plain number")
+        if not self.absolute:
+            return known
+        ratios = (ABSOLUTE_RATIO[self.output, False],) + (
+            () if self.closed_loop else (ABSOLUTE_RATIO[self.output, True],)
+        )
+        return {**known, "amplitude_ratio": ratios, "amplitude_ratio_std": ratios}
+
+    @property
+    def percent_of_stroke(self) -> tuple[str, ...]:
+        return ("spool_position",) if self.closed_loop else ("spool_position", "command")
+
+
+def read_tests(table: TomlTable, actuator: ActuatorData) -> tuple[dict[str, StaticTest], dict[str, DynamicTestTable]]:
+    """(static tests, dynamic tests) by name, in the order of the file. Raises BenchInputError."""
+    names = (*STATIC_TESTS, *DYNAMIC_TESTS)
+    table.refuse_unknown(names, "test")
+    if not table.data:
+        raise table.error(f"is empty; add one of {', '.join(f'[tests.{name}]' for name in names)}")
+    static: dict[str, StaticTest] = {}
+    dynamic: dict[str, DynamicTestTable] = {}
+    for name in table.data:
+        test = table.table(name)
+        assert test is not None
+        test.refuse_unknown((*KEYS, "output", "absolute") if name == "frequency" else KEYS)
+        file = test.text("file")
+        if file is None:
+            raise test.error(f'file is missing; write for example file = "{name}.csv"')
+        path = test.source.path.parent / file
+        if name in DYNAMIC_TESTS:
+            dynamic[name] = _dynamic(name, path, test, actuator.closed_loop)
+        else:
+            known = tuple(columns_of(name))
+            static[name] = StaticTest(name, path, read_noise(test), _mapping(test, known), _ignored(test), test)
+    return static, dynamic
+
+
+def _dynamic(name: str, path: Path, test: TomlTable, closed: bool) -> DynamicTestTable:
+    check_word(test, "output", OUTPUTS)
+    output, absolute = str(test.data.get("output", OUTPUTS[0])), test.flag("absolute")
+    if output == "piston_position" and not closed and not absolute:
+        raise test.error(
+            "a piston position in open loop has no low-frequency asymptote: write absolute = true, or give [actuator] "
+            "the controller that closes the loop",
+            "output" if "output" in test else None,
+        )
+    plain = DynamicTestTable(name, path, {}, {}, (), test, closed, output, absolute)
+    readings = {reading: plain.kinds[reading][0] for reading in READINGS[name]}
+    return DynamicTestTable(
+        name, path, read_noise(test, readings), _mapping(test, tuple(plain.kinds)), _ignored(test), test, closed, output,
+        absolute,
+    )  # fmt: skip
+
+
+def _mapping(test: TomlTable, columns: tuple[str, ...]) -> dict[str, str]:
+    table = test.table("columns")
+    if table is None:
+        return {}
+    table.refuse_unknown(("run", *columns), "standard column")
+    found = {}
+    for column in table.data:
+        header = table.text(column)
+        assert header is not None
+        if header in found.values():
+            raise table.error(f"{quoted(header)} stands for two columns", column)
+        found[column] = header
+    return found
+
+
+def _ignored(test: TomlTable) -> tuple[str, ...]:
+    names = test.data.get("ignore", [])
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise test.error('must be a list of headers, such as ignore = ["remarks"]', "ignore")
+    return tuple(name.strip() for name in names)
