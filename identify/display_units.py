@@ -21,6 +21,7 @@ _OF_SI = {
     "m^3/s": DisplayUnit("l/min", 6e4),
     "m3/s": DisplayUnit("l/min", 6e4),
     "dimensionless": DisplayUnit("-", 1.0),
+    "N*s/m": DisplayUnit("N s/m", 1.0),
 }
 _OF_READING = {
     "leakage_flow": _OF_SI["m^3/s"],
@@ -28,6 +29,11 @@ _OF_READING = {
     "load_pressure": _OF_SI["Pa"],
     "pressure_a": _OF_SI["Pa"],
     "pressure_b": _OF_SI["Pa"],
+    "spool_position": _OF_SI["m"],
+    "piston_position": DisplayUnit("mm", 1e3),
+    "piston_velocity": DisplayUnit("mm/s", 1e3),
+    "amplitude_ratio": DisplayUnit("-", 1.0),
+    "phase": DisplayUnit("deg", 180.0 / math.pi),
 }
 
 

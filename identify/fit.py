@@ -9,6 +9,8 @@ import numpy as np
 from thermohyd.precision import require_float64
 
 from .channel_noise import ChannelNoise, initial_noise, reweighted
+from .dynamic.both_fits import joined
+from .dynamic.fit_motion import fit_motion
 from .errors import BenchInputError
 from .fit_result import FitResult, StartOutcome
 from .fitted import Fitted, Key
@@ -37,15 +39,21 @@ Progress = Callable[[str], None]
 
 
 def fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | None = None) -> FitResult:
-    """Fit the free parameters of a record's valve to all its static tests at once.
+    """Fit the free parameters of a record's valve to all its static tests at once, then those of motion to the dynamic ones.
 
     Raises BenchInputError where the record cannot determine anything (no readings, everything held, fewer readings than
     parameters) and RuntimeError in single precision. A fit that does not converge is returned with `converged` False.
     """
     require_float64("fit")
     began = time.perf_counter()
-    fitted = run_fit(record, starts=starts, progress=progress)
-    return replace(fit_result(fitted), seconds=time.perf_counter() - began)
+    if record.dynamic is None:
+        result = fit_result(run_fit(record, starts=starts, progress=progress))
+    else:
+        static = fit_result(run_fit(record, starts=starts, progress=progress)) if record.tests else None
+        known = None if static is None else {name: found.value for name, found in static.parameters.items()}
+        result, _ = fit_motion(record, progress, known)
+        result = result if static is None else joined(static, result)
+    return replace(result, seconds=time.perf_counter() - began)
 
 
 def run_fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | None = None) -> Fitted:

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from .record import TestRecord
+from .record import DynamicTest, TestRecord
 
 
 SMALLEST_LEG = 0.02  # of the position's range: a reversal smaller than this is dither
@@ -21,7 +21,12 @@ def piece_bounds(ids: np.ndarray) -> Iterator[tuple[int, int]]:
 
 
 def sweep_ids(test: TestRecord) -> np.ndarray:
-    """Number of the sweep that each row of a test belongs to: same run, direction and conditions, one row after the other."""
+    """Number of the sweep that each row of a test belongs to: same run, direction and conditions, one row after the other.
+
+    A run of a dynamic test is one sweep, whatever its measured supply pressure does.
+    """
+    if isinstance(test, DynamicTest):
+        return test.run
     return _numbered(test.run, test.direction, condition_ids(test, window=1))
 
 

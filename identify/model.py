@@ -6,13 +6,14 @@ import numpy as np
 
 from ..oil_definition import OilDefinition
 from .diagnosis.variation_terms import LearnedTerm
-from .record import ValveData
+from .record import ActuatorData, ValveData
 
 
 @dataclass(frozen=True)
 class Model:
     """A fitted (or nominal) valve, SI. `covariance` is over `free`, in that order, which may name effects as well.
 
+    actuator, dynamics: the jack as its record describes it, and the parameters of motion; of a record with dynamic tests.
     effects: {name in `thermohyd.effects.registry`: amount}. learned: smooth empirical terms, which are no physics.
     """
 
@@ -23,7 +24,12 @@ class Model:
     covariance: np.ndarray | None = None
     effects: dict[str, float] = field(default_factory=dict)
     learned: tuple[LearnedTerm, ...] = ()
+    actuator: ActuatorData | None = None
+    dynamics: dict[str, float] = field(default_factory=dict)
 
     def value(self, name: str) -> float:
         """A parameter's value or an effect's amount."""
-        return self.effects[name] if name in self.effects else self.parameters[name]
+        for table in (self.effects, self.dynamics):
+            if name in table:
+                return table[name]
+        return self.parameters[name]

@@ -14,13 +14,14 @@ from .fit_result import FitResult
 from .learned_terms import learned_json
 from .model import Model
 from .model_reader import SCHEMA, ModelReader
-from .parameters import heat_retention, identified_by_default
+from .parameters import IN_MOTION, heat_retention, identified_by_default, identified_in_motion
 from .record import BenchRecord
 
 
 def model_of_fit(result: FitResult, learned: Iterable[LearnedTerm] = ()) -> Model:
     """The model that a fit found; what it fitted beside the valve's own parameters are effects."""
-    own = _parameter_names(result)
+    own, dynamic = _parameter_names(result), result.record.dynamic
+    moving = () if dynamic is None else IN_MOTION
     values = {name: estimate.value for name, estimate in result.parameters.items()}
     return Model(
         result.record.valve,
@@ -28,16 +29,22 @@ def model_of_fit(result: FitResult, learned: Iterable[LearnedTerm] = ()) -> Mode
         {name: value for name, value in values.items() if name in own},
         result.free,
         result.covariance,
-        {name: value for name, value in values.items() if name not in own},
+        {name: value for name, value in values.items() if name not in own and name not in moving},
         tuple(learned),
+        None if dynamic is None else dynamic.actuator,
+        {name: values[name] for name in moving if name in values},
     )
 
 
 def nominal_model(record: BenchRecord) -> Model:
     """The model that a record describes before any fit: nominal values, or those of its `[start]`."""
     values = {info.name: info.nominal for info in identified_by_default(record.valve).values()}
-    values |= {name: start.value for name, start in record.start.items()}
-    return Model(record.valve, record.oil, values)
+    values |= {name: start.value for name, start in record.start.items() if name not in IN_MOTION}
+    if record.dynamic is None:
+        return Model(record.valve, record.oil, values)
+    moving = {info.name: info.nominal for info in identified_in_motion(record.dynamic.actuator).values()}
+    moving |= {name: start.value for name, start in record.start.items() if name in IN_MOTION}
+    return Model(record.valve, record.oil, values, actuator=record.dynamic.actuator, dynamics=moving)
 
 
 def model_json(result: FitResult, learned: Iterable[LearnedTerm] = ()) -> dict[str, Any]:
@@ -58,6 +65,9 @@ def model_json(result: FitResult, learned: Iterable[LearnedTerm] = ()) -> dict[s
         "covariance": {"of": list(model.free), "matrix": np.asarray(model.covariance).tolist()},
         "effects": {name: entries[name] for name in model.effects},
     }
+    if model.actuator is not None:
+        content["actuator"] = asdict(model.actuator)
+        content["dynamics"] = {name: entries[name] for name in model.dynamics}
     if model.learned:
         content["learned"] = [learned_json(term) for term in model.learned]
     return content

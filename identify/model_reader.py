@@ -13,8 +13,8 @@ from ..oil_definition import OilDefinition
 from .errors import BenchInputError, quoted, suggestion
 from .learned_terms import learned_term
 from .model import Model
-from .parameters import heat_retention, identified_by_default
-from .record import ValveData
+from .parameters import heat_retention, identified_by_default, identified_in_motion
+from .record import ActuatorData, ValveData
 
 
 SCHEMA = "thermohyd-model/1"
@@ -49,12 +49,57 @@ class ModelReader:
         valve = self.valve(self.table(content, "valve"))
         parameters = self.parameters(self.table(content, "parameters"), valve)
         effects = self.effects(content.get("effects", {}), parameters)
-        free, covariance = self.covariance(content.get("covariance"), {**parameters, **effects})
+        actuator, dynamics = self.actuator(content)
+        free, covariance = self.covariance(content.get("covariance"), {**parameters, **effects, **dynamics})
         learned = content.get("learned", [])
         if not isinstance(learned, list):
             raise self.fail('"learned" must be a list of terms; leave it empty for a model of physics only')
         terms = tuple(learned_term(entry, i, self.fail, self.number) for i, entry in enumerate(learned, start=1))
-        return Model(valve, self.oil(self.table(content, "oil")), parameters, free, covariance, effects, terms)
+        return Model(
+            valve,
+            self.oil(self.table(content, "oil")),
+            parameters,
+            free,
+            covariance,
+            effects,
+            terms,
+            actuator,
+            dynamics,
+        )
+
+    def actuator(self, content: dict[str, Any]) -> tuple[ActuatorData | None, dict[str, float]]:
+        """The jack and the parameters of motion; neither in a model of static tests."""
+        if content.get("actuator") is None:
+            return None, {}
+        table = self.table(content, "actuator")
+        known = [field.name for field in fields(ActuatorData)]
+        self.refuse_unknown(table, known, "actuator")
+        if table.get("heat", "adiabatic") not in ("adiabatic", "isothermal"):
+            raise self.fail('"actuator" "heat" must be "adiabatic" or "isothermal"')
+        numbers = {
+            key: self.number(table[key], f'"actuator" "{key}"')
+            for key in known
+            if key != "heat" and table.get(key) is not None
+        }
+        for key, value in numbers.items():
+            free_of_zero = key not in ("viscous_friction", "coulomb_friction", "jack_leakage", "external_force")
+            if (free_of_zero and value <= 0.0) or (key != "external_force" and value < 0.0):
+                raise self.fail(f'"actuator" "{key}" must be {"positive" if free_of_zero else "zero or more"}')
+        if ("amplifier_gain" in numbers) != ("sensor_gain" in numbers):
+            raise self.fail('"actuator" needs both "amplifier_gain" and "sensor_gain", or neither')
+        jack = ActuatorData(**numbers, heat=str(table.get("heat", "adiabatic")))
+        given = content.get("dynamics", {})
+        if not isinstance(given, dict):
+            raise self.fail('"dynamics" must be a table of the parameters of motion')
+        infos = identified_in_motion(jack)
+        self.refuse_unknown(given, list(infos), "dynamics")
+        values = {name: self.amount(given[name], infos[name].unit, f'"dynamics" "{name}"') for name in given}
+        for name, value in values.items():
+            if value < 0.0 or (value == 0.0 and name != "viscous_friction"):
+                raise self.fail(
+                    f'"dynamics" "{name}" must be {"zero or more" if name == "viscous_friction" else "positive"}'
+                )
+        return jack, {name: info.nominal for name, info in infos.items()} | values
 
     def amount(self, entry: Any, unit: str, where: str) -> float:
         """A plain number in SI, or a table with one in "value", whose "unit" must then be the SI one."""
@@ -70,13 +115,17 @@ class ModelReader:
             raise self.fail('"effects" must be a table; leave it empty for the ideal valve')
         if not table:
             return {}
-        from thermohyd.effects.registry import EFFECTS  # it brings JAX, which an ideal valve is read without
+        from thermohyd.effects.registry import (  # it brings JAX, which an ideal valve is read without
+            DYNAMIC_EFFECTS,
+            EFFECTS,
+        )
 
+        library = {**EFFECTS, **DYNAMIC_EFFECTS}
         amounts: dict[str, float] = {}
         for name, entry in table.items():
-            if name not in EFFECTS:
-                raise self.fail(f'"effects" has no {quoted(name)}; {suggestion(name, EFFECTS)}')
-            info, where = EFFECTS[name], f'"effects" "{name}"'
+            if name not in library:
+                raise self.fail(f'"effects" has no {quoted(name)}; {suggestion(name, library)}')
+            info, where = library[name], f'"effects" "{name}"'
             amounts[name] = self.amount(entry, info.unit, where)
             if not info.lower <= amounts[name] <= info.upper:
                 limits = f"{info.lower:g} to {info.upper:g} {info.unit}"

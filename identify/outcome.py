@@ -89,7 +89,7 @@ def _channel_fit(fitted: Fitted, key: Key, rows: slice, block: Block, covariance
     return ChannelFit(
         test=key[0],
         channel=key[1],
-        position=test.spool_position,
+        position=test.place,
         measured=channel.value,
         predicted=channel.value + misfit,
         std=noise.std,

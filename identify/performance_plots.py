@@ -98,7 +98,7 @@ class _Panel:
     limit: float | None = None
 
 
-def _decibel(ratio: np.ndarray | float) -> np.ndarray:
+def _decibel(ratio: np.ndarray | float) -> np.ndarray | np.floating:
     return 20.0 * np.log10(ratio)
 
 

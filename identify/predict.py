@@ -15,9 +15,10 @@ from thermohyd.effects.registry import with_effects
 from thermohyd.precision import require_float64
 from thermohyd.valve import Valve
 
+from .dynamic.predict_motion import as_static, predict_motion, require_actuator, unit_of
 from .model import Model
 from .model_valve import LAG, acting_effects, require_columns, row_terms, valve_without_effects, with_terms
-from .record import BenchRecord, TestRecord
+from .record import BenchRecord, DynamicData, TestRecord
 from .signs import reversed_channels, warning_of
 from .static_model import conditions_of, pad, predict, with_parameters
 from .units import from_si
@@ -148,6 +149,8 @@ def simulate_record(
 ) -> dict[str, pd.DataFrame]:
     """{test: the record's columns with `<reading>_predicted [unit]` and `<reading>_predicted_std [unit]` added}."""
     require_float64("simulate")
+    require_actuator(model, record)
+    static = as_static(model)
     tables: dict[str, pd.DataFrame] = {}
     for test in record.tests.values():
         if progress is not None:
@@ -157,10 +160,27 @@ def simulate_record(
             for channel in turned:
                 progress(warning_of(test, channel))
         table = pd.DataFrame(index=range(test.rows)) if test.table is None else test.table.copy()
-        for name, (reading, std) in predict_test(model, record, test).items():
+        for name, (reading, std) in predict_test(static, record, test).items():
             unit = BENCH_UNITS[name]
             # Beside a gauge that the record shows to be wired the other way round, the prediction turns with it.
             table[f"{name}_predicted [{unit}]"] = from_si(-reading if name in turned else reading, unit)
             table[f"{name}_predicted_std [{unit}]"] = from_si(std, unit)
         tables[test.name] = table
+    if record.dynamic is not None:
+        tables |= _dynamic_tables(record, record.dynamic, model, progress or (lambda _: None))
+    return tables
+
+
+def _dynamic_tables(
+    record: BenchRecord, data: DynamicData, model: Model, say: Callable[[str], None]
+) -> dict[str, pd.DataFrame]:
+    say(f"simulating {', '.join(data.tests)}")
+    tables: dict[str, pd.DataFrame] = {}
+    for (name, channel), columns in predict_motion(model, record).items():
+        test = data.tests[name]
+        if name not in tables:
+            tables[name] = pd.DataFrame(index=range(test.rows)) if test.table is None else test.table.copy()
+        unit = unit_of(test, channel)
+        for word, values in zip(("predicted", "predicted_std"), columns, strict=True):
+            tables[name][f"{channel}_{word} [{unit}]"] = from_si(values, unit)
     return tables

@@ -33,6 +33,11 @@ class Source:
         from .subject import seed_model, subject_of_fit, subject_of_model, subject_of_record
 
         model = None if self.model_file is None else load_model(self.model_file)
+        if self.record is not None and not self.record.tests:
+            raise BenchInputError(
+                "holds dynamic tests only; sensitivity studies a valve at the conditions of its static tests",
+                file=self.record.folder,
+            )
         if self.record is None:
             return subject_of_model(seed_model() if model is None else model, self.settings)
         if model is not None:
