@@ -7,7 +7,9 @@ from matplotlib.ticker import LogLocator
 
 from . import plot_style as look
 from .display_units import reading_unit
+from .dynamic.plots import dynamic_figure
 from .fit_result import ChannelFit, FitResult
+from .record import DYNAMIC_TESTS
 from .sweep_drawing import READINGS, TITLES, Sweep, condition_legend, draw_residuals, scatter, sweeps_of
 
 
@@ -17,9 +19,18 @@ def test_figures(result: FitResult) -> dict[str, Figure]:
     with look.style():
         for test in dict.fromkeys(fit.test for fit in result.channels):
             fits = [fit for fit in result.channels if fit.test == test]
+            if test in DYNAMIC_TESTS:
+                figures[test] = dynamic_figure([(None, fit) for fit in fits], run_names_of(result, test))
+                continue
             record = result.record.tests.get(test)
             figures[test] = _test_figure(test, fits, _null(result), () if record is None else record.run_names)
     return figures
+
+
+def run_names_of(result: FitResult, test: str) -> tuple[str, ...]:
+    """Names of a test's runs, as the user wrote them."""
+    record = result.record.all_tests.get(test)
+    return () if record is None else record.run_names
 
 
 def _null(result: FitResult) -> float:
