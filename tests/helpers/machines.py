@@ -1,6 +1,7 @@
 """The reference's machines run by the simulator: one description for both sides of a comparison."""
 
 from dataclasses import asdict, fields
+from functools import partial
 
 import jax.numpy as jnp
 import numpy as np
@@ -10,11 +11,13 @@ from reference.step_test import READINGS
 from thermohyd.actuator import Actuator
 from thermohyd.dynamics.inputs import StepInputs, step_inputs
 from thermohyd.dynamics.plant import Plant, plant_of
-from thermohyd.dynamics.simulate import StepReadings, simulate_step
+from thermohyd.dynamics.simulate import RTOL, StepReadings, simulate_step
 from thermohyd.dynamics.walls import Walls
 from thermohyd.effects.registry import with_effects
 from thermohyd.oil import Oil
 from thermohyd.valve import Valve
+
+from .quick_compile import quick_jit
 
 
 DYNAMIC = tuple(field.name for field in fields(Dynamic))
@@ -48,15 +51,32 @@ def heat_of(machine: Machine):
     return "adiabatic" if machine.adiabatic else "isothermal"
 
 
-def simulated(machine: Machine, effects: tuple[str, ...] = (), knots: int = 0, **options) -> StepReadings:
+@partial(quick_jit, static_argnames=("heat",))
+def _quickly(valve, actuator, inputs, walls, polarity, tolerance, heat) -> StepReadings:
     return simulate_step(
+        valve, actuator, inputs, walls=walls, polarity=polarity, heat=heat, rtol=tolerance, atol=tolerance, throw=False
+    )
+
+
+def simulated(
+    machine: Machine,
+    effects: tuple[str, ...] = (),
+    knots: int = 0,
+    walls: Walls | None = None,
+    tolerance: float = RTOL,
+) -> StepReadings:
+    """A run by a program that is compiled quickly, one per kind of command, heat, effects, rows and (powers of two) knots."""
+    found = _quickly(
         valve_of(machine, effects),
         actuator_of(machine),
         inputs_of(machine, knots),
-        heat=heat_of(machine),
-        polarity=machine.jack.polarity,
-        **options,
+        walls,
+        machine.jack.polarity,
+        tolerance,
+        heat_of(machine),
     )
+    assert int(found.failure) == 0
+    return found
 
 
 def plant(machine: Machine, effects: tuple[str, ...] = ()) -> Plant:

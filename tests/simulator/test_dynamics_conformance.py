@@ -7,10 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from helpers.machines import DYNAMIC, apart, as_table, simulated
+from helpers.machines import DYNAMIC, actuator_of, apart, as_table, inputs_of, simulated, valve_of
+from helpers.quick_compile import quick_compile
 from reference.actuator import Dynamic, Machine, Run, volumes
 from reference.conformance_dynamic import machine_of, readings_of, truth
 from reference.step_test import readings
+
+from thermohyd.dynamics.inputs import step_inputs
+from thermohyd.dynamics.simulate import simulate_step
 
 
 CLOSED = [name for name in truth()["records"] if name not in ("closed_isothermal", "current_adiabatic")]
@@ -30,10 +34,28 @@ def test_closed_loop_records(name):
     assert np.max(share) < 1e-5
 
 
+def bare(machine: Machine, **options):
+    """As a user calls it, without any effect: beside the program above, no temperatures and steady surroundings."""
+    with quick_compile():
+        return simulate_step(
+            valve_of(machine), actuator_of(machine), inputs_of(machine), heat="isothermal", max_steps=4000, **options
+        )
+
+
 def test_isothermal_record():
-    # Without any effect: beside the program above, this one has no temperatures and steady surroundings.
-    share = apart(as_table(simulated(machine_of("closed_isothermal"))), readings_of("closed_isothermal"))
+    share = apart(as_table(bare(machine_of("closed_isothermal"))), readings_of("closed_isothermal"))
     assert np.max(share) < 1e-5
+
+
+def test_what_cannot_be_run_is_said():
+    machine = machine_of("closed_isothermal")
+    with pytest.raises(RuntimeError, match="more than max_steps steps"):
+        bare(machine, rtol=1e-14, atol=1e-14)
+    pressed = replace(machine, run=replace(machine.run, external_force=np.full(ROWS, 40e3)))
+    with pytest.raises(RuntimeError, match="no equilibrium under the first row"):
+        bare(pressed)
+    with pytest.raises(ValueError, match="strictly rise"):
+        step_inputs(np.zeros(2), 0.0, "setpoint", supply_pressure=210e5, temperature=313.15)
 
 
 @pytest.mark.parametrize("name", ["closed_isothermal", "flow_force"])
@@ -124,7 +146,7 @@ class Travelled:
 def travelled(end: float) -> Travelled:
     machine, weights = conserving(end)
     assert len(machine.run.time) == ROWS
-    found = closed(machine, rtol=1e-12, atol=1e-12)
+    found = closed(machine, tolerance=1e-12)
     table = as_table(found)
     p, warm = table[:, 1:3], np.stack([np.asarray(found.temperature_a), np.asarray(found.temperature_b)], axis=1)
     volume = np.stack(volumes(machine, table[:, 3]), axis=1)

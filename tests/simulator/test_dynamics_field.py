@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from helpers.machines import DYNAMIC, inputs_of, plant
+from helpers.quick_compile import quick_jit
 from reference.actuator import STATES, Dynamic, Machine
 from reference.conformance_dynamic import machine_of
 from reference.valve import Effects
@@ -71,7 +72,7 @@ def as_vector(rates: State) -> np.ndarray:
     return np.array([float(part) for part in parts])
 
 
-@eqx.filter_jit
+@quick_jit
 def field(of: Plant, time: jax.Array, state: State) -> State:
     return vector_field(of, time, state)
 

@@ -87,7 +87,7 @@ def simulate_step(
     *,
     heat: Heat = "adiabatic",
     walls: Walls | None = None,
-    polarity: int = 1,
+    polarity: int | Array = 1,
     gradient: Gradient = "forward",
     rtol: float | Array = RTOL,
     atol: float | Array = ATOL,
@@ -124,7 +124,7 @@ def simulate_step(
         raise ValueError(f'heat must be "adiabatic" or "isothermal", not {heat!r}')
     if gradient not in ("forward", "reverse"):
         raise ValueError(f'gradient must be "forward" or "reverse", not {gradient!r}')
-    if polarity not in (1, -1):
+    if not isinstance(polarity, Tracer) and polarity not in (1, -1):
         raise ValueError(f"polarity must be 1 or -1, not {polarity!r}")
     if heat == "isothermal" and walls is not None:
         raise ValueError('walls exchange heat with adiabatic chambers only: leave them out, or set heat = "adiabatic"')
