@@ -10,7 +10,7 @@ from dataclasses import replace
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 
 from .actuator import Actuator
 from .conditions import Conditions
@@ -207,9 +207,9 @@ def performance(
     valve: Valve,
     actuator: Actuator,
     *,
-    temperature: float | Array,
-    supply_pressure: float | Array,
-    return_pressure: float | Array = 0.0,
+    temperature: ArrayLike,
+    supply_pressure: ArrayLike,
+    return_pressure: ArrayLike = 0.0,
     heat: float | Array | None = None,
     gamma: float = 2.0,
 ) -> Performance:
