@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ..actuator_table import ACTUATOR, CONTROLLER, check_actuator
+from ..actuator_table import ACTUATOR, CONTROLLER, read_actuator
 from ..errors import quoted
 from ..model import Model
 from ..record import ValveData
@@ -73,8 +73,8 @@ def read_settings(path: Path | str) -> Settings:
 def _actuator(table: TomlTable | None) -> dict[str, float]:
     if table is None:
         return {}
-    check_actuator(table, ValveData("", 1.0, 1.0, rated_current=1.0))
-    keys = {key: kind for key, (kind, _, _) in ACTUATOR.items() if key != "piston_stroke"}
+    read_actuator(table, ValveData("", 1.0, 1.0, rated_current=1.0))  # refuses what cannot be
+    keys = {key: kind for key, (kind, _, _) in ACTUATOR.items()}
     found = {key: table.quantity(key, kind) for key, kind in keys.items()}
     controller = table.table("controller")
     if controller is not None:
