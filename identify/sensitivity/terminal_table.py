@@ -10,6 +10,9 @@ from . import words
 from .result import SensitivityResult
 
 
+FIRST_CAUSE = 4  # of the drift table's columns
+
+
 def print_sensitivity(result: SensitivityResult, console: Console) -> None:
     """Write the tables to a console."""
     sobol = result.tolerances.sobol
@@ -54,7 +57,7 @@ def _table(columns: list[tuple[str, bool]]) -> Table:
 def _ranking(console: Console, result: SensitivityResult) -> Padding:
     figures = [(name, True) for name in words.SHORT.values()]
     columns = [("", True), ("factor", False), ("value", True), ("tolerance", False), ("mean", True)]
-    keep = [0, 1, 2, 3, 4] if console.width >= 106 else [1, 3, 4]
+    keep = [0, 1, 2, 3, 4] if console.width >= 106 else [1, 3, 4] if console.width >= 92 else [1, 4]
     table = _table([*(columns[i] for i in keep), *figures])
     for row in words.ranking_rows(result):
         strong = int(row[4]) >= 10
@@ -68,7 +71,10 @@ def _ranking(console: Console, result: SensitivityResult) -> Padding:
 
 
 def _drifts(result: SensitivityResult) -> Padding:
-    table = _table([(name, i not in (0, 2)) for i, name in enumerate(words.DRIFT_COLUMNS)])
-    for row in words.drift_rows(result):
-        table.add_row(*[Text(cell) for cell in row])
+    rows = words.drift_rows(result)
+    # A cause that moves nothing needs no column.
+    keep = [i for i in range(len(words.DRIFT_COLUMNS)) if i < FIRST_CAUSE or any(row[i] != "0" for row in rows)]
+    table = _table([(words.DRIFT_COLUMNS[i], i not in (0, 2)) for i in keep])
+    for row in rows:
+        table.add_row(*[Text(row[i]) for i in keep])
     return Padding(table, (0, 0, 0, 2), expand=False)
