@@ -12,6 +12,7 @@ from helpers.quick_compile import quick_compile
 from reference.actuator import Dynamic, Machine, Run, volumes
 from reference.conformance_dynamic import machine_of, readings_of, truth
 from reference.step_test import readings
+from reference.valve import Effects
 
 from thermohyd.dynamics.inputs import step_inputs
 from thermohyd.dynamics.simulate import simulate_step
@@ -106,6 +107,45 @@ def test_random_closed_loops_against_the_reference(seed):
     share = apart(as_table(closed(machine)), readings(machine, 1e-7))
     print(f"seed {seed}: {np.max(share):.1e} of the range")
     assert np.max(share) < 1e-5
+
+
+def test_end_stop_in_a_run():
+    """The setpoint lies 1 mm behind the stop: the piston runs into it and stays, as deep as the force pushes it."""
+    base = machine_of("closed_adiabatic")
+    time = np.linspace(0.0, 0.12, ROWS)
+    full = lambda value: np.full(ROWS, value)
+    run = Run(
+        "setpoint", time, np.interp(time, time[[0, 2, 4]], [0.0, 0.0, 3e-3]), full(PS), full(PT), full(TS), full(0.0)
+    )
+    machine = replace(base, run=run, jack=replace(base.jack, piston_stroke=4e-3))
+    found = as_table(closed(machine))
+    share = apart(found, readings(machine, 1e-8))
+    print(f"end stop: {np.max(share):.1e} of the range")
+    assert np.max(share) < 1e-6
+    x, pa, pb, z, v = found[-1]
+    assert x > 0.0
+    assert 1e8 * (z - 2e-3) + (1e5 + 2000.0) * v == pytest.approx(12e-4 * (pa - pb), rel=1e-4)
+    assert z - 2e-3 > 2e-4
+
+
+LINES = {"supply_droop": 8e9, "return_back_pressure": 8e13, "flow_saturation": 3e13, "position_scale": 0.05}
+
+
+def test_lines_and_gauges_in_a_run():
+    """Static effects act in motion: what supply and return lose with the flow, and what the transducer reads."""
+    base = machine_of("closed_isothermal")
+    time = np.linspace(0.0, 0.03, 12)
+    full = lambda value: np.full(len(time), value)
+    setpoint = np.interp(time, time[[0, 1, 3]], [0.0, 0.0, 4e-3])
+    run = Run("setpoint", time, setpoint, full(PS), full(PT), full(TS), full(1000.0))
+    ideal = replace(base, run=run)
+    machine = replace(ideal, static=Effects(**LINES))
+    found, expected = as_table(simulated(machine)), readings(machine, 1e-6)
+    expected[:, 0] /= 1.05  # the reference gives the true position
+    share = apart(found, expected)
+    print(f"lines: {np.max(share):.1e} of the range")
+    assert np.max(share) < 1e-5
+    assert np.min(apart(found, as_table(simulated(ideal, tuple(LINES))))) > 1e-2
 
 
 def gauss(begin: float, end: float, panels: int, points: int) -> tuple[np.ndarray, np.ndarray]:
