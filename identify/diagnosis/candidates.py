@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from thermohyd.effects.registry import EFFECTS
+from thermohyd.effects.registry import DYNAMIC_EFFECTS, EFFECTS, effect_info
 
 from .library import Library
 from .library_fit import LibraryFit
@@ -21,7 +21,9 @@ def candidates(
 ) -> tuple[Candidate, ...]:
     """One line per effect of the whole library, in its order. excess: chi-square of `base` beyond noise."""
     found = []
-    for name, info in EFFECTS.items():
+    for name, info in {**EFFECTS, **DYNAMIC_EFFECTS}.items():
+        if name not in library.names and name not in library.impossible:
+            continue
         if name in library.impossible:
             found.append(_without_figures(name, "impossible", library.impossible[name]))
             continue
@@ -59,4 +61,4 @@ def _share(gain: float, excess: float) -> float:
 
 def _without_figures(name: str, state: str, why: str) -> Candidate:
     nan = float("nan")
-    return Candidate(name, EFFECTS[name].unit, state, why, nan, nan, nan, 0.0, nan, nan)
+    return Candidate(name, effect_info(name).unit, state, why, nan, nan, nan, 0.0, nan, nan)

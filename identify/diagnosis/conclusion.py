@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from thermohyd.effects.registry import EFFECTS
+from thermohyd.effects.registry import effect_info
 
 from ..fit_result import FitResult
 from .candidates import candidates
@@ -44,7 +44,7 @@ def conclude(
     case = replace(case, base=model.base)
     problem, base = case.problem, case.base
     first = screen(problem.with_all_columns(base), problem.library.names, case.steps, level=LEVEL)
-    smooth = variations_of(problem, model.fit) if model.disagrees else ()
+    smooth = variations_of(problem, model.fit) if model.disagrees and not problem.in_motion else ()
     fit, term, left = model.fit, None, model.left
     if learn and smooth:
         say(f"learning how {smooth[0].quantity} varies with {smooth[0].variable}")
@@ -127,8 +127,10 @@ def _learned(variation: Variation, term: LearnedTerm) -> Variation:
 
 
 def _named(name: str, after: FitResult, model: FinalModel) -> NamedEffect:
-    estimate, rivals, info = after.parameters[name], model.rivals[name], EFFECTS[name]
-    alike = tuple(Alternative(r.name, r.fit.values[r.name], EFFECTS[r.name].unit, r.chi2_more) for r in rivals.alike)
+    estimate, rivals, info = after.parameters[name], model.rivals[name], effect_info(name)
+    alike = tuple(
+        Alternative(r.name, r.fit.values[r.name], effect_info(r.name).unit, r.chi2_more) for r in rivals.alike
+    )
     return NamedEffect(
         name=name,
         value=estimate.value,
@@ -163,7 +165,7 @@ def _evidence(case: Case, rivals: dict[str, Rivals]) -> tuple[Evidence, ...]:
         share = -own.direction * at.residual[at.used]
         for key, rows in case.problem.rows().items():
             test = case.fitted.tests[key[0]]
-            found.append(Evidence(name, *key, test.spool_position, test.direction, test.temperature, share[rows]))
+            found.append(Evidence(name, *key, test.place, test.direction, test.temperature, share[rows]))
     return tuple(found)
 
 

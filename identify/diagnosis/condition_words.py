@@ -16,6 +16,7 @@ _SHOWN = {
     "rate": ("um/s", 1e6, 0.0),
     "opening": ("um", 1e6, 0.0),
     "time": ("s", 1.0, 0.0),
+    "frequency": ("Hz", 1.0, 0.0),
     "elapsed": ("s", 1.0, 0.0),
 }
 _AFTER = {"supply_pressure": " supply", "return_pressure": " return", "load_pressure": " load"}
@@ -33,7 +34,7 @@ def direction_word(direction: float) -> str:
 
 def region_words(limits: Mapping[str, tuple[float, float]], run_names: tuple[str, ...] = ()) -> str:
     """The box in words, position first; "everywhere" where nothing bounds it. Limits are SI."""
-    columns = sorted(limits, key=lambda column: column != "spool_position")
+    columns = sorted(limits, key=lambda column: column not in ("spool_position", "time", "frequency"))
     words = [_range(column, *limits[column], run_names) for column in columns]
     return ", ".join(word for word in words if word) or "everywhere"
 
@@ -45,7 +46,7 @@ def _range(column: str, low: float, high: float, run_names: tuple[str, ...]) -> 
         return _runs(round(low), round(high), run_names)
     unit, factor, offset = condition_unit(column)
     low, high = low * factor + offset, high * factor + offset
-    digits = 0 if max(abs(low), abs(high)) >= 10.0 else 2
+    digits = 3 if unit == "s" else 0 if max(abs(low), abs(high)) >= 10.0 else 2
     first, last = (f"{value:.{digits}f}" if unit else significant(value, 3) for value in (low, high))
     if first == "-0":
         first = "0"

@@ -10,6 +10,7 @@ from .case import Case, Progress, open_case
 from .choice import choose
 from .conclusion import conclude
 from .final_model import final_model
+from .motion_diagnosis import diagnose_motion
 from .result import DiagnosisResult
 
 
@@ -23,7 +24,12 @@ def diagnose(record: BenchRecord, *, learn: bool = False, progress: Progress | N
     require_float64("diagnose")
     began = time.perf_counter()
     say = progress or (lambda _: None)
-    result = diagnose_case(open_case(record, say), learn=learn, say=say)
+    conclusion = lambda case: diagnose_case(case, learn=learn, say=say)
+    if record.dynamic is None:
+        result = conclusion(open_case(record, say))
+    else:
+        static = conclusion(open_case(replace(record, dynamic=None), say)) if record.tests else None
+        result = diagnose_motion(record, static, conclusion, say)
     return replace(result, seconds=time.perf_counter() - began)
 
 

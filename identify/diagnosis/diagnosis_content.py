@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from ..display_units import DisplayUnit, beside, display_unit, reading_unit, significant
 from ..effect_units import amount, effect_unit
+from ..record import DYNAMIC_TESTS
 from .condition_words import region_words
 from .result import Candidate, DiagnosisResult, NamedEffect, Region
 
@@ -117,7 +118,7 @@ def where_rows(result: DiagnosisResult, regions: tuple[Region, ...]) -> list[Whe
     for region in regions:
         unit = reading_unit(region.channel)
         side = "above" if region.mean > 0 else "below"
-        record = result.record.tests.get(region.test)
+        record = result.record.all_tests.get(region.test)
         rows.append(
             WhereRow(
                 reading=reading_words(region.test, region.channel),
@@ -134,6 +135,8 @@ def where_rows(result: DiagnosisResult, regions: tuple[Region, ...]) -> list[Whe
 def reading_words(test: str, channel: str) -> str:
     """A test's reading in words; the channel is said only where the test alone does not tell."""
     words = test.replace("_", " ")
+    if test in DYNAMIC_TESTS:
+        return f"{words}, {channel.replace('_', ' ')}"
     return f"{words}, port {channel[-1].upper()}" if channel in ("pressure_a", "pressure_b") else words
 
 

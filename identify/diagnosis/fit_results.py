@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from thermohyd.effects.registry import EFFECTS
+from thermohyd.effects.registry import effect_info
 
 from ..channel_noise import ChannelNoise
 from ..covariance import Block, Covariance, covariance_of
+from ..dynamic.words import verdict_of_motion
 from ..fit_result import FitResult
 from ..fitted import Fitted, Key
 from ..noise_correlation import NoiseCorrelation
@@ -15,7 +16,6 @@ from ..outcome import fit_result
 from ..parameters import ParameterInfo, ParameterPlan
 from ..static_model import channel_slices
 from .library_fit import LibraryFit, LibraryProblem
-from .library_model import PARAMETERS
 from .record_noise import NoiseFound, first_noise
 
 
@@ -24,18 +24,21 @@ PINT_UNITS = {"1": "dimensionless", "Pa/(m3/s)^2": "Pa*s**2/m**6"}
 
 def effect_plan(name: str) -> ParameterPlan:
     """An effect's amount as a parameter of a fit."""
-    info = EFFECTS[name]
+    info = effect_info(name)
     as_parameter = ParameterInfo(name, info.unit, 0.0, info.lower, info.upper, info.scale, info.sentence)
     return ParameterPlan(as_parameter, 0.0, False, info.lower, info.upper)
 
 
-def gls_covariance(fit: LibraryFit, scale: float) -> Covariance:
-    """(J'J)^-1 of the whitened problem over `fit.free`; scale: variance of the whitened residuals where it exceeds 1."""
+def gls_covariance(fit: LibraryFit, scale: float, priors: int) -> Covariance:
+    """(J'J)^-1 of the whitened problem over `fit.free`; scale: variance of the whitened residuals where it exceeds 1.
+
+    priors: rows at the end that are no readings.
+    """
     columns = fit.columns[:, [fit.order.index(name) for name in fit.free]][fit.used]
     active = np.array([fit.solution.active[fit.order.index(name)] for name in fit.free])
-    rows = len(columns) - len(PARAMETERS)
+    rows = len(columns) - priors
     block = Block(slice(0, rows), np.zeros(rows, dtype=int), NoiseCorrelation(), max(scale, 1.0))
-    return covariance_of(columns, fit.free, active, [block], slice(rows, rows + len(PARAMETERS)))
+    return covariance_of(columns, fit.free, active, [block], slice(rows, rows + priors))
 
 
 def result_of(
@@ -56,8 +59,8 @@ def result_of(
         residual[slices[key]] = at.residual[rows]
         jacobian[slices[key]] = at.columns[rows][:, columns]
     for i, name in enumerate(fit.free):
-        if name in PARAMETERS:
-            k = len(at.residual) - len(PARAMETERS) + PARAMETERS.index(name)
+        if name in problem.parameters:
+            k = len(at.residual) - len(problem.parameters) + problem.parameters.index(name)
             residual[count - len(fit.free) + i], jacobian[count - len(fit.free) + i] = (
                 at.residual[k],
                 at.columns[k, columns],
@@ -77,7 +80,11 @@ def result_of(
     whole = replace(
         fitted, plans=plans, free=fit.free, noise=_as_channel_noise(noise), solution=solution, starts=fitted.starts
     )
-    return fit_result(whole, gls_covariance(fit, scale))
+    found = fit_result(whole, gls_covariance(fit, scale, len(problem.parameters)))
+    if not problem.in_motion:
+        return found
+    words = verdict_of_motion(found.channels, found.converged, found.message)
+    return replace(found, rows=sum(test.rows for test in fitted.tests.values()), verdict=words)
 
 
 def _as_channel_noise(noise: dict[Key, NoiseFound]) -> dict[Key, ChannelNoise]:

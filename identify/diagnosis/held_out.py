@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..legs import piece_bounds, sweep_ids
-from ..record import TestRecord
+from ..record import DynamicTest, TestRecord
 
 
 SHARE = 0.25  # of each test's rows, about
@@ -30,7 +30,26 @@ def split_rows(tests: dict[str, TestRecord]) -> Split:
     return Split(np.concatenate(parts), "; ".join(words))
 
 
+def _held_in_motion(test: DynamicTest) -> tuple[np.ndarray, str]:
+    """Later runs where there are several, else the end of each run; every fourth frequency."""
+    held = np.zeros(test.rows, dtype=bool)
+    codes = np.unique(test.run)
+    if test.frequency is not None:
+        held[np.argsort(test.frequency, kind="stable")[2::4]] = True
+        return held, "every fourth frequency"
+    if len(codes) > 2:
+        last = codes[-max(1, round(SHARE * len(codes))) :]
+        names = ", ".join(test.run_names[code] for code in last)
+        return np.isin(test.run, last), f"run {names}" if len(last) == 1 else f"runs {names}"
+    for code in codes:
+        rows = np.flatnonzero(test.run == code)
+        held[rows[round((1.0 - SHARE) * len(rows)) :]] = True
+    return held, f"the last {100 * SHARE:.0f} % of every run"
+
+
 def _held_rows(test: TestRecord) -> tuple[np.ndarray, str]:
+    if isinstance(test, DynamicTest):
+        return _held_in_motion(test)
     levels = np.stack([_level(test.temperature, 1.0), _level(test.supply_pressure, 0.02), _rates(test)], axis=1)
     conditions, number = np.unique(levels, axis=0, return_inverse=True)
     number = number.reshape(-1)

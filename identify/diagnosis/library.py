@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from thermohyd.effects.registry import EFFECTS, EffectInfo
+from thermohyd.effects.registry import EFFECTS, EffectInfo, effect_info
 
 from ..record import TestRecord
 
@@ -37,7 +37,7 @@ class Library:
 
 def coupled(name: str) -> bool:
     """Whether an effect ties the balances together (lines, flow between the ports)."""
-    return any(stage in ("lines", "crossing") for stage in EFFECTS[name].stages)
+    return any(stage in ("lines", "crossing") for stage in effect_info(name).stages)
 
 
 def dear(names: Iterable[str]) -> bool:

@@ -5,16 +5,16 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from thermohyd.effects.registry import EFFECTS
+from thermohyd.effects.registry import effect_info
 
 from ..hopping import hop
-from ..least_squares import LeastSquaresResult, solve
+from ..least_squares import Both, LeastSquaresResult, solve
 from ..legs import piece_bounds
 from ..noise_correlation import NoiseCorrelation
 from ..parameters import ParameterPlan
 from ..problem import prior_rows
 from ..record import BenchRecord, TestRecord
-from ..static_model import StaticData, base_valve, channel_slices, coarse_size, groups_of, pad, static_data
+from ..static_model import Size, StaticData, base_valve, channel_slices, coarse_size, groups_of, pad, static_data
 from ..transforms import Box
 from .library import HEAT, Library, coupled
 from .library_model import PARAMETERS, LibraryArgs, RowTerms, library_program, order_of
@@ -99,8 +99,27 @@ class LibraryProblem:
         return replace(self, terms=terms, evaluations=0, _args={})
 
     @property
+    def in_motion(self) -> bool:
+        """Whether the rows are those of dynamic tests."""
+        return False
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Every entry that is no effect; each has one row of priors behind the readings."""
+        return PARAMETERS
+
+    @property
     def free_parameters(self) -> tuple[str, ...]:
-        return tuple(name for name in PARAMETERS if not self.plans[name].fixed)
+        return tuple(name for name in self.parameters if not self.plans[name].fixed)
+
+    def order_of(self, program: tuple[str, ...]) -> tuple[str, ...]:
+        """Entries of the vector of a program with these effects."""
+        return order_of(program)
+
+    @property
+    def _size(self) -> Size:
+        """Rows that a channel is padded to."""
+        return coarse_size
 
     def sweeps(self, test: str) -> np.ndarray:
         """Stretches of a test's rows along which its noise remembers."""
@@ -109,7 +128,7 @@ class LibraryProblem:
     def rows(self) -> dict[Key, slice]:
         """Where each channel's rows lie in a `LibraryFit`'s residual."""
         found, first = {}, 0
-        for key, padded in channel_slices(self.tests, coarse_size).items():
+        for key, padded in channel_slices(self.tests, self._size).items():
             count = padded.stop - padded.start
             found[key] = slice(first, first + count)
             first += count
@@ -129,16 +148,15 @@ class LibraryProblem:
         """
         chosen = tuple(name for name in self.library.names if name in set(effects))
         program = self._program(chosen)
-        order = order_of(program)
+        order = self.order_of(program)
         free = (*self.free_parameters, *(name for name in order if name in chosen))
         begin = self._start(order, chosen, start or {})
         boxes = [self._box(name, begin[i], name in free) for i, name in enumerate(order)]
         args = self._arguments(program)
 
         def from_point(point: np.ndarray) -> LeastSquaresResult:
-            result = solve(
-                None, boxes, args, point, tolerance=CLOSE_ENOUGH, max_steps=most_steps, both=library_program(program)
-            )
+            both = self._both(program)
+            result = solve(None, boxes, args, point, tolerance=CLOSE_ENOUGH, max_steps=most_steps, both=both)
             self.evaluations += result.steps + 1
             return result
 
@@ -156,13 +174,17 @@ class LibraryProblem:
         chosen = tuple(name for name in self.library.names if name in set(effects) or values.get(name, 0.0) != 0.0)
         return self._evaluate(values, self._program(chosen))
 
+    def _both(self, program: tuple[str, ...]) -> Both:
+        """Residuals and columns of a program."""
+        return library_program(program)
+
     def _evaluate(self, values: Mapping[str, float], program: tuple[str, ...]) -> LibraryFit:
-        order = order_of(program)
-        point = [values.get(name, 0.0 if name in EFFECTS else self.plans[name].start) for name in order]
+        order = self.order_of(program)
+        point = [values.get(name, 0.0 if name not in self.parameters else self.plans[name].start) for name in order]
         boxes = [self._box(name, point[i], False) for i, name in enumerate(order)]
         result = solve(
             None, boxes, self._arguments(program), np.array(point), tolerance=CLOSE_ENOUGH,
-            max_steps=MOST_STEPS, both=library_program(program),
+            max_steps=MOST_STEPS, both=self._both(program),
         )  # fmt: skip
         self.evaluations += result.steps + 1
         return self._result((), order, (), result)
@@ -176,11 +198,11 @@ class LibraryProblem:
         missing = [name for name in self.library.names if name not in fit.order]
         if not missing:
             return fit
-        present = [name for name in fit.order if name in EFFECTS and fit.values[name] != 0.0]
+        present = [name for name in fit.order if name not in self.parameters and fit.values[name] != 0.0]
         other = self.library.plain if HEAT in missing else self._program((*present, *missing))
-        held = {name: value for name, value in fit.values.items() if name not in EFFECTS or name in other}
+        held = {name: value for name, value in fit.values.items() if name in self.parameters or name in other}
         at = self._evaluate(held, other)
-        order = order_of(self.library.names)
+        order = self.order_of(self.library.names)
         columns = [(fit if name in fit.order else at).column(name) for name in order]
         values = {name: fit.values.get(name, 0.0) for name in order}
         return replace(fit, order=order, values=values, columns=np.stack(columns, axis=1))
@@ -199,13 +221,13 @@ class LibraryProblem:
     def _start(self, order: tuple[str, ...], chosen: tuple[str, ...], start: Mapping[str, float]) -> list[float]:
         found = []
         for name in order:
-            if name not in EFFECTS:
+            if name in self.parameters:
                 found.append(start.get(name, self.plans[name].start))
                 continue
             if name not in chosen:
                 found.append(0.0)
                 continue
-            info = EFFECTS[name]
+            info = effect_info(name)
             # A linear estimate may lie far outside of what the balances can solve.
             most = START_WITHIN * info.typical[1]
             value = float(np.clip(start.get(name, 0.0), max(info.lower, -most), min(info.upper, most)))
@@ -216,8 +238,8 @@ class LibraryProblem:
         return found
 
     def _box(self, name: str, value: float, free: bool) -> Box:
-        if name in EFFECTS:
-            info = EFFECTS[name]
+        if name not in self.parameters:
+            info = effect_info(name)
             lower, upper, scale = info.lower, info.upper, info.scale
         else:
             plan = self.plans[name]
@@ -279,14 +301,15 @@ class LibraryProblem:
     def _result(
         self, chosen: tuple[str, ...], order: tuple[str, ...], free: tuple[str, ...], result: LeastSquaresResult
     ) -> LibraryFit:
+        priors = len(self.parameters)
         real = np.concatenate(
-            [np.arange(s.start, s.stop) for s in channel_slices(self.tests, coarse_size).values()]
-            + [np.arange(len(result.residual) - len(PARAMETERS), len(result.residual))]
+            [np.arange(s.start, s.stop) for s in channel_slices(self.tests, self._size).values()]
+            + [np.arange(len(result.residual) - priors, len(result.residual))]
         )
         values = dict(zip(order, (float(v) for v in result.p), strict=True))
         pressed = frozenset(name for name, side in zip(order, result.active, strict=True) if side and name in free)
         used = np.ones(len(real), dtype=bool) if self.used is None else np.append(
-            self.used[: len(real) - len(PARAMETERS)], np.ones(len(PARAMETERS), dtype=bool)
+            self.used[: len(real) - priors], np.ones(priors, dtype=bool)
         )  # fmt: skip
         return LibraryFit(
             chosen, order, free, values, result.cost, result.residual[real], result.jacobian[real], used, pressed,

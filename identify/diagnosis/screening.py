@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtri
 
-from thermohyd.effects.registry import EFFECTS
+from thermohyd.effects.registry import DYNAMIC_EFFECTS, EFFECTS, effect_info
 
 from .library_fit import LibraryFit, LibraryProblem
 from .max_t import MaxT, normal_score
@@ -38,7 +38,7 @@ class Signature:
 
     @property
     def one_sided(self) -> bool:
-        return EFFECTS[self.name].lower == 0.0
+        return effect_info(self.name).lower == 0.0
 
     @property
     def strength(self) -> float:
@@ -117,14 +117,19 @@ def screen(
     return Screen(tuple(found), law, law.critical(level), residual, projection)
 
 
+def is_effect(name: str) -> bool:
+    """Whether an entry of a fit is an effect's amount, not a parameter."""
+    return name in EFFECTS or name in DYNAMIC_EFFECTS
+
+
 def finite_steps(problem: LibraryProblem, fit: LibraryFit, names: Iterable[str]) -> dict[str, np.ndarray]:
     """(f(amount) - f(0))/amount at a typical amount: what an effect does that has no slope at neutral, or bends."""
     found = {}
-    held = {name: value for name, value in fit.values.items() if name not in EFFECTS or name in fit.effects}
+    held = {name: value for name, value in fit.values.items() if not is_effect(name) or name in fit.effects}
     for name in names:
         if name in fit.effects:
             continue
-        amount = EFFECTS[name].scale
+        amount = effect_info(name).scale
         moved = problem.evaluate({**held, name: amount}, (*fit.effects, name))
         found[name] = (moved.residual - fit.residual) / amount
     return found

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.optimize import nnls
 from scipy.special import chdtrc
 
-from thermohyd.effects.registry import EFFECTS
+from thermohyd.effects.registry import effect_info
 
 from .library import dear
 from .library_fit import LibraryFit, LibraryProblem
@@ -52,7 +52,7 @@ def implausible(fit: LibraryFit) -> float:
     """Penalty in chi-square for amounts beyond what is usual: it decides between effects that fit alike."""
     total = 0.0
     for name in fit.effects:
-        excess = abs(fit.values[name]) / EFFECTS[name].typical[1]
+        excess = abs(fit.values[name]) / effect_info(name).typical[1]
         if excess > 1.0:
             total += BEYOND_TYPICAL * float(np.log(excess)) ** 2
     return total
@@ -147,11 +147,11 @@ def _singles(
     explained = any(fit.chi2 <= EXPLAINED * rows for fit in found.values())
     if chosen or explained or current.chi2 <= FAR * rows:
         return found
-    null = {"null_bias": current.values["null_bias"]}
+    null = {n: current.values[n] for n in ("null_bias",) if n in current.values}
     for name in dict.fromkeys([*found, *problem.library.names]):
         if name in chosen or (dear((*chosen, name)) and not dear(chosen)):
             continue
-        start = {**{n: current.values[n] for n in chosen}, **null, name: EFFECTS[name].scale}
+        start = {**{n: current.values[n] for n in chosen}, **null, name: effect_info(name).scale}
         fit = problem.fit((*chosen, name), start, most_steps=GLANCE)
         if name not in found or merit(fit) < merit(found[name]):
             found[name] = fit

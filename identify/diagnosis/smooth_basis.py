@@ -6,20 +6,23 @@ import numpy as np
 from numpy.polynomial import legendre
 from scipy.special import fdtrc
 
-from ..record import TestRecord
+from ..record import DynamicTest, TestRecord
 from .library_fit import Key, LibraryFit, LibraryProblem
 from .projection import Projection
 from .whitening import whiten_on_host, whitening_of
 
 
 DEGREE = 5
+DEGREE_IN_TIME, MOST_RUNS_APART = 9, 4
 
 
 def smooth_columns(test: TestRecord) -> np.ndarray:
     """(rows, k): Legendre polynomials over the position, alone and times temperature, supply pressure and direction.
 
-    The position counts by its rank: a bench puts its points where the curve moves.
+    The position counts by its rank: a bench puts its points where the curve moves. Over time, run by run, in motion.
     """
+    if isinstance(test, DynamicTest):
+        return smooth_in_time(test)
     order = np.argsort(np.argsort(test.spool_position, kind="stable"), kind="stable")
     place = 2.0 * order / max(test.rows - 1, 1) - 1.0
     shapes = legendre.legvander(place, DEGREE)
@@ -37,6 +40,19 @@ def smooth_columns(test: TestRecord) -> np.ndarray:
         if rate is not None:
             blocks.append(shapes[:, :2] * (test.direction * rate)[:, None])
     return np.concatenate(blocks, axis=1)
+
+
+def smooth_in_time(test: DynamicTest) -> np.ndarray:
+    """(rows, k): Legendre polynomials over each run's rows; runs beyond the first few share theirs."""
+    degree = DEGREE_IN_TIME if test.frequency is None else DEGREE
+    shared = np.minimum(test.run, MOST_RUNS_APART - 1)
+    columns = np.zeros((test.rows, (degree + 1) * (int(shared.max()) + 1)))
+    for code in np.unique(test.run):
+        rows = np.flatnonzero(test.run == code)
+        rank = np.argsort(np.argsort(test.place[rows], kind="stable"), kind="stable")
+        first = int(shared[rows[0]]) * (degree + 1)
+        columns[rows, first : first + degree + 1] = legendre.legvander(2.0 * rank / max(len(rows) - 1, 1) - 1.0, degree)
+    return columns
 
 
 def _scaled(column: np.ndarray | None) -> np.ndarray | None:

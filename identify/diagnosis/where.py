@@ -10,7 +10,7 @@ from itertools import product
 import numpy as np
 
 from ..fit_result import ChannelFit
-from ..record import TestRecord
+from ..record import DynamicTest, TestRecord
 from .result import Region
 
 
@@ -56,19 +56,22 @@ def _axes(test: TestRecord) -> dict[str, list[tuple[np.ndarray, tuple[float, flo
     """For each column the stretches that may bound a box: (rows inside, limits; None for "anywhere")."""
     everywhere = np.ones(test.rows, dtype=bool)
     axes: dict[str, list[tuple[np.ndarray, tuple[float, float] | None]]] = {}
-    edges = np.unique(np.quantile(test.spool_position, np.linspace(0.0, 1.0, STRETCHES + 1)))
-    x = test.spool_position
+    x = test.place
+    edges = np.unique(np.quantile(x, np.linspace(0.0, 1.0, STRETCHES + 1)))
+    dynamic = isinstance(test, DynamicTest)
+    first = "spool_position" if not dynamic else "time" if test.frequency is None else "frequency"
     stretches: list[tuple[np.ndarray, tuple[float, float] | None]] = [(everywhere, None)]
     for i in range(len(edges) - 1):
         for j in range(i + 1, len(edges)):
             if (i, j) != (0, len(edges) - 1):
                 stretches.append(((x >= edges[i]) & (x <= edges[j]), (float(edges[i]), float(edges[j]))))
-    axes["spool_position"] = stretches
+    axes[first] = stretches
     for name, column, step in (
         ("temperature", test.temperature, 2.0),
         ("supply_pressure", test.supply_pressure, 0.03 * max(float(np.max(np.abs(test.supply_pressure))), 1e-300)),
         ("direction", test.direction, 0.5),
         ("rate", None if test.rate is None else np.abs(test.rate), None),
+        ("run", test.run.astype(float) if dynamic else None, 0.5),
     ):
         if column is None:
             continue
@@ -102,10 +105,9 @@ def _best_box(
     n, power = float(left.sum()), float(np.sum(squares[left]))
     if n < LEAST_ROWS or power <= n:
         return None
-    names = list(axes)
-    position = np.stack([rows for rows, _ in axes["spool_position"]]) & left
+    first, *others = axes
+    position = np.stack([rows for rows, _ in axes[first]]) & left
     best_gain, best = WORTH_TELLING, None
-    others = [name for name in names if name != "spool_position"]
     for choice in product(*(range(len(axes[name])) for name in others)):
         inside = left.copy()
         for name, i in zip(others, choice, strict=True):
@@ -131,10 +133,10 @@ def _best_box(
             best_gain = float(gain[k])
             limits = {
                 name: limit
-                for name, i in (*zip(others, choice, strict=True), ("spool_position", k))
+                for name, i in (*zip(others, choice, strict=True), (first, k))
                 if (limit := axes[name][i][1]) is not None
             }
-            best = inside & axes["spool_position"][k][0], limits
+            best = inside & axes[first][k][0], limits
     if best is None and power - n > 5.0 * np.sqrt(2.0 * n):
         return left.copy(), {}  # everywhere alike
     return best

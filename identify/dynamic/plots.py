@@ -54,7 +54,7 @@ def _draw(axes: Axes, pair: Pair, rows: np.ndarray, words: tuple[str, str]) -> N
     unit = reading_unit(after.channel).factor
     order = np.flatnonzero(rows)[np.argsort(after.position[rows], kind="stable")]
     x = after.position[order]
-    axes.plot(x, after.measured[order] * unit, ".", color=DATA, markersize=2.2, label="bench", rasterized=True)
+    axes.plot(x, after.measured[order] * unit, ".", color=DATA, markersize=2.6, label="bench", rasterized=True)
     if before is not None:
         axes.plot(x, before.predicted[order] * unit, color=BEFORE, linestyle="--", label=words[1])
     low, high = ((after.predicted[order] + sign * BAND * after.predicted_std[order]) * unit for sign in (-1.0, 1.0))

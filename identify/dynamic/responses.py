@@ -1,6 +1,5 @@
 """Frequency tests with derivatives: the small-signal response at each operating point, by forward mode."""
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
@@ -9,6 +8,7 @@ from thermohyd.dynamics.inputs import StepInputs
 from thermohyd.dynamics.small_signal import Output, frequency_response
 
 from .machine import machine
+from .quick import quickly
 from .trajectories import Given, Plan
 
 
@@ -16,7 +16,7 @@ READINGS = ("amplitude_ratio", "phase")
 NO_RESPONSE = ("backlash",)  # effects without a small-signal response
 
 
-@eqx.filter_jit
+@quickly
 def responses_all(
     plan: Plan,
     p: Float[Array, " all"],

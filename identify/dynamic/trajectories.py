@@ -22,6 +22,7 @@ from thermohyd.dynamics.walls import Walls
 from thermohyd.valve import Valve
 
 from .machine import machine
+from .quick import quickly
 
 
 READINGS = ("spool_position", "pressure_a", "pressure_b", "piston_position", "piston_velocity")
@@ -60,7 +61,7 @@ def _read(state: State, valve: Valve) -> Float[Array, " readings"]:
     )
 
 
-@eqx.filter_jit
+@quickly
 def run_all(
     plan: Plan, p: Float[Array, " all"], given: Given, inputs: StepInputs
 ) -> tuple[Float[Array, "runs points states"], Array]:
@@ -76,7 +77,7 @@ def run_all(
     return jax.vmap(one)(inputs)
 
 
-@eqx.filter_jit
+@quickly
 def read_all(
     plan: Plan, p: Float[Array, " all"], given: Given, inputs: StepInputs, states: Float[Array, "runs rows states"]
 ) -> Float[Array, "runs rows readings"]:
@@ -90,7 +91,7 @@ def read_all(
     return jax.vmap(one)(inputs, states)
 
 
-@eqx.filter_jit
+@quickly
 def slopes_all(
     plan: Plan,
     p: Float[Array, " all"],

@@ -1,0 +1,152 @@
+"""Dynamic records with hidden physics, diagnosed and scored: who is named, and how honest the intervals are.
+
+Every effect of the dynamic library at two strengths, records with nothing hidden, and pairs; noise white and AR(1) of memory
+0.6. Records are made by the reference simulator (SciPy) from fixed seeds with hidden values of the four identified parameters.
+Answers stay in build/hidden_dynamic; an interrupted run goes on where it stopped. `make hidden-dynamic`.
+"""
+
+import argparse
+import json
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+
+ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT / "tests"))
+
+from reference import dynamic_bench  # noqa: E402
+from reference.actuator import Dynamic  # noqa: E402
+
+
+# Effect: a strength that shows faintly and one that shows well, on this jack with this noise.
+STRENGTHS = {
+    "coulomb_friction": (60.0, 200.0),
+    "stribeck_friction": (100.0, 300.0),
+    "backlash": (4e-6, 10e-6),
+    "entrained_air": (0.01, 0.04),
+    "jack_leakage": (1e-12, 6e-12),
+    "flow_force": (1e-7, 4e-7),
+    "spool_delay": (0.4e-3, 1.5e-3),
+    "wall_heat": (10.0, 60.0),
+}
+PAIRS = (
+    ("coulomb_friction", "spool_delay"),
+    ("entrained_air", "flow_force"),
+    ("backlash", "spool_delay"),
+    ("coulomb_friction", "entrained_air"),
+)
+MEMORY = 0.6
+NAMES = ("spool_frequency", "spool_damping", "bulk_modulus_factor", "viscous_friction")
+
+
+def plan() -> dict[str, tuple[dict[str, float], float]]:
+    """{record: (effects, memory of the noise)}; white and correlated noise take turns."""
+    found: dict[str, tuple[dict[str, float], float]] = {}
+    for i, (name, strengths) in enumerate(STRENGTHS.items()):
+        for k, amount in enumerate(strengths):
+            found[f"{name}_{k + 1}"] = {name: amount}, MEMORY * ((i + k) % 2)
+    for i in range(4):
+        found[f"none_{i + 1}"] = {}, MEMORY * (i % 2)
+    for i, (a, b) in enumerate(PAIRS):
+        found[f"pair_{i + 1}"] = {a: STRENGTHS[a][1], b: STRENGTHS[b][1]}, MEMORY * (i % 2)
+    return found
+
+
+def bench_of(seed: int, effects: dict[str, float], memory: float) -> dynamic_bench.Bench:
+    random = np.random.default_rng(seed)
+    factors = random.uniform(0.8, 1.2, 4)
+    jack = dynamic_bench.plain().jack
+    hidden = replace(
+        jack,
+        spool_frequency=100.0 * factors[0],
+        spool_damping=0.7 * factors[1],
+        bulk_modulus_factor=0.85 * factors[2],
+        viscous_friction=2000.0 * factors[3],
+    )
+    return dynamic_bench.Bench(
+        jack=hidden, dynamic=Dynamic(**effects), memory=memory, seed=seed, steps=(3.0, -6.0, 1.5), seconds=0.3
+    )
+
+
+def answer(folder: Path, seed: int, effects: dict[str, float], memory: float) -> dict:
+    """Make, diagnose and keep the answer of one record."""
+    from thermohyd.identify.diagnosis.diagnose import diagnose
+    from thermohyd.identify.read_record import read_record
+
+    bench = bench_of(seed, effects, memory)
+    dynamic_bench.write(folder, bench)
+    began = time.perf_counter()
+    result = diagnose(read_record(folder))
+    truth = {name: getattr(bench.jack, name) for name in NAMES} | effects
+    inside = {
+        name: bool(found.ci95[0] <= truth[name] <= found.ci95[1])
+        for name, found in result.after.parameters.items()
+        if found.ci95 is not None and name in truth
+    }
+    return {
+        "truth": effects,
+        "memory": memory,
+        "verdict": result.verdict,
+        "named": [effect.name for effect in result.effects],
+        "alternatives": {effect.name: [a.name for a in effect.alternatives] for effect in result.effects},
+        "inside": inside,
+        "gap": [result.gap_before, result.gap_after],
+        "seconds": time.perf_counter() - began,
+    }
+
+
+def table(answers: dict[str, dict]) -> str:
+    """Every record, then the rates."""
+    lines = [f"{'record':<22}{'noise':<7}{'verdict':<13}{'gap':<14}named (alternatives)"]
+    for name, found in answers.items():
+        told = ", ".join(n + (f" ({', '.join(a)})" if (a := found["alternatives"][n]) else "") for n in found["named"])
+        gap = f"{found['gap'][0]:.2f} {found['gap'][1]:.2f}"
+        lines.append(f"{name:<22}{'AR(1)' if found['memory'] else 'white':<7}{found['verdict']:<13}{gap:<14}{told or '-'}")
+    with_one = [f for f in answers.values() if len(f["truth"]) == 1]
+    pairs = [f for f in answers.values() if len(f["truth"]) == 2]
+    none = [f for f in answers.values() if not f["truth"]]
+    told = lambda f: set(f["named"]) | {a for names in f["alternatives"].values() for a in names}
+    first = sum(f["named"][:1] == list(f["truth"]) for f in with_one)
+    among = sum(set(f["truth"]) <= told(f) for f in with_one)
+    silent = sum(not f["named"] for f in with_one)
+    inside = [v for f in answers.values() for v in f["inside"].values()]
+    seconds = [f["seconds"] for f in answers.values()]
+    lines += [
+        "",
+        f"nothing hidden, something named:   {sum(bool(f['named']) for f in none)} of {len(none)}",
+        f"one effect, named first:           {first} of {len(with_one)}",
+        f"one effect, in name+alternatives:  {among} of {len(with_one)}   (nothing named: {silent})",
+        f"pairs, both in name+alternatives:  {sum(set(f['truth']) <= told(f) for f in pairs)} of {len(pairs)}",
+        f"truth inside its 95 % interval:    {sum(inside)} of {len(inside)}",
+        f"seconds per record:                median {np.median(seconds):.0f}, most {max(seconds):.0f}",
+    ]
+    return "\n".join(lines)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path, default=ROOT / "build" / "hidden_dynamic")
+    parser.add_argument("--only", help="records whose name holds this text")
+    options = parser.parse_args()
+    from thermohyd.identify.jax_setup import set_up_jax
+
+    set_up_jax()
+    answers: dict[str, dict] = {}
+    for seed, (name, (effects, memory)) in enumerate(plan().items(), 100):
+        if options.only and options.only not in name:
+            continue
+        kept = options.out / f"{name}.json"
+        if not kept.exists():
+            print(name, file=sys.stderr, flush=True)
+            found = answer(options.out / "records" / name, seed, effects, memory)
+            kept.write_text(json.dumps(found, indent=1), encoding="utf-8")
+        answers[name] = json.loads(kept.read_text(encoding="utf-8"))
+    print(table(answers))
+
+
+if __name__ == "__main__":
+    main()
