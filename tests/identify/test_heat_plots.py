@@ -3,7 +3,7 @@
 import numpy as np
 
 from thermohyd.heat_information import EtaIdentifiability
-from thermohyd.identify.heat_plots import identifiability_figure, heat_study_figure
+from thermohyd.identify.heat_plots import heat_study_figure, identifiability_figure
 from thermohyd.identify.plot_style import png
 from thermohyd.identify.seed.seed_valve import seed_valve
 from thermohyd.wall_tests import heat_study
