@@ -98,8 +98,8 @@ class _Panel:
     limit: float | None = None
 
 
-def _decibel(ratio: np.ndarray | float) -> np.ndarray | np.floating:
-    return 20.0 * np.log10(ratio)
+def _decibel(ratio: np.ndarray | float) -> np.ndarray:
+    return np.asarray(20.0 * np.log10(ratio))
 
 
 PANELS = (
