@@ -9,6 +9,7 @@ one core: a batch 5 times cheaper per scenario than a single run (1.6 times, 200
 Batches: `python benchmarks/dynamics_speed.py 1000` (default), 10000 on a GPU.
 """
 
+import importlib.util
 import sys
 from dataclasses import replace
 
@@ -89,8 +90,20 @@ def main() -> None:
         method: loosest(lambda tolerance: readings(given, tolerance, method), expected)  # noqa: B023
         for method in ("Radau", "LSODA")
     }
+    symbolic, casadi_tolerance = {}, {}
+    if importlib.util.find_spec("casadi") is None:
+        print("  CasADi is not installed: its solvers are left out")
+    else:
+        from _casadi_servo import casadi_runs
+
+        for solver in ("cvodes", "idas"):
+            run = lambda tolerance, solver=solver: casadi_runs(given, solver, tolerance)[0](np.ones(10))
+            casadi_tolerance[f"CasADi {solver}"] = loosest(run, expected)
+            value, derivatives = casadi_runs(given, solver, casadi_tolerance[f"CasADi {solver}"])
+            symbolic[f"CasADi {solver}, one run"] = lambda value=value: value(np.ones(10))
+            symbolic[f"CasADi {solver}, run and 10 derivatives (forward)"] = lambda d=derivatives: d(np.ones(10))
     print(f"  tolerances for {ACCURACY:.0e} of the range: thermohyd {own:.0e}, " + ", ".join(
-        f"{method} {tolerance:.0e}" for method, tolerance in scipy_tolerance.items()))  # fmt: skip
+        f"{method} {tolerance:.0e}" for method, tolerance in (scipy_tolerance | casadi_tolerance).items()))  # fmt: skip
 
     forward = jax.jit(lambda theta: jax.jacfwd(table)(theta, own))
     # A fit's sum of squares: one number, ten parameters.
@@ -107,6 +120,7 @@ def main() -> None:
                 f"SciPy {method} on plain NumPy": lambda method=method: readings(given, scipy_tolerance[method], method)
                 for method in scipy_tolerance
             },
+            **symbolic,
         },
         5,
     )
