@@ -105,7 +105,9 @@ def table(answers: dict[str, dict]) -> str:
     for name, found in answers.items():
         told = ", ".join(n + (f" ({', '.join(a)})" if (a := found["alternatives"][n]) else "") for n in found["named"])
         gap = f"{found['gap'][0]:.2f} {found['gap'][1]:.2f}"
-        lines.append(f"{name:<22}{'AR(1)' if found['memory'] else 'white':<7}{found['verdict']:<13}{gap:<14}{told or '-'}")
+        lines.append(
+            f"{name:<22}{'AR(1)' if found['memory'] else 'white':<7}{found['verdict']:<13}{gap:<14}{told or '-'}"
+        )
     with_one = [f for f in answers.values() if len(f["truth"]) == 1]
     pairs = [f for f in answers.values() if len(f["truth"]) == 2]
     none = [f for f in answers.values() if not f["truth"]]

@@ -107,13 +107,15 @@ def solve(
     tolerance: float = STOP_AT,
     max_steps: int = 500,
     both: Both | None = None,
+    believe: float = BELIEVE_BELOW,
 ) -> LeastSquaresResult:
     """Minimise sum(residual(p, args)**2) over the box, from `start` (n,) or the boxes' own starts.
 
     Compiles once per `residual` (the same function object), number of boxes and shapes of `args`; other data, starts,
-    scales and limits reuse it. The search stops at the relative offset `tolerance`,
-    or where it cannot get lower. `both`: residual and columns of the same
-    problem, compiled by the caller, for one that takes long to compile; the search then runs on the host.
+    scales and limits reuse it.
+    The search stops at the relative offset `tolerance`, or where it cannot get lower. `both`: residual and columns of the
+    same problem, compiled by the caller, for one that takes long to compile; the search then runs on the host. `believe`:
+    the relative offset up to which an end counts as an optimum, larger where the model is known to a solver's tolerance.
     Raises RuntimeError in single precision. Never raises for a solve that fails: read `converged` and `message`.
     """
     require_float64("a fit")
@@ -129,11 +131,11 @@ def solve(
     steps = int(evaluations) - 1
     active = _limits_pressed(boxes, z, columns, values)
     offset, step = relative_offset(columns, values, active == 0)
-    trouble = why_not_optimal(names, z, values, columns, size, offset, step, bool(done), steps)
+    trouble = why_not_optimal(names, z, values, columns, size, offset, step, bool(done), steps, believe)
     cost = float(np.sum(values**2))
     jacobian = (columns / slope[:, None]).T
     message = trouble or f"converged in {steps} steps"
-    if not trouble and offset > BELIEVE_BELOW:
+    if not trouble and offset > believe:
         message += "; the model meets the readings to rounding, so their scatter says nothing about errors"
     return LeastSquaresResult(
         p, z, began, cost, values, jacobian, active, not trouble, message, steps, offset, bool(done)

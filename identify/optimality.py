@@ -48,8 +48,9 @@ def why_not_optimal(
     step: np.ndarray,
     done: bool,
     steps: int,
+    believe: float = BELIEVE_BELOW,
 ) -> str:
-    """Why this end is no optimum, in words; empty where it is one."""
+    """Why this end is no optimum, in words; empty where it is one: within `believe` standard errors."""
     if not np.all(np.isfinite(residual)):
         bad = int(np.sum(~np.isfinite(residual)))
         return f"the model gives no finite value at the start for {bad} of {len(residual)} readings"
@@ -61,7 +62,7 @@ def why_not_optimal(
     if lost:
         return f"the search ended where the readings no longer depend on {', '.join(lost)}"
     # Where the model meets the data exactly, only rounding is left to be orthogonal: the step then decides.
-    if offset <= BELIEVE_BELOW or np.all(np.abs(step) <= 1e-8 * (1.0 + np.abs(z))):
+    if offset <= believe or np.all(np.abs(step) <= 1e-8 * (1.0 + np.abs(z))):
         return ""
     ending = "it cannot get any lower" if done else f"the limit of {steps} steps was reached"
     return f"{ending}, yet the slope is not zero (still {offset:.2g} standard errors from an optimum)"

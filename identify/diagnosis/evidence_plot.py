@@ -13,6 +13,8 @@ from .result import Evidence
 BINS = 48
 MOST_PANELS = 4  # a channel that holds less than the four largest is left out
 ROW = 2.3  # inches
+# What the rows of a dynamic test are drawn over.
+AXES = {"step": "time [s]", "frequency": "frequency [Hz]"}
 
 
 def evidence_figure(parts: list[Evidence]) -> Figure:
@@ -40,7 +42,7 @@ def evidence_figure(parts: list[Evidence]) -> Figure:
                 loc="left",
                 color=look.FAINT,
             )
-            axes.set_xlabel("spool position [um]")
+            axes.set_xlabel(AXES.get(part.test, "spool position [um]"))
             start = stop
         for axes in list(grid.flat)[len(chosen) :]:
             axes.set_axis_off()
@@ -53,13 +55,13 @@ def evidence_figure(parts: list[Evidence]) -> Figure:
             fontsize=12,
             fontweight="bold",
         )
-        _legend(figure, colours, means, height)
+        _legend(figure, colours, means, height, swept=any(part.test not in AXES for part in chosen))
     return figure
 
 
 def _draw(axes: Axes, part: Evidence, group: np.ndarray, colours: list[str]) -> None:
     """Sums over bins of the position, one step line per temperature and direction."""
-    position = part.position * 1e6
+    position = part.position * (1.0 if part.test in AXES else 1e6)
     bins = max(4, min(BINS, len(position) // 4))
     edges = np.linspace(position.min(), position.max() + 1e-9, bins + 1)
     axes.axhline(0.0, color=look.FAINT, linewidth=0.8)
@@ -68,18 +70,20 @@ def _draw(axes: Axes, part: Evidence, group: np.ndarray, colours: list[str]) -> 
             rows = (group == index) & ((part.direction > 0) == rising)
             if rows.any():
                 sums, _ = np.histogram(position[rows], edges, weights=part.contribution[rows])
-                axes.stairs(sums, edges, color=colour, linestyle="-" if rising else "--", linewidth=1.1)
+                solid = rising or part.test in AXES
+                axes.stairs(sums, edges, color=colour, linestyle="-" if solid else "--", linewidth=1.1)
 
 
-def _legend(figure: Figure, colours: list[str], means: list[float], height: float) -> None:
+def _legend(figure: Figure, colours: list[str], means: list[float], height: float, *, swept: bool) -> None:
     handles = [
         Line2D([], [], color=colour, linewidth=3.0, label=f"{mean:.0f} degC")
         for colour, mean in zip(colours, means, strict=True)
     ]
-    handles += [
-        Line2D([], [], color=look.INK, label="position rising"),
-        Line2D([], [], color=look.INK, linestyle="--", label="position falling"),
-    ]
+    if swept:
+        handles += [
+            Line2D([], [], color=look.INK, label="position rising"),
+            Line2D([], [], color=look.INK, linestyle="--", label="position falling"),
+        ]
     figure.legend(
         handles=handles, loc="lower left", ncols=len(handles), bbox_to_anchor=(0.065, 0.06 / height), borderpad=0.0
     )

@@ -80,7 +80,7 @@ def _place(where: tuple[Region, ...]) -> str:
         off, size = "off", worst.rms
     what = worst.channel.replace("_", " ").capitalize()
     miss = f"{size * unit.factor:.2g} {unit.label} {off}"
-    return f"{what} is {miss}{_at(region_words(worst.limits))} in {worst.test}"
+    return f"{what} is {miss}{_at(region_words({k: v for k, v in worst.limits.items() if k != 'run'}))} in {worst.test}"
 
 
 def _at(place: str) -> str:

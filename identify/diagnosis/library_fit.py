@@ -11,6 +11,7 @@ from ..hopping import hop
 from ..least_squares import Both, LeastSquaresResult, solve
 from ..legs import piece_bounds
 from ..noise_correlation import NoiseCorrelation
+from ..optimality import BELIEVE_BELOW
 from ..parameters import ParameterPlan
 from ..problem import prior_rows
 from ..record import BenchRecord, TestRecord
@@ -117,6 +118,11 @@ class LibraryProblem:
         return order_of(program)
 
     @property
+    def _closeness(self) -> tuple[float, float]:
+        """Standard errors from an optimum at which a search stops, and up to which it is believed."""
+        return CLOSE_ENOUGH, BELIEVE_BELOW
+
+    @property
     def _size(self) -> Size:
         """Rows that a channel is padded to."""
         return coarse_size
@@ -156,7 +162,8 @@ class LibraryProblem:
 
         def from_point(point: np.ndarray) -> LeastSquaresResult:
             both = self._both(program)
-            result = solve(None, boxes, args, point, tolerance=CLOSE_ENOUGH, max_steps=most_steps, both=both)
+            close, believe = self._closeness
+            result = solve(None, boxes, args, point, tolerance=close, max_steps=most_steps, both=both, believe=believe)
             self.evaluations += result.steps + 1
             return result
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from thermohyd.effects.registry import DYNAMIC_EFFECTS, EFFECTS, effect_info
 
-from ..dynamic.fit_motion import simulator_of
+from ..dynamic.fit_motion import BELIEVE, CLOSE_ENOUGH, simulator_of
 from ..dynamic.residuals import Weighing, both_of
 from ..dynamic.simulator import DynamicSimulator
 from ..least_squares import Both, LeastSquaresResult
@@ -65,6 +65,10 @@ class MotionProblem(LibraryProblem):
     @property
     def _size(self) -> Size:
         return lambda rows: rows
+
+    @property
+    def _closeness(self) -> tuple[float, float]:
+        return CLOSE_ENOUGH, BELIEVE
 
     def _program(self, chosen: tuple[str, ...]) -> tuple[str, ...]:
         """Without effects a program of its own; with any, one that has them all."""

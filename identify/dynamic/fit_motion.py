@@ -28,7 +28,8 @@ SETTLED = 0.02  # relative change of every channel's noise
 # Shares of each run that are fitted one after the other: a long record that swings traps a search that begins far away.
 HORIZONS = (0.3, 0.6, 1.0)
 GLANCE, MOST_STEPS = 6, 40
-CLOSE_ENOUGH = 1e-4  # of a standard error
+# Of a standard error: a run is known to its solver's tolerance, and its steps change a little from one point to the next.
+CLOSE_ENOUGH, BELIEVE = 1e-2, 5e-2
 FAR = 3.0  # reduced chi-square from which other starts are tried
 # Other starts: factors on the parameters of motion.
 OTHERS = ({"spool_frequency": 0.6, "bulk_modulus_factor": 0.6}, {"spool_frequency": 1.8, "bulk_modulus_factor": 0.6})
@@ -127,7 +128,7 @@ class _Search:
         plans = [self.plans[name] for name in self.free]
         both = both_of(self.simulator, self.free, (), Weighing(weight, padded_size), plans)
         boxes = [box_of(plan) for plan in plans]
-        return solve(None, boxes, None, start, tolerance=CLOSE_ENOUGH, max_steps=steps, both=both)
+        return solve(None, boxes, None, start, tolerance=CLOSE_ENOUGH, max_steps=steps, both=both, believe=BELIEVE)
 
     def grown(self, start: np.ndarray, noise: Mapping[Key, ChannelNoise], say: Progress) -> LeastSquaresResult:
         """The first part of every run, then more of it, then all."""

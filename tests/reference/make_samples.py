@@ -5,12 +5,13 @@ Fixed seeds: the same files come out every time. The records are synthetic and s
 
 import gzip
 import io
+import json
 import sys
 from pathlib import Path
 
 import numpy as np
 
-from . import sample_raw_log, sample_seed_valve
+from . import sample_actuator, sample_raw_log, sample_seed_valve
 from .sample_text import LABEL, csv_text
 
 
@@ -32,6 +33,22 @@ def make(folder: Path) -> None:
         write_text(folder / name / "README.md", sample.readme())
         for file, comments, columns in sample.tests():
             write_text(folder / name / file, csv_text(comments, columns))
+    make_dynamic(folder)
+
+
+def make_dynamic(folder: Path) -> None:
+    """The records of an actuator in motion, and the truth of the hidden ones."""
+    sample = sample_actuator
+    records = {"seed_actuator": sample.SEED} | {
+        f"hidden_dynamic/{name}": bench for name, (bench, _) in sample.HIDDEN.items()
+    }
+    for name, bench in records.items():
+        words = "An actuator on the seed valve in a closed position loop: steps of the setpoint."
+        for file, text in sample.files_of(bench, words, name.split("/")[-1]).items():
+            write_text(folder / name / file, text)
+    write_text(folder / "seed_actuator" / "README.md", sample.README)
+    write_text(folder / "hidden_dynamic" / "README.md", sample.HIDDEN_README)
+    write_text(folder / "hidden_dynamic" / "truth.json", json.dumps(sample.truth(), indent=1) + "\n")
 
 
 if __name__ == "__main__":
