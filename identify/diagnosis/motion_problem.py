@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 
 from thermohyd.effects.registry import DYNAMIC_EFFECTS, EFFECTS, effect_info
@@ -103,7 +104,7 @@ class MotionProblem(LibraryProblem):
     def _evaluate(self, values: Any, program: tuple[str, ...]) -> LibraryFit:
         order = self.order_of(program)
         point = np.array([values.get(n, 0.0 if n not in self.parameters else self.plans[n].start) for n in order])
-        residual, columns = (np.asarray(part) for part in self._both(program)(point, None))
+        residual, columns = (np.asarray(part) for part in self._both(program)(jnp.asarray(point), None))
         self.evaluations += 1
         still = np.zeros(len(point), dtype=int)
         cost = float(np.sum(residual**2))

@@ -81,9 +81,9 @@ class DynamicSimulator:
                 given,
                 runs.inputs,
                 runs.frequency,
-                test.output,
+                test.output,  # pyright: ignore[reportArgumentType]  # one of three words, checked
                 test.absolute,
-                self.polarity,  # pyright: ignore
+                self.polarity,
             )
         )
         values[~found] = slopes[~found] = np.nan

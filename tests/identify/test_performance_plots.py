@@ -20,16 +20,16 @@ def test_bode_marks_its_margins():
     gain, phase, _ = figure.axes
     marks = [line for line in gain.lines if line.get_marker() == "o"]
     for line, expected in zip(marks, margins.gain_margin, strict=True):
-        assert line.get_ydata()[0] == pytest.approx(-20.0 * np.log10(expected), rel=1e-9)
+        assert np.asarray(line.get_ydata())[0] == pytest.approx(-20.0 * np.log10(expected), rel=1e-9)
     # Each mark lies on its curve.
     for axes in (gain, phase):
-        curves, dots = (
-            [line for line in axes.lines if (line.get_marker() == "o") == dot and len(line.get_xdata()) != 2]
-            for dot in (False, True)
-        )
-        for curve, dot in zip(curves, dots, strict=True):
-            x, y = np.log(curve.get_xdata()), curve.get_ydata()
-            assert dot.get_ydata()[0] == pytest.approx(np.interp(np.log(dot.get_xdata()[0]), x, y), abs=0.5)
+        drawn = [
+            (line.get_marker() == "o", np.asarray(line.get_xdata()), np.asarray(line.get_ydata()))
+            for line in axes.lines
+        ]
+        curves, dots = ([(x, y) for marked, x, y in drawn if marked == dot and len(x) != 2] for dot in (False, True))
+        for (x, y), (at, height) in zip(curves, dots, strict=True):
+            assert height[0] == pytest.approx(np.interp(np.log(at[0]), np.log(x), y), abs=0.5)
 
 
 def test_panels_and_pngs():

@@ -78,7 +78,7 @@ def step_table(bench: Bench) -> dict[str, list[str]]:
     table: dict[str, list[str]] = {"time [s]": [], "run": [], "command [mm]": []}
     for number, step in enumerate(bench.steps, 1):
         run = bench.run(step)
-        found = dict(zip(READINGS, readings(bench.machine(run)).T, strict=True))
+        found: dict[str, np.ndarray] = dict(zip(READINGS, readings(bench.machine(run)).T, strict=True))
         table["time [s]"] += [f"{t:.4f}" for t in run.time]
         table["run"] += [str(number)] * len(run.time)
         table["command [mm]"] += [f"{c * 1e3:.6f}" for c in run.command]

@@ -5,6 +5,7 @@ actuator in motion shows it, in `DYNAMIC_EFFECTS`: those inherit from `dynamics.
 and what looks at static records pass them by.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from jaxtyping import Array
@@ -237,6 +238,6 @@ def effect(name: str, amount: float | Array = 0.0) -> AbstractEffect:
     return effect_info(name).effect(amount)  # pyright: ignore  # every concrete effect has one field, which converts numbers
 
 
-def with_effects(valve: Valve, amounts: dict[str, float | Array]) -> Valve:
+def with_effects(valve: Valve, amounts: Mapping[str, float | Array]) -> Valve:
     """The valve with the named effects added to those that it has: {name: amount}."""
     return replace(valve, effects=(*valve.effects, *(effect(name, amount) for name, amount in amounts.items())))
