@@ -46,7 +46,8 @@ def _range(column: str, low: float, high: float, run_names: tuple[str, ...]) -> 
         return _runs(round(low), round(high), run_names)
     unit, factor, offset = condition_unit(column)
     low, high = low * factor + offset, high * factor + offset
-    digits = 3 if unit == "s" else 0 if max(abs(low), abs(high)) >= 10.0 else 2
+    # A step test lasts a second, a sweep minutes.
+    digits = 3 if column == "time" else 0 if max(abs(low), abs(high)) >= 10.0 else 2
     first, last = (f"{value:.{digits}f}" if unit else significant(value, 3) for value in (low, high))
     if first == "-0":
         first = "0"
