@@ -9,8 +9,6 @@ import numpy as np
 from thermohyd.precision import require_float64
 
 from .channel_noise import ChannelNoise, initial_noise, reweighted
-from .dynamic.both_fits import joined
-from .dynamic.fit_motion import fit_motion
 from .errors import BenchInputError
 from .fit_result import FitResult, StartOutcome
 from .fitted import Fitted, Key
@@ -49,6 +47,10 @@ def fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | None 
     if record.dynamic is None:
         result = fit_result(run_fit(record, starts=starts, progress=progress))
     else:
+        # Here, not above: a static fit does not wait for the solvers of motion.
+        from .dynamic.both_fits import joined
+        from .dynamic.fit_motion import fit_motion
+
         static = fit_result(run_fit(record, starts=starts, progress=progress)) if record.tests else None
         known = None if static is None else {name: found.value for name, found in static.parameters.items()}
         result, _ = fit_motion(record, progress, known)

@@ -15,7 +15,7 @@ from thermohyd.effects.registry import with_effects
 from thermohyd.precision import require_float64
 from thermohyd.valve import Valve
 
-from .dynamic.predict_motion import as_static, predict_motion, require_actuator, unit_of
+from .dynamic.model_parts import as_static, require_actuator, unit_of
 from .model import Model
 from .model_valve import LAG, acting_effects, require_columns, row_terms, valve_without_effects, with_terms
 from .record import BenchRecord, DynamicData, TestRecord
@@ -174,6 +174,8 @@ def simulate_record(
 def _dynamic_tables(
     record: BenchRecord, data: DynamicData, model: Model, say: Callable[[str], None]
 ) -> dict[str, pd.DataFrame]:
+    from .dynamic.predict_motion import predict_motion  # a static test does not wait for the solvers of motion
+
     say(f"simulating {', '.join(data.tests)}")
     tables: dict[str, pd.DataFrame] = {}
     for (name, channel), columns in predict_motion(model, record).items():

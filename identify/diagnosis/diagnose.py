@@ -10,7 +10,6 @@ from .case import Case, Progress, open_case
 from .choice import choose
 from .conclusion import conclude
 from .final_model import final_model
-from .motion_diagnosis import diagnose_motion
 from .result import DiagnosisResult
 
 
@@ -28,6 +27,8 @@ def diagnose(record: BenchRecord, *, learn: bool = False, progress: Progress | N
     if record.dynamic is None:
         result = conclusion(open_case(record, say))
     else:
+        from .motion_diagnosis import diagnose_motion  # a static record does not wait for the solvers of motion
+
         static = conclusion(open_case(replace(record, dynamic=None), say)) if record.tests else None
         result = diagnose_motion(record, static, conclusion, say)
     return replace(result, seconds=time.perf_counter() - began)

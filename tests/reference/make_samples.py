@@ -33,7 +33,6 @@ def make(folder: Path) -> None:
         write_text(folder / name / "README.md", sample.readme())
         for file, comments, columns in sample.tests():
             write_text(folder / name / file, csv_text(comments, columns))
-    make_dynamic(folder)
 
 
 def make_dynamic(folder: Path) -> None:
@@ -53,4 +52,6 @@ def make_dynamic(folder: Path) -> None:
 
 if __name__ == "__main__":
     np.seterr(all="raise", under="ignore")
-    make(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parents[2] / "data")
+    target = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parents[2] / "data"
+    make(target)
+    make_dynamic(target)

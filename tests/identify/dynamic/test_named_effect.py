@@ -1,0 +1,51 @@
+"""A hidden effect, end to end through the command line: named, sized, its model simulated; files whole."""
+
+import json
+import shutil
+
+import pytest
+from typer.testing import CliRunner
+
+from thermohyd.data import sample_record
+from thermohyd.identify import jax_setup
+from thermohyd.identify.command_line import app
+
+
+HIDDEN = sample_record("seed_actuator").parent / "hidden_dynamic"
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory):
+    """The first half of every run of servo_2: less to compute."""
+    folder = tmp_path_factory.mktemp("servo")
+    shutil.copy(HIDDEN / "servo_2" / "bench.toml", folder)
+    lines = (HIDDEN / "servo_2" / "step.csv").read_text().splitlines()
+    kept = [*lines[:2], *(line for line in lines[2:] if float(line.split(",")[0]) <= 0.16)]
+    (folder / "step.csv").write_text("\n".join(kept) + "\n")
+    return folder
+
+
+def test_the_delay_is_named_and_its_model_predicts(bench, tmp_path, monkeypatch):
+    monkeypatch.setattr(jax_setup, "set_up_jax", lambda: None)
+    out = tmp_path / "out"
+    ran = CliRunner().invoke(app, ["diagnose", str(bench), "--out", str(out), "--json"])
+    assert ran.exit_code == 0, ran.stderr
+    found = json.loads((out / "diagnosis.json").read_text())
+    assert json.loads(ran.stdout)["verdict"] == found["verdict"] == "named"
+    (effect,) = found["effects"]
+    truth = json.loads((HIDDEN / "truth.json").read_text())["servo_2"]
+    assert effect["name"] == "spool_delay"
+    amount = effect["parameter"]
+    assert abs(amount["value"] - truth["effects"]["spool_delay"]) < 3.5 * amount["std"]
+    for name, value in truth["parameters"].items():
+        own = found["fit"]["parameters"][name]
+        assert abs(own["value"] - value) < 4.0 * own["std"], name
+    assert found["held_out"]["gap_closed"] > 0.5
+    assert {"step.png", "candidates.png", "model.json", "report.html"} <= {file.name for file in out.iterdir()}
+
+    ran = CliRunner().invoke(app, ["simulate", str(bench), "--model", str(out / "model.json"), "--json"])
+    assert ran.exit_code == 0, ran.stderr
+    columns = json.loads(ran.stdout)["step"]
+    read, predicted = (columns[f"piston_position{end} [mm]"] for end in ("", "_predicted"))
+    squares = [(a - b) ** 2 for a, b in zip(read, predicted, strict=True)]
+    assert sum(squares) / len(squares) < 1.5 * 0.01**2

@@ -1,0 +1,33 @@
+"""Sensitivities along a run against central differences of the run itself, and of the small-signal response."""
+
+import numpy as np
+import pytest
+
+from thermohyd.identify.dynamic.fit_motion import simulator_of
+from thermohyd.identify.dynamic.plans import plan_motion
+from thermohyd.identify.parameters import IN_MOTION
+
+
+@pytest.fixture(scope="module")
+def simulator(seed_record):
+    plans = plan_motion(seed_record.valve, seed_record.dynamic.actuator, seed_record.start)
+    return simulator_of(seed_record, plans)
+
+
+def test_slopes_are_those_of_the_readings(simulator):
+    at = np.array([90.0, 0.75, 0.9, 2300.0])
+    slopes = simulator.read(IN_MOTION, (), at).slopes
+    for i, value in enumerate(at):
+        step = np.zeros(4)
+        step[i] = 1e-2 * value
+        up, down = (simulator.read(IN_MOTION, (), at + sign * step).values for sign in (1.0, -1.0))
+        for key in slopes:
+            expected = (up[key] - down[key]) / (2.0 * step[i])
+            # a few per cent of a parameter's whole effect: the solver's tolerance, the grid, and the difference itself
+            assert np.linalg.norm(slopes[key][i] - expected) < 0.06 * np.linalg.norm(expected) + 1e-12, (key, i)
+
+
+def test_a_run_that_cannot_start_reads_nan(simulator):
+    lost = simulator.read(IN_MOTION, (), np.array([90.0, 0.75, 0.9, np.nan]))
+    assert lost.failure != 0
+    assert np.isnan(lost.values["step", "piston_position"]).all()
