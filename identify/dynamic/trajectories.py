@@ -3,7 +3,7 @@
 Sensitivities s = dx/dp obey s' = (df/dx) s + df/dp. Once the run is known they are linear, so df/dx and df/dp are taken at
 all points of a grid at once (forward mode), every piece of the grid becomes one small matrix (Lobatto IIIA of order 4:
 A-stable, ends and middle of the piece), and a recursion carries s along. Carrying the tangents through the solver itself,
-which differentiates its Jacobian, gives the same to a few per cent of a parameter's effect at thirty times the cost.
+which differentiates its Jacobian, gives the same to a per cent of a parameter's effect at thirty times the cost.
 """
 
 import equinox as eqx

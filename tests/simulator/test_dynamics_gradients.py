@@ -4,6 +4,7 @@ import subprocess
 import sys
 from dataclasses import replace
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -32,35 +33,65 @@ def machine() -> Machine:
     return replace(base, run=Run("setpoint", time, setpoint, full(210e5), full(2e5), full(313.15), full(1000.0)))
 
 
-def weighted(theta, gradient: Gradient):
+def weighted(theta, tolerance, larger, gradient: Gradient):
     """One number of all readings that the parameters, a dynamic effect and the delay move; order 1 throughout."""
     given = machine()
     valve, jack = valve_of(given), actuator_of(given)
     valve = replace(valve, **{name: getattr(valve, name) * theta[i] for i, name in enumerate(NAMES)})
     jack = replace(jack, **{name: getattr(jack, name) * theta[3 + i] for i, name in enumerate(JACK_NAMES)})
     valve = with_effects(valve, {"spool_delay": 2e-3 * theta[6], "jack_leakage": 2e-12 * theta[7]})
+    inputs = inputs_of(given)
+    inputs = eqx.tree_at(lambda i: i.command.bends, inputs, inputs.command.bends * larger)
     found = simulate_step(
-        valve, jack, inputs_of(given), heat="isothermal", gradient=gradient, rtol=1e-9, atol=1e-9, throw=False
+        valve, jack, inputs, heat="isothermal", gradient=gradient, rtol=tolerance, atol=tolerance, throw=False
     )
     table = jnp.stack([found.spool_position / 1e-5, found.pressure_a / 1e7, found.piston_velocity / 0.01], axis=1)
-    return jnp.sum(table * WEIGHTS)
+    return jnp.sum(table * WEIGHTS) / larger
+
+
+AT = jnp.ones(8)
+
+
+@quick_jit
+def forward(theta, tolerance, larger):
+    """(derivatives, the number itself): one program for both."""
+    return jax.jacfwd(lambda theta: (weighted(theta, tolerance, larger, "forward"),) * 2, has_aux=True)(theta)
+
+
+@quick_jit
+def reverse(theta, tolerance, larger):
+    return jax.grad(weighted)(theta, tolerance, larger, "reverse")
+
+
+def differences(step: float, larger: float) -> np.ndarray:
+    number = lambda theta: float(forward(theta, 1e-11, larger)[1])
+    return np.array([(number(AT + unit) - number(AT - unit)) / (2.0 * step) for unit in step * np.eye(8)])
 
 
 def test_forward_reverse_and_finite_differences():
-    at = jnp.ones(8)
-    both = lambda theta: (weighted(theta, "forward"),) * 2
-    # One program for the derivatives and, evaluated beside, for their differences.
-    along = quick_jit(jax.jacfwd(both, has_aux=True))
-    forward = np.asarray(along(at)[0])
-    reverse = np.asarray(quick_jit(jax.grad(lambda theta: weighted(theta, "reverse")))(at))
-    # Steps of 1e-4 leave 1e-8 of curvature and, with runs exact to about 1e-9, 1e-5 of noise.
-    steps = 1e-4 * np.eye(8)
-    differences = np.array([float(along(at + step)[1] - along(at - step)[1]) / 2e-4 for step in steps])
-    size = np.max(np.abs(differences))
-    print("apart, as a share of the largest:", np.max(np.abs(forward - reverse)) / size, end=", ")
-    print(np.max(np.abs(forward - differences)) / size)
-    np.testing.assert_allclose(forward, reverse, atol=1e-9 * size)
-    np.testing.assert_allclose(forward, differences, atol=3e-5 * size)
+    """Forward solves the variational equations, reverse differentiates the steps: they meet as the steps become small."""
+    expected = differences(1e-4, 1.0)
+    size = np.max(np.abs(expected))
+    close = {}
+    for tolerance in (1e-9, 1e-11):
+        found = np.asarray(forward(AT, tolerance, 1.0)[0])
+        close[tolerance] = np.max(np.abs(found - np.asarray(reverse(AT, tolerance, 1.0)))) / size
+        print(
+            f"at {tolerance}: apart {close[tolerance]:.1e}, from differences", np.max(np.abs(found - expected)) / size
+        )
+        np.testing.assert_allclose(found, expected, atol=1e-5 * size)
+    assert close[1e-9] < 1e-5
+    assert close[1e-11] < 2e-7
+
+
+def test_derivatives_across_kinks():
+    """A step so large that edges close on the way."""
+    expected = differences(1e-4, 30.0)
+    size = np.max(np.abs(expected))
+    for tolerance in (1e-7, 1e-9):
+        found = np.asarray(forward(AT, tolerance, 30.0)[0])
+        print(f"at {tolerance}: from differences", np.max(np.abs(found - expected)) / size)
+        np.testing.assert_allclose(found, expected, atol=1e-5 * size)
 
 
 def test_single_precision_is_refused():

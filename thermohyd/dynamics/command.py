@@ -16,16 +16,18 @@ def loop_gain(plant: Plant) -> Float[Array, ""]:
     return plant.valve.stroke * j.amplifier_gain * j.sensor_gain / j.rated_current
 
 
-def asked_position(plant: Plant, command: Float[Array, ""], position: Float[Array, ""]) -> Float[Array, ""]:
-    """The spool position [m] that the controller or the command asks for, before the chain: x_c clipped to +-X_n."""
-    stroke = plant.valve.stroke
+def wanted_position(plant: Plant, command: Float[Array, ""], position: Float[Array, ""]) -> Float[Array, ""]:
+    """The spool position [m] that the controller or the command asks for, however far."""
     if plant.kind == "setpoint":
-        asked = loop_gain(plant) * (command - position)
-    elif plant.kind == "current":
-        asked = plant.polarity * stroke * command / plant.actuator.rated_current
-    else:
-        asked = command
-    return jnp.clip(asked, -stroke, stroke)
+        return loop_gain(plant) * (command - position)
+    if plant.kind == "current":
+        return plant.polarity * plant.valve.stroke * command / plant.actuator.rated_current
+    return command
+
+
+def asked_position(plant: Plant, command: Float[Array, ""], position: Float[Array, ""]) -> Float[Array, ""]:
+    """The same before the chain: x_c clipped to +-X_n."""
+    return jnp.clip(wanted_position(plant, command, position), -plant.valve.stroke, plant.valve.stroke)
 
 
 def through_play(

@@ -96,13 +96,17 @@ def _behind_lines(
     return ps - share[0] * span, pt + share[1] * span
 
 
+def openings(plant: Plant, supplied: Supplied, state: State) -> Float[Array, "2 2"]:
+    """Of the edges [m]; the spool's position is counted from the middle of its stroke, edges see it less null bias."""
+    return supplied.edges.underlap + OPENS_WITH_X * (state.spool - plant.valve.null_bias)
+
+
 def flows_at(plant: Plant, supplied: Supplied, around: Surroundings, state: State) -> Flows:
-    """All flows at a state. The spool's position is counted from the middle of its stroke; edges see it less null bias."""
+    """All flows at a state."""
     oil, p = plant.oil, state.pressure
     inside = None if state.temperature is None else at_temperature(oil, state.temperature)
     fresh = supplied.oil
-    opening = supplied.edges.underlap + OPENS_WITH_X * (state.spool - plant.valve.null_bias)
-    at = at_opening(supplied.edges, opening)
+    at = at_opening(supplied.edges, openings(plant, supplied, state))
     ps, pt = _behind_lines(plant, at, fresh, inside, state, around)
     drops = _drops(p, ps, pt)
     upstream = _upstream(drops, fresh, inside)

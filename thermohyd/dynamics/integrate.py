@@ -10,11 +10,12 @@ from jaxtyping import Array, Float, Int
 
 from .plant import Plant
 from .rosenbrock import Rodas5P
+from .sensitivity import run_along
 from .state import Scaling, State
-from .vector_field import vector_field
+from .walk import TERM, Way
 
 
-# forward: tangents are carried along, for few parameters; reverse: the run is stored at checkpoints, for many.
+# forward: the variational equations along the run, for few parameters; reverse: the run is stored at checkpoints, for many.
 Gradient = Literal["forward", "reverse"]
 FAILURES = (
     "",
@@ -34,9 +35,57 @@ class Trajectory(eqx.Module):
     failure: Int[Array, ""]
 
 
-def _field(time: Float[Array, ""], vector: Float[Array, " states"], args: tuple[Plant, Scaling]) -> Array:
-    plant, scaling = args
-    return scaling.pack_rates(vector_field(plant, time, scaling.unpack(vector)))
+class _Pace(eqx.Module):
+    """Tolerances of the scaled state, and steps at most."""
+
+    rtol: float | Array
+    atol: float | Array
+    most: int = eqx.field(static=True)
+
+    def controller(self, plant: Plant) -> Any:
+        """Steps end where a column bends."""
+        breaks = jnp.concatenate([plant.inputs.command.knots, plant.inputs.surroundings.knots])
+        controller = diffrax.PIDController(rtol=self.rtol, atol=self.atol, pcoeff=0.2, icoeff=0.6)
+        return diffrax.ClipStepSizeController(controller, jump_ts=jnp.sort(breaks)) if breaks.shape[0] else controller
+
+
+def _first_step(plant: Plant) -> Float[Array, ""]:
+    """A tenth of the spool's own time; the controller finds its pace from there without evaluating the field beforehand."""
+    return jax.lax.stop_gradient(0.1 / (2.0 * jnp.pi * plant.actuator.spool_frequency))
+
+
+def _solve(plant: Plant, scaling: Scaling, start: Array, pace: _Pace, solver: Any, adjoint: Any) -> tuple[Array, ...]:
+    """(states (rows, states), steps, whether the end was reached)."""
+    times = plant.inputs.time
+    solution = diffrax.diffeqsolve(
+        TERM,
+        solver,
+        t0=times[0],
+        t1=times[-1],
+        dt0=_first_step(plant),
+        y0=start,
+        args=(plant, scaling),
+        saveat=diffrax.SaveAt(ts=times),
+        stepsize_controller=pace.controller(plant),
+        adjoint=adjoint,
+        max_steps=pace.most,
+        throw=False,
+    )
+    assert solution.ys is not None
+    return solution.ys, solution.stats["num_steps"], solution.result != diffrax.RESULTS.max_steps_reached
+
+
+@eqx.filter_custom_jvp
+def _forward(plant: Plant, scaling: Scaling, start: Array, pace: _Pace) -> tuple[Array, ...]:
+    return _solve(plant, scaling, start, pace, Rodas5P(), diffrax.ForwardMode())
+
+
+@_forward.def_jvp
+def _forward_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Any, Any]:
+    plant, scaling, start, pace = primals
+    way = Way(pace.controller(plant), plant.inputs.time[-1], pace.most)
+    run = run_along((plant, scaling), start, tangents[0], tangents[2], way, _first_step(plant))
+    return (run.states, run.tried, run.finished), (run.tangents, None, None)
 
 
 def integrate(
@@ -51,31 +100,11 @@ def integrate(
     solver: Any = None,
 ) -> Trajectory:
     """The run from `start` at the first time to the last; states at all times. Tolerances are of the scaled state."""
-    times = plant.inputs.time
-    breaks = jnp.concatenate([plant.inputs.command.knots, plant.inputs.surroundings.knots])
-    controller = diffrax.PIDController(rtol=rtol, atol=atol, pcoeff=0.2, icoeff=0.6)
-    if breaks.shape[0]:
-        controller = diffrax.ClipStepSizeController(controller, jump_ts=breaks)
-    # A tenth of the spool's own time; the controller finds its pace from there without evaluating the field beforehand.
-    first_step = jax.lax.stop_gradient(0.1 / (2.0 * jnp.pi * plant.actuator.spool_frequency))
-    solution = diffrax.diffeqsolve(
-        diffrax.ODETerm(_field),  # pyright: ignore[reportArgumentType]
-        Rodas5P() if solver is None else solver,
-        t0=times[0],
-        t1=times[-1],
-        dt0=first_step,
-        y0=scaling.pack(start),
-        args=(plant, scaling),
-        saveat=diffrax.SaveAt(ts=times),
-        stepsize_controller=controller,
-        adjoint=diffrax.ForwardMode() if gradient == "forward" else diffrax.RecursiveCheckpointAdjoint(),
-        max_steps=max_steps,
-        throw=False,
-    )
-    vectors = solution.ys
-    assert vectors is not None
-    okay = diffrax.is_successful(solution.result)
-    late = solution.result == diffrax.RESULTS.max_steps_reached
-    failure = jnp.where(okay, jnp.where(jnp.all(jnp.isfinite(vectors)), 0, NOT_FINITE), NOT_FINITE)
-    failure = jnp.where(late, TOO_MANY_STEPS, failure)
-    return Trajectory(scaling.unpack(vectors), solution.stats["num_steps"], failure)
+    pace, first = _Pace(rtol, atol, max_steps), scaling.pack(start)
+    if gradient == "forward" and solver is None:
+        vectors, steps, finished = _forward(plant, scaling, first, pace)
+    else:
+        adjoint = diffrax.ForwardMode() if gradient == "forward" else diffrax.RecursiveCheckpointAdjoint()
+        vectors, steps, finished = _solve(plant, scaling, first, pace, Rodas5P() if solver is None else solver, adjoint)
+    failure = jnp.where(jnp.all(jnp.isfinite(vectors)), 0, NOT_FINITE)
+    return Trajectory(scaling.unpack(vectors), steps, jnp.where(finished, failure, TOO_MANY_STEPS))
