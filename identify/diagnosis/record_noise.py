@@ -9,6 +9,7 @@ from ..noise import repeat_differences
 from ..noise_correlation import NoiseCorrelation, noise_correlation
 from ..record import Channel, TestRecord
 from .library_fit import Key, LibraryFit, LibraryProblem, Noise
+from .projected_correlation import ProjectedNoise, Remembered
 from .projection import Projection
 from .smooth_basis import smooth_block
 
@@ -71,12 +72,17 @@ def found_noise(
     saturated = Projection.beside(columns)
     rest = saturated(at.residual)
     leverage = np.sum(saturated.q**2, axis=1)
+    where = problem.rows()
+    stretches = np.arange(len(rest))  # no two rows of a prior remember each other
+    for key, rows in where.items():
+        stretches[rows] = len(rest) + len(rest) * rows.start + problem.sweeps(key[0])
+    projected = ProjectedNoise(saturated.q, stretches)
     found = {}
-    for key, rows in problem.rows().items():
+    for key, rows in where.items():
         count = rows.stop - rows.start
         spent = float(np.sum(leverage[rows]))
         variance = float(np.sum(rest[rows] ** 2)) / max(count - spent, 1.0)
-        found[key] = _channel(stated[key], repeats[key], variance, rest[rows], problem.sweeps(key[0]), spent)
+        found[key] = _channel(stated[key], repeats[key], variance, projected.remembered(rest, rows))
     return found
 
 
@@ -84,18 +90,16 @@ def _channel(
     stated: ChannelNoise,
     repeats: Repeats | None,
     variance: float,
-    rest: np.ndarray,
-    sweeps: np.ndarray,
-    spent: float,
+    left: Remembered,
 ) -> NoiseFound:
     if repeats is not None:
         correlation, source = repeats.correlation, f"differences between repeated sweeps ({repeats.rows} pairs of rows)"
         variance = repeats.variance
     else:
-        correlation = noise_correlation(rest, sweeps, spent)
-        source = "what neither effects nor smooth curves explain"
+        correlation, source = left.correlation, "what neither effects nor smooth curves explain"
     if not stated.known:
-        return NoiseFound(stated.std * np.sqrt(variance), correlation, source, source, repeats is not None)
+        size = variance if repeats is not None else left.variance
+        return NoiseFound(stated.std * np.sqrt(size), correlation, source, source, repeats is not None)
     warning = ""
     std = stated.std
     if variance > EXCESS:

@@ -1,6 +1,5 @@
-"""The runs of a dynamic test as inputs of the simulator: stacked, padded, and on a grid fine enough for sensitivities."""
+"""The runs of a dynamic test as inputs of the simulator: stacked and padded."""
 
-import math
 from dataclasses import dataclass
 
 import equinox as eqx
@@ -14,23 +13,16 @@ from ..record import DynamicTest
 from ..static_model import padded_size
 
 
-# Sensitivities are carried over pieces of this length, a third of a radian of a 100 Hz spool; rows may be further apart.
-PIECE = 0.5e-3  # s
-MOST_PIECES = 8
 BEHIND = 1e-9  # of a run's span, between pads behind its end
 
 
 @dataclass(frozen=True)
 class StepRuns:
-    """All runs of a step test. inputs: arrays lead with (runs,), `time` on the grid of 2 pieces + 1 points per row.
-
-    run, place (rows,): where each row of the record lies; every: grid points per row.
-    """
+    """All runs of a step test. inputs: arrays lead with (runs,). run, place (rows,): where each row of the record lies."""
 
     inputs: StepInputs
     run: np.ndarray
     place: np.ndarray
-    every: int
 
 
 @dataclass(frozen=True)
@@ -57,11 +49,8 @@ def step_runs(test: DynamicTest) -> StepRuns:
     assert test.time is not None
     rows, run, place = _places(test)
     longest = padded_size(max(len(own) for own in rows))
-    spacing = float(np.median(np.concatenate([np.diff(test.time[own]) for own in rows])))
-    every = 2 * int(np.clip(math.ceil(spacing / PIECE), 1, MOST_PIECES))
     inputs = [_inputs(test, own, test.time[own]) for own in rows]
-    grids = [_grid(test.time[own], longest, every) for own in rows]
-    return StepRuns(_stacked(inputs, grids), run, place, every)
+    return StepRuns(_stacked(inputs, [_padded(test.time[own], longest) for own in rows]), run, place)
 
 
 def frequency_runs(test: DynamicTest) -> FrequencyRuns:
@@ -87,25 +76,23 @@ def _inputs(test: DynamicTest, rows: np.ndarray, time: np.ndarray) -> StepInputs
     )
 
 
-def _grid(time: np.ndarray, longest: int, every: int) -> np.ndarray:
-    """`every` points per row up to the last, then pads that cost the solver nothing."""
+def _padded(time: np.ndarray, longest: int) -> np.ndarray:
+    """With rows behind the last one that cost the solver nothing."""
     missing = longest - len(time)
-    time = np.append(time, time[-1] + BEHIND * (time[-1] - time[0]) * np.arange(1, missing + 1))
-    share = np.arange(every) / every
-    return np.append((time[:-1, None] + np.diff(time)[:, None] * share).ravel(), time[-1])
+    return np.append(time, time[-1] + BEHIND * (time[-1] - time[0]) * np.arange(1, missing + 1))
 
 
-def _stacked(inputs: list[StepInputs], grids: list[np.ndarray]) -> StepInputs:
+def _stacked(inputs: list[StepInputs], times: list[np.ndarray]) -> StepInputs:
     most = {part: max(len(getattr(one, part).knots) for one in inputs) for part in ("command", "surroundings")}
     ready = [
         StepInputs(
-            jnp.asarray(grid),
-            _with_knots(one.command, most["command"], grid[-1]),
-            _with_knots(one.surroundings, most["surroundings"], grid[-1]),
+            jnp.asarray(time),
+            _with_knots(one.command, most["command"], time[-1]),
+            _with_knots(one.surroundings, most["surroundings"], time[-1]),
             one.kind,
             one.forced,
         )
-        for one, grid in zip(inputs, grids, strict=True)
+        for one, time in zip(inputs, times, strict=True)
     ]
     return jax.tree.map(lambda *arrays: jnp.stack(arrays), *ready)
 

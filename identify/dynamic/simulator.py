@@ -29,18 +29,19 @@ class Readings:
 
 @dataclass
 class DynamicSimulator:
-    """Tests, and the valve and actuator with everything that the vector does not hold."""
+    """Tests, and the valve and actuator with everything that the vector does not hold. tolerance: of the steps, scaled."""
 
     tests: dict[str, DynamicTest]
     valve: Valve
     actuator: Actuator
     heat: str
     polarity: int
+    tolerance: float = trajectories.TOLERANCE
     _runs: dict[str, Any] = field(default_factory=dict)
 
     def read(self, names: tuple[str, ...], effects: tuple[str, ...], vector: np.ndarray) -> Readings:
         """Readings and derivatives of all channels that the tests could have, at `vector`: parameters, then amounts."""
-        plan = Plan(names, effects, self.heat)  # pyright: ignore[reportArgumentType]  # one of two words, checked
+        plan = Plan(names, effects, self.heat, self.tolerance)  # pyright: ignore[reportArgumentType]  # one of two words
         given = Given(self.valve, self.actuator, jnp.asarray(float(self.polarity)))
         p = jnp.asarray(vector, dtype=float)
         found = Readings({}, {}, 0)
@@ -59,16 +60,14 @@ class DynamicSimulator:
         return self._runs[name]
 
     def _step(self, name: str, plan: Plan, p: Any, given: Given, runs: StepRuns, into: Readings) -> int:
-        states, failures = trajectories.run_all(plan, p, given, runs.inputs)
-        every = runs.every
-        values = np.array(trajectories.read_all(plan, p, given, runs.inputs, states[:, ::every]))
-        slopes = np.array(trajectories.slopes_all(plan, p, given, runs.inputs, states, every))
-        failed = np.asarray(failures) != 0
-        values[failed] = slopes[failed] = np.nan
+        values, slopes, failures = (
+            np.array(part) for part in trajectories.readings_and_slopes(plan, p, given, runs.inputs)
+        )
+        values[failures != 0] = slopes[failures != 0] = np.nan
         for i, channel in enumerate(trajectories.READINGS):
             into.values[name, channel] = values[runs.run, runs.place, i]
             into.slopes[name, channel] = slopes[runs.run, runs.place, i].T
-        return int(np.max(np.asarray(failures)))
+        return int(np.max(failures))
 
     def _frequency(
         self, name: str, test: DynamicTest, plan: Plan, p: Any, given: Given, runs: FrequencyRuns, into: Readings

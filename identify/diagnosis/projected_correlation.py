@@ -1,0 +1,94 @@
+"""The memory of noise of which only what a projection leaves is seen: moments of the rest against their expectation.
+
+A projection takes mostly slow parts, so what is left of white noise is correlated negatively, and of noise with a long
+memory hardly anything is left. Both are known exactly: with r = (I - P) e and cov(e) = R, cov(r) = (I - P) R (I - P).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import lfilter
+
+from ..legs import piece_bounds
+from ..noise_correlation import LAGS, MOST_MEMORY, SIGNIFICANT, NoiseCorrelation
+
+
+FEW = 20  # rows, below which nothing is said
+MEMORIES = np.concatenate([np.arange(0.1, 0.9, 0.1), np.arange(0.9, 0.99, 0.02), [0.99, MOST_MEMORY]])
+# Of the power of noise with a memory, against white noise's: where the projection leaves less, it hides the memory too.
+LEAST_LEFT = 0.2
+SHARES = np.linspace(0.0, 1.0, 41)
+
+
+@dataclass(frozen=True)
+class Remembered:
+    """correlation of the noise, and its variance [of the rest's squares], as it was before the projection."""
+
+    correlation: NoiseCorrelation
+    variance: float
+
+
+class ProjectedNoise:
+    """q (rows, k): orthonormal columns that were projected out. stretches (rows,): ids of rows that remember each other."""
+
+    def __init__(self, q: np.ndarray, stretches: np.ndarray) -> None:
+        self.q = q
+        self.pieces = list(piece_bounds(stretches))
+        self._kept: dict[float, tuple[np.ndarray, np.ndarray]] = {0.0: self._parts(0.0)}
+
+    def _parts(self, phi: float) -> tuple[np.ndarray, np.ndarray]:
+        """(A with cov(r) = R - Q A' - A Q', Q) for R with phi^|i-j| within a stretch."""
+        remembered = self.q.copy()
+        if phi > 0.0:
+            for start, stop in self.pieces:
+                own = self.q[start:stop]
+                ahead = lfilter([1.0], [1.0, -phi], own, axis=0)
+                back = lfilter([1.0], [1.0, -phi], own[::-1], axis=0)[::-1]
+                remembered[start:stop] = ahead + back - own
+        return remembered - 0.5 * self.q @ (self.q.T @ remembered), self.q
+
+    def sums(self, phi: float, rows: slice, lags: int) -> np.ndarray:
+        """Expected sums of r_t r_(t+l), l = 0 ... lags, over the stretches in `rows`, for noise of variance 1."""
+        if phi not in self._kept:
+            self._kept[phi] = self._parts(phi)
+        a, q = self._kept[phi]
+        found = np.zeros(lags + 1)
+        for start, stop in self._within(rows):
+            for lag in range(min(lags + 1, stop - start)):
+                early, late = slice(start, stop - lag), slice(start + lag, stop)
+                whole = (stop - start - lag) * (phi**lag if phi > 0.0 else float(lag == 0))
+                found[lag] += whole - np.sum(q[early] * a[late]) - np.sum(a[early] * q[late])
+        return found
+
+    def _within(self, rows: slice) -> list[tuple[int, int]]:
+        return [(start, stop) for start, stop in self.pieces if rows.start <= start and stop <= rows.stop]
+
+    def remembered(self, rest: np.ndarray, rows: slice) -> Remembered:
+        """Correlation and variance of the noise in `rows` of the projected residual `rest`."""
+        pieces = self._within(rows)
+        n = rows.stop - rows.start
+        lags = min(LAGS, max((stop - start for start, stop in pieces), default=1) - 2)
+        seen = [sum(float(rest[a + lag : b] @ rest[a : b - lag]) for a, b in pieces) for lag in range(lags + 1)]
+        white = self.sums(0.0, rows, max(lags, 0))
+        plain = Remembered(NoiseCorrelation(), seen[0] / max(white[0], 1.0) if seen else 0.0)
+        if lags < 1 or n < FEW or seen[0] <= 0.0:
+            return plain
+        pairs = np.array([sum(max(b - a - lag, 0) for a, b in pieces) for lag in range(1, lags + 1)])
+        rho = np.array(seen) / seen[0]
+        weight = (n / pairs) ** 2 / np.arange(1, lags + 1)  # later lags count less, as they say less
+        at_white = float(np.sum(weight * (rho - white / white[0])[1:] ** 2))
+        best, least = (
+            plain,
+            at_white - SIGNIFICANT**2 / white[0],
+        )  # a correlation of white rows scatters by 1/sqrt(rows)
+        for phi in MEMORIES:
+            own = self.sums(float(phi), rows, lags)
+            if own[0] < LEAST_LEFT * white[0]:
+                break
+            power = (1.0 - SHARES)[:, None] * white + SHARES[:, None] * own
+            left = np.sum(weight * (rho - power / power[:, :1])[:, 1:] ** 2, axis=1)
+            at = int(np.argmin(left))
+            if left[at] < least:
+                least = left[at]
+                best = Remembered(NoiseCorrelation(float(SHARES[at]), float(phi)), seen[0] / max(power[at, 0], 1.0))
+        return best
