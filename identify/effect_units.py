@@ -9,6 +9,7 @@ from .display_units import DisplayUnit, beside, display_unit
 _OF_SI = {
     "m": DisplayUnit("um", 1e6),
     "m/K": DisplayUnit("um/K", 1e6),
+    "m/N": DisplayUnit("um/N", 1e6),
     "m/Pa": DisplayUnit("um/100 bar", 1e13),
     "K": DisplayUnit("K", 1.0),
     "s": DisplayUnit("s", 1.0),
@@ -22,14 +23,18 @@ _OF_SI = {
     "1": DisplayUnit("-", 1.0),
 }
 # Pure numbers that say by which share something changes.
-_SHARES = frozenset({"viscosity_shift", "flowmeter_scale", "position_scale", "throttle_heating"})
+_SHARES = frozenset({"viscosity_shift", "flowmeter_scale", "position_scale", "throttle_heating", "entrained_air"})
+_DELAYS = frozenset({"spool_delay"})  # of milliseconds, where a lag takes seconds
 _PERCENT = DisplayUnit("%", 100.0)
+_MILLISECONDS = DisplayUnit("ms", 1e3)
 
 
 def effect_unit(name: str, si_unit: str) -> DisplayUnit:
     """The bench unit of an effect's amount: shown = factor * SI. An effect of a new unit is shown in that unit."""
     if name in _SHARES:
         return _PERCENT
+    if name in _DELAYS:
+        return _MILLISECONDS
     return _OF_SI.get(si_unit) or display_unit(si_unit)
 
 

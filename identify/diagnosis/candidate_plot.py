@@ -92,7 +92,7 @@ def _finish(axes: Axes, result: DiagnosisResult, shown: list[Candidate]) -> None
     axes.set_yticks(range(len(shown)), [c.name for c in shown])
     axes.grid(axis="y", visible=False)
     axes.tick_params(axis="y", length=0)
-    axes.set_xlabel("evidence |z| in units of the noise, each effect alone beside the ideal valve")
+    axes.set_xlabel(f"evidence |z| in units of the noise, each effect alone beside the {result.plain_model}")
 
 
 def exchange_figure(result: DiagnosisResult) -> Figure | None:

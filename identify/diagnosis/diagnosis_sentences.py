@@ -16,10 +16,10 @@ LONGEST = 80  # characters, of which rows were held out
 def gap(result: DiagnosisResult) -> str:
     """How far the model was from the bench, and how far it is now."""
     if not changed(result):
-        return f"Reduced chi-square {excess(result.gap_before)} with the ideal valve (noise alone: 1)."
+        return f"Reduced chi-square {excess(result.gap_before)} with the {result.plain_model} (noise alone: 1)."
     return (
-        f"Reduced chi-square {excess(result.gap_before)} with the ideal valve, {excess(result.gap_after)} with the final "
-        "model (noise alone: 1)."
+        f"Reduced chi-square {excess(result.gap_before)} with the {result.plain_model}, {excess(result.gap_after)} with the "
+        "final model (noise alone: 1)."
     )
 
 

@@ -208,6 +208,11 @@ class DiagnosisResult:
     critical_level: float | None = None
 
     @property
+    def plain_model(self) -> str:
+        """What the record was compared with before anything was added, in words."""
+        return "ideal valve" if self.record.tests else "plain model"
+
+    @property
     def rejected(self) -> tuple[Candidate, ...]:
         """Testable effects that were not named."""
         named = {effect.name for effect in self.effects}

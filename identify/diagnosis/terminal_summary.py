@@ -32,12 +32,12 @@ def _screen(result: DiagnosisResult, console: Console, rows: int) -> Group:
     parts.append(Text(f"{facts}{result.seconds:.1f} s)", style=COLOURS[result.verdict]))
     parts += [Text(f"warning: {warning}", style="yellow") for warning in result.warnings[: max(1, rows - 3)]]
     if result.where:
-        parts += [_heading("Where the ideal valve misses"), _where(result, rows)]
+        parts += [_heading(f"Where the {result.plain_model} misses"), _where(result, rows)]
     if result.effects:
         parts += [_heading("Effects added to the model"), _effects(result, console.width >= 100)]
     shifts = content.shift_rows(result)
     if shifts:
-        parts += [_heading("Parameters"), _shifts(shifts, rows + 2)]
+        parts += [_heading("Parameters"), _shifts(shifts, rows + 2, result.plain_model)]
     parts += [Text(""), _facts(result, rows)]
     return Group(*parts)
 
@@ -102,8 +102,8 @@ def _effects(result: DiagnosisResult, wide: bool) -> Padding:
     return Padding(table, (0, 0, 0, 2), expand=False)
 
 
-def _shifts(shifts: list[content.ShiftRow], rows: int) -> Padding:
-    table = _table("name", ">ideal valve", ">final model", ">std err", "unit", ">bias / std err")
+def _shifts(shifts: list[content.ShiftRow], rows: int, plain: str) -> Padding:
+    table = _table("name", f">{plain}", ">final model", ">std err", "unit", ">bias / std err")
     for row in shifts[:rows]:
         table.add_row(*[Text(cell) for cell in (row.name, row.before, row.after, row.std, row.unit, row.change)])
     return Padding(table, (0, 0, 0, 2), expand=False)
