@@ -16,6 +16,7 @@ def html_report(result: FitResult, figures: dict[str, bytes], version: str) -> s
         record=result.record,
         result=result,
         version=version,
+        model=content.model_words(result.record),
         shout=content.shout(result),
         verdict=content.verdict(result),
         parameters=content.parameter_rows(result),

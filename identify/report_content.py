@@ -7,6 +7,7 @@ from scipy.special import chdtri
 
 from .display_units import DisplayUnit, beside, decimals_for, display_unit, reading_unit, significant
 from .fit_result import FitResult, ParameterEstimate
+from .record import BenchRecord
 
 
 CORRELATION_THRESHOLD = 0.3
@@ -42,6 +43,13 @@ class TestRow:
     noise: str
     reduced_chi2: str
     effective: str
+
+
+def model_words(record: BenchRecord) -> str:
+    """Which model was fitted."""
+    if record.dynamic is None:
+        return "static servovalve model"
+    return "models of the servovalve and of the actuator" if record.tests else "actuator's model"
 
 
 def shout(result: FitResult) -> str:
