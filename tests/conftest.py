@@ -1,7 +1,17 @@
 """Double precision and strict promotion for every test; hypothesis without deadlines and with fixed examples."""
 
-import jax
-from hypothesis import settings
+import os
+
+
+# Nearly all of the suite's time is XLA's, compiling: without its dearer passes it takes half of it, and programs run as fast.
+# Set before JAX is imported, here and in the processes that tests start; the pinned jaxlib knows these flags.
+FLAGS = (
+    "--xla_backend_optimization_level=1 --xla_llvm_disable_expensive_passes=true --xla_cpu_use_fusion_emitters=false"
+)
+os.environ["XLA_FLAGS"] = f"{FLAGS} {os.environ.get('XLA_FLAGS', '')}"
+
+import jax  # noqa: E402
+from hypothesis import settings  # noqa: E402
 
 
 jax.config.update("jax_enable_x64", True)
