@@ -1,0 +1,58 @@
+"""What a step response is judged by: rise, settling, overshoot. Plain NumPy on readings."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Real
+
+
+BAND = 0.02  # of the step: settled within it
+
+
+class StepFigures(NamedTuple):
+    """rise_time: from 10 to 90 % of the step [s]; time_to_90 [s] and settling_time [s], to stay within 2 %, from its start.
+
+    overshoot: beyond the step, as a share of it. NaN for what the run does not reach. Numbers, or arrays of several runs.
+    """
+
+    rise_time: float | np.ndarray
+    time_to_90: float | np.ndarray
+    settling_time: float | np.ndarray
+    overshoot: float | np.ndarray
+
+
+def step_figures(time: Real[np.ndarray, " rows"], position: Real[np.ndarray, " rows"], step: float) -> StepFigures:
+    """Figures of a response that leaves `position[0]` at `time[0]`, when a setpoint step of this size begins; SI units.
+
+    The step counts from where the piston stood: a steady load moves it before and after alike. Between rows, lines.
+
+    >>> time = np.linspace(0.0, 10.0, 10_001)
+    >>> [round(float(figure), 3) for figure in step_figures(time, 2.0 - 2.0 * np.exp(-time), 2.0)]
+    [2.197, 2.303, 3.912, 0.0]
+    """
+    time, share = np.asarray(time, dtype=float), (np.asarray(position, dtype=float) - position[0]) / step
+    began = time - time[0]
+    first, last = _first_above(began, share, 0.1), _first_above(began, share, 0.9)
+    return StepFigures(last - first, last, _settled(began, share), max(float(np.max(share)) - 1.0, 0.0))
+
+
+def _first_above(time: np.ndarray, share: np.ndarray, level: float) -> float:
+    above = np.flatnonzero(share >= level)
+    if above.size == 0 or above[0] == 0:
+        return float("nan")
+    return _between(time, share, int(above[0]), level)
+
+
+def _settled(time: np.ndarray, share: np.ndarray) -> float:
+    """When the share last enters the band around 1."""
+    outside = np.flatnonzero(np.abs(share - 1.0) > BAND)
+    if outside.size == 0 or outside[-1] == len(share) - 1:
+        return float("nan")
+    row = int(outside[-1]) + 1
+    return _between(time, share, row, 1.0 + BAND * float(np.sign(share[row - 1] - 1.0)))
+
+
+def _between(time: np.ndarray, share: np.ndarray, row: int, level: float) -> float:
+    """When the line from the row before reaches the level."""
+    part = (level - share[row - 1]) / (share[row] - share[row - 1])
+    return float(time[row - 1] + part * (time[row] - time[row - 1]))
