@@ -70,7 +70,7 @@ def subject_of_model(model: Model, settings: Settings, name: str = "") -> Subjec
         _with(settings.temperatures or USUAL_TEMPERATURES, temperature, APART_T),
         _pressures(supply, (supply,)),
         ReadingNoise(settings.noise, "stated"),
-        notes=_left_out(model),
+        notes=left_out(model),
     )
 
 
@@ -99,7 +99,7 @@ def subject_of_fit(fit: FitResult, settings: Settings) -> Subject:
         _pressures(supply, pressures),
         ReadingNoise({**noise, **settings.noise}, "of the record" if not settings.noise else "of the record or stated"),
         fit,
-        _left_out(model),
+        left_out(model),
     )
 
 
@@ -146,7 +146,8 @@ def _pressures(supply: float, measured: tuple[float, ...] | list[float]) -> tupl
     return _with(tuple(allowed[:2]), supply, APART_P * supply)
 
 
-def _left_out(model: Model) -> tuple[str, ...]:
+def left_out(model: Model) -> tuple[str, ...]:
+    """What of a model `valve_of_model` leaves out, in words."""
     from .varied import OF_SWEEPS
 
     dropped = [name for name, amount in model.effects.items() if amount and name in OF_SWEEPS]

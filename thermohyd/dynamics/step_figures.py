@@ -7,6 +7,7 @@ from jaxtyping import Real
 
 
 BAND = 0.02  # of the step: settled within it
+STAYS = 0.9  # of the run: what is not settled by then may only be passing through the band
 
 
 class StepFigures(NamedTuple):
@@ -46,7 +47,7 @@ def _first_above(time: np.ndarray, share: np.ndarray, level: float) -> float:
 def _settled(time: np.ndarray, share: np.ndarray) -> float:
     """When the share last enters the band around 1."""
     outside = np.flatnonzero(np.abs(share - 1.0) > BAND)
-    if outside.size == 0 or outside[-1] == len(share) - 1:
+    if outside.size == 0 or time[outside[-1]] > STAYS * time[-1]:
         return float("nan")
     row = int(outside[-1]) + 1
     return _between(time, share, row, 1.0 + BAND * float(np.sign(share[row - 1] - 1.0)))

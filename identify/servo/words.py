@@ -1,0 +1,182 @@
+"""The tables and sentences of a sweep, shared by terminal and page. Bench units."""
+
+import numpy as np
+
+from ..display_units import significant
+from .study import MODELS, ServoStudy
+
+
+COLUMNS = (
+    "oil degC", "visc. cSt", "t90 ms", "settles ms", "over %", "GM dB", "PM deg", "-3dB Hz", "peak dB", "p max bar", "dT K",
+)  # fmt: skip
+SLOPES = (
+    "oil degC",
+    "GM dB/K",
+    "PM deg/K",
+    "-3dB %/K",
+    "GM formula dB",
+    "PM formula deg",
+    "K_l 1/s",
+    "f_h Hz",
+    "xi_h -",
+)
+SAFE = 2.0  # a gain margin of 6 dB
+
+
+def decibel(ratio: np.ndarray | float) -> np.ndarray:
+    return np.asarray(20.0 * np.log10(np.asarray(ratio)))
+
+
+def conditions_in_words(study: ServoStudy) -> str:
+    s = study.subject
+    back = f", return {s.return_pressure * 1e-5:.3g} bar" if s.return_pressure else ""
+    return f"step of {s.step * 1e3:.3g} mm at {s.supply_pressure * 1e-5:.4g} bar{back}"
+
+
+def actuator_in_words(study: ServoStudy) -> str:
+    """Whose loop it is."""
+    a = study.subject.actuator
+    area, volume = float(a.piston_area) * 1e4, float(a.chamber_volume) * 1e6
+    spool = f"spool {float(a.spool_frequency):.3g} Hz, damping {float(a.spool_damping):.2g}"
+    gains = f"loop {float(a.amplifier_gain):.3g} A/V and {float(a.sensor_gain):.3g} V/m"
+    return f"Piston {area:.3g} cm2, chambers {volume:.3g} cm3, mass {float(a.moving_mass):.3g} kg; {spool}; {gains}."
+
+
+def rows(study: ServoStudy, model: str) -> list[list[str]]:
+    """The cells of COLUMNS, a row per temperature; where the loop is unstable, the phase margin says so."""
+    loop, step = study.loops[model], study.steps[model]
+    f, found = loop.figures, []
+    for i, celsius in enumerate(study.celsius):
+        found.append(
+            [
+                f"{celsius:.0f}",
+                _number(study.viscosity[i] * 1e6, 3),
+                _number(step.figures.time_to_90[i] * 1e3, 3),
+                _number(step.figures.settling_time[i] * 1e3, 3),
+                f"{100.0 * step.figures.overshoot[i]:.1f}",
+                _fixed(decibel(f.gain_margin[i]), 1),
+                _fixed(f.phase_margin[i], 0) if loop.stable[i] else "unstable",
+                _number(float(f.bandwidth[i]) / (2.0 * np.pi), 3),
+                _fixed(decibel(f.peak[i]), 1) if loop.stable[i] else "-",
+                f"{step.largest_pressure[i] * 1e-5:.0f}",
+                f"{step.heating[i]:.1f}",
+            ]
+        )
+    return found
+
+
+def slope_rows(study: ServoStudy, model: str) -> list[list[str]]:
+    """The cells of SLOPES: what a kelvin moves, and the linear formulas' figures."""
+    loop, linear, found = study.loops[model], study.linear[model], []
+    f, d = loop.figures, loop.slope
+    for i, celsius in enumerate(study.celsius):
+        found.append(
+            [
+                f"{celsius:.0f}",
+                _signed(8.685889638 * float(d.gain_margin[i]) / float(f.gain_margin[i])),
+                _signed(float(d.phase_margin[i])),
+                _signed(100.0 * float(d.bandwidth[i]) / float(f.bandwidth[i])),
+                _fixed(decibel(linear.gain_margin[i]), 1),
+                _fixed(linear.phase_margin[i], 1),
+                _number(linear.loop_gain[i], 3),
+                _number(linear.natural_frequency[i] / (2.0 * np.pi), 3),
+                _number(linear.damping_ratio[i], 2),
+            ]
+        )
+    return found
+
+
+def sentences(study: ServoStudy) -> list[str]:
+    """What temperature does to the loop, the most important first; of the model that keeps its heat (THM)."""
+    return [stability(study), *rapidity(study), *room_for_gain(study), heat(study), formulas(study)]
+
+
+def stability(study: ServoStudy) -> str:
+    """Whether the loop is stable everywhere, in either model."""
+    shaky = sorted({float(t) for m in MODELS for t in study.celsius[~study.loops[m].stable]})
+    if shaky:
+        return f"The loop is UNSTABLE at {_list(shaky)} degC: its step responses there end in a limit cycle."
+    loop = study.loops["THM"]
+    gain = np.asarray(loop.figures.gain_margin)
+    least, phase = int(np.argmin(gain)), float(np.nanmin(np.asarray(loop.figures.phase_margin)))
+    return (
+        f"The loop is stable from {study.celsius[0]:.0f} to {study.celsius[-1]:.0f} degC; its gain margin is smallest at "
+        f"{study.celsius[least]:.0f} degC, {float(decibel(gain[least])):.1f} dB (phase margin at least {phase:.0f} deg)."
+    )
+
+
+def rapidity(study: ServoStudy) -> list[str]:
+    """How slow the coldest step is beside the hottest, and whether the valve's flow gain accounts for it."""
+    reached, band = study.steps["THM"].figures.time_to_90, np.asarray(study.loops["THM"].figures.bandwidth)
+    if not np.all(np.isfinite(np.array([reached[0], reached[-1], band[0], band[-1]]))) or len(band) == 1:
+        return []
+    flow = study.linear["THM"].flow_gain
+    return [
+        f"From {study.celsius[0]:.0f} to {study.celsius[-1]:.0f} degC 90 % of the step takes {_number(1e3 * reached[0], 3)} to "
+        f"{_number(1e3 * reached[-1], 3)} ms and the bandwidth goes from {_number(band[0] / (2 * np.pi), 3)} to "
+        f"{_number(band[-1] / (2 * np.pi), 3)} Hz (x {band[-1] / band[0]:.3g}), as the valve's flow gain at null does "
+        f"(x {flow[-1] / flow[0]:.3g})."
+    ]
+
+
+def room_for_gain(study: ServoStudy) -> list[str]:
+    """What amplifier gain keeps 6 dB at the worst and at the best temperature."""
+    gain = np.asarray(study.loops["THM"].figures.gain_margin)
+    if not np.all(np.isfinite(gain)):
+        return []
+    own = float(study.subject.actuator.amplifier_gain)
+    least, most = int(np.argmin(gain)), int(np.argmax(gain))
+    verb = "could rise to" if gain[least] > SAFE else "must fall to"
+    return [
+        f"For 6 dB at every temperature the amplifier {verb} {own * gain[least] / SAFE:.2g} A/V ({own:.2g} now); "
+        f"{study.celsius[most]:.0f} degC alone would stand {own * gain[most] / SAFE:.2g} A/V."
+    ]
+
+
+def heat(study: ServoStudy) -> str:
+    """Where oil that keeps its heat (THM) differs most from isothermal oil (HM)."""
+    thm, hm = (study.loops[m].figures for m in ("THM", "HM"))
+    band = np.asarray(thm.bandwidth) / np.asarray(hm.bandwidth) - 1.0
+    i = int(np.nanargmax(np.abs(band))) if np.any(np.isfinite(band)) else 0
+    late = study.steps["THM"].figures.time_to_90[i] / study.steps["HM"].figures.time_to_90[i] - 1.0
+    margin = float(decibel(thm.gain_margin[i]) - decibel(hm.gain_margin[i]))
+    return (
+        f"Heat kept by the oil (THM against HM) matters most at {study.celsius[i]:.0f} degC: bandwidth {100 * band[i]:+.1f} %, "
+        f"gain margin {margin:+.1f} dB, time to 90 % {100 * late:+.1f} %."
+    )
+
+
+def formulas(study: ServoStudy) -> str:
+    """Where the linear formulas at null differ from the linearised equations."""
+    parts = []
+    for model in ("HM", "THM"):
+        figures, linear = study.loops[model].figures, study.linear[model]
+        with np.errstate(invalid="ignore"):
+            gain = decibel(linear.gain_margin) - decibel(figures.gain_margin)
+            phase = linear.phase_margin - np.asarray(figures.phase_margin)
+        parts.append(f"{_largest(gain)} dB and {_largest(phase)} deg ({model})")
+    return f"The linear formulas at null give margins that differ by at most {' and '.join(parts)}."
+
+
+def _largest(values: np.ndarray) -> str:
+    finite = np.abs(values[np.isfinite(values)])
+    return f"{finite.max():.2g}" if finite.size and finite.max() >= 5e-5 else "0.0001"
+
+
+def _list(values: list[float]) -> str:
+    words = [f"{value:.0f}" for value in values]
+    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
+
+
+def _number(value: float, digits: int) -> str:
+    if not np.isfinite(value):
+        return "-"
+    return significant(float(value), max(digits, len(f"{abs(value):.0f}")) if abs(value) < 1e6 else digits)
+
+
+def _fixed(value: np.ndarray | float, decimals: int) -> str:
+    return f"{float(value):.{decimals}f}" if np.isfinite(float(value)) else "none"
+
+
+def _signed(value: float) -> str:
+    return f"{value:+.2g}" if np.isfinite(value) else "-"
