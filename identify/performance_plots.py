@@ -62,7 +62,7 @@ def draw_bode(
 ) -> Figure:
     """The figure of open-loop curves, the closed loop's magnitudes (temperatures, pulsations) and margins at temperatures [K].
 
-    axis: what the abscissa is called; pulsations and crossovers come in its unit.
+    A phase margin of NaN: the loop is unstable. axis: what the abscissa is called; pulsations and crossovers come in its unit.
     """
     pulsation = opened.pulsation
     with look.style():
@@ -75,7 +75,8 @@ def draw_bode(
         figure.text(0.075, 0.945, title, fontsize=12, fontweight="bold")
         for i, colour in enumerate(look.temperature_colours(len(temperatures))):
             kelvin = temperatures[i] - CELSIUS
-            words = f"{kelvin:.0f} °C: {_decibel(margins.gain_margin[i]):.1f} dB, {margins.phase_margin[i]:.0f}°"
+            angle = "unstable" if np.isnan(margins.phase_margin[i]) else f"{margins.phase_margin[i]:.0f}°"
+            words = f"{kelvin:.0f} °C: {_decibel(margins.gain_margin[i]):.1f} dB, {angle}"
             gain.plot(pulsation, _decibel(opened.magnitude[i]), color=colour, label=words)
             phase.plot(pulsation, opened.phase[i], color=colour)
             shut.plot(pulsation, _decibel(closed[i]), color=colour)
@@ -89,7 +90,7 @@ def draw_bode(
         shut.set_xlim(pulsation[0], pulsation[-1])
         gain.tick_params(labelbottom=False)
         phase.set_yticks(range(-450, -89, 90))
-        shut.set_ylim(-60.0, max(10.0, float(_decibel(closed).max()) + 3.0))
+        shut.set_ylim(-60.0, max(10.0, float(np.max(_decibel(closed), initial=0.0, where=np.isfinite(closed))) + 3.0))
         gain.set_title("open loop", loc="left", color=look.FAINT)
         shut.set_title("closed loop, position over setpoint", loc="left", color=look.FAINT)
         look.label_axes(gain, "", "magnitude [dB]")

@@ -44,7 +44,7 @@ def servo_page(study: ServoStudy, figures: dict[str, bytes]) -> str:
         actuator=words.actuator_in_words(study),
         oil=study.subject.model.oil.name,
         sentences=words.sentences(study),
-        unstable=any(not loop.stable.all() for loop in study.loops.values()),
+        alarm=any(words.alarming(sentence) for sentence in words.sentences(study)),
         notes=study.subject.notes,
         columns=words.COLUMNS,
         slopes=words.SLOPES,

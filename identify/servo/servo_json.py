@@ -49,6 +49,8 @@ def _model(study: ServoStudy, model: str) -> dict[str, Any]:
     opened, closed = np.asarray(loop.opened), loop.closed
     return {
         "stable": loop.stable,
+        "largest_gain_rise": study.gain_rise[model],
+        "gain_margin_of_large_motions": study.large_margin(model),
         "small_signal": {name: np.asarray(getattr(loop.figures, name)) for name in names},
         "per_kelvin": {name: np.asarray(getattr(loop.slope, name)) for name in names},
         "closed_loop_poles": {"real": loop.poles.real, "imaginary": loop.poles.imag},

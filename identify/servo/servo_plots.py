@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator
 
 from thermohyd.closed_loop import FrequencyResponse, Margins
 
@@ -16,7 +17,7 @@ from .words import conditions_in_words, decibel
 
 
 HERTZ = 1.0 / (2.0 * np.pi)
-BELOW, ABOVE = 30.0, 30.0  # how far a Bode diagram reaches beyond the lowest and the highest crossover
+BELOW, ABOVE = 30.0, 12.0  # how far a Bode diagram reaches beyond the lowest and the highest crossover
 FIRST = 2e-3  # s: where the logarithmic time axis begins
 TANGENT = 6.0  # K, half of it to either side
 FORMULA = "#3a8a4d"
@@ -28,18 +29,18 @@ def phase(response: np.ndarray) -> np.ndarray:
 
 
 def _sheet(
-    study: ServoStudy, title: str, shape: tuple[int, int], size: tuple[float, float]
+    study: ServoStudy, title: str, shape: tuple[int, int], size: tuple[float, float], left: float
 ) -> tuple[Figure, np.ndarray]:
     figure = Figure(figsize=size)
     panels = figure.subplots(*shape)
-    figure.text(0.07, 0.955, f"{title}: {conditions_in_words(study)}", fontsize=12, fontweight="bold")
+    figure.text(left, 0.955, f"{title}: {conditions_in_words(study)}", fontsize=12, fontweight="bold")
     return figure, panels
 
 
 def step_figure(study: ServoStudy) -> Figure:
     """Piston, spool, pressure and heat after the step, over the logarithm of time; a colour per temperature."""
     with look.style():
-        figure, panels = _sheet(study, "Step responses", (2, 2), (10.0, 6.6))
+        figure, panels = _sheet(study, "Step responses", (2, 2), (10.0, 6.6), 0.075)
         figure.subplots_adjust(left=0.075, right=0.985, top=0.885, bottom=0.165, wspace=0.19, hspace=0.2)
         s, colours = study.subject, look.temperature_colours(len(study.celsius))
         longest = 0.0
@@ -76,7 +77,14 @@ def step_figure(study: ServoStudy) -> Figure:
             axes.set_xlabel("time from the step [s]")
         _models_key(panels[0, 0])
         handles, labels = panels[0, 0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="lower center", ncols=7, bbox_to_anchor=(0.53, 0.0), handlelength=2.4)
+        figure.legend(
+            handles,
+            labels,
+            loc="lower center",
+            ncols=_columns(len(labels)),
+            bbox_to_anchor=(0.53, 0.0),
+            handlelength=2.4,
+        )
     return figure
 
 
@@ -90,11 +98,12 @@ def bode_of_study(study: ServoStudy) -> Figure:
     opened = np.asarray(loop.opened)
     curves = FrequencyResponse(loop.pulsation[rows] * HERTZ, np.abs(opened)[:, rows], phase(opened)[:, rows])
     margins = Margins(
-        np.asarray(f.gain_margin), np.asarray(f.phase_margin),
+        np.asarray(f.gain_margin), np.where(loop.stable, np.asarray(f.phase_margin), np.nan),
         np.asarray(f.phase_crossover) * HERTZ, np.asarray(f.gain_crossover) * HERTZ,
     )  # fmt: skip
     title = f"Position loop at {study.subject.supply_pressure * 1e-5:.4g} bar, linearised at rest"
-    closed = np.abs(loop.closed)[:, rows]
+    # An unstable loop has no response to show.
+    closed = np.where(loop.stable[:, None], np.abs(loop.closed)[:, rows], np.nan)
     return draw_bode(title, study.subject.temperatures, curves, closed, margins, "frequency [Hz]")
 
 
@@ -106,12 +115,15 @@ class _Panel:
     values: Callable[[ServoStudy, str], np.ndarray]
     slope: Callable[[ServoStudy, str], np.ndarray] | None = None
     formula: Callable[[ServoStudy, str], np.ndarray] | None = None
+    large: Callable[[ServoStudy, str], np.ndarray] | None = None
     logarithmic: bool = False
     limit: float | None = None
 
 
 def _small(study: ServoStudy, model: str, name: str) -> np.ndarray:
-    return np.asarray(getattr(study.loops[model].figures, name))
+    """A small-signal figure; NaN where the loop is unstable, but for its gain margin."""
+    values = np.asarray(getattr(study.loops[model].figures, name))
+    return values if name == "gain_margin" else np.where(study.loops[model].stable, values, np.nan)
 
 
 def _drift(study: ServoStudy, model: str, name: str) -> np.ndarray:
@@ -127,6 +139,7 @@ PANELS = (
         lambda s, m: decibel(_small(s, m, "gain_margin")),
         lambda s, m: 20.0 / np.log(10.0) * _drift(s, m, "gain_margin") / _small(s, m, "gain_margin"),
         lambda s, m: decibel(s.linear[m].gain_margin),
+        lambda s, m: decibel(s.large_margin(m)),
         limit=0.0,
     ),
     _Panel(
@@ -148,7 +161,7 @@ PANELS = (
 def trend_figure(study: ServoStudy) -> Figure:
     """Six figures against temperature, HM beside THM; short lines: exact derivatives; crosses: the linear formulas."""
     with look.style():
-        figure, panels = _sheet(study, "The loop against temperature", (2, 3), (11.0, 6.4))
+        figure, panels = _sheet(study, "The loop against temperature", (2, 3), (11.0, 6.4), 0.055)
         figure.subplots_adjust(left=0.055, right=0.985, top=0.885, bottom=0.165, wspace=0.2, hspace=0.24)
         for panel, axes in zip(PANELS, panels.flat, strict=True):
             for model in MODELS:
@@ -156,11 +169,15 @@ def trend_figure(study: ServoStudy) -> Figure:
             axes.set_title(panel.title, loc="left", color=look.FAINT)
             if panel.logarithmic:
                 axes.set_yscale("log")
+                axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
                 look.plain_numbers(axes.yaxis)
             if panel.limit is not None:
                 axes.axhline(panel.limit, color=look.FAINT, linewidth=0.8, zorder=1)
             if not panel.logarithmic and panel.limit is None:
                 axes.set_ylim(0.0, max(1.0, axes.get_ylim()[1]))
+        for axes in panels.flat:
+            air = 0.05 * float(np.ptp(study.celsius)) + TANGENT
+            axes.set_xlim(study.celsius[0] - air, study.celsius[-1] + air)
         for axes in panels[1]:
             axes.set_xlabel(WARM)
         key = panels[1, 0]
@@ -183,9 +200,17 @@ def _draw(axes: Axes, panel: _Panel, study: ServoStudy, model: str) -> None:
         lines = axes.plot(ends, heights, color=colour, linewidth=2.2, zorder=3)
         if model == "HM":
             lines[0].set_label("exact derivative with temperature")
+    if panel.large is not None:
+        words = "left for large motions (GM*)" if model == "HM" else None
+        axes.plot(study.celsius, panel.large(study, model), color=colour, linestyle=":", linewidth=1.3, label=words)
     if panel.formula is not None:
         words = "linear formula at null" if model == "HM" else None
         axes.plot(study.celsius, panel.formula(study, model), "x", color=FORMULA, markersize=6, label=words, zorder=4)
+
+
+def _columns(entries: int) -> int:
+    """Of a legend: one row, or two full ones."""
+    return entries if entries <= 8 else -(-entries // 2)
 
 
 def _models_key(axes: Axes) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 
 from thermohyd.actuator_performance import performance
 from thermohyd.closed_loop import loop_margins
+from thermohyd.dynamics.large_motions import KEPT, largest_gain_rise
 from thermohyd.dynamics.plant import Heat
 from thermohyd.dynamics.temperature_sweep import LoopSweep, StepSweep, loop_sweep, run_lengths, step_sweep
 from thermohyd.oil import walther_viscosity
@@ -18,7 +19,6 @@ from .subject import Subject
 
 
 MODELS: dict[str, Heat] = {"THM": "adiabatic", "HM": "isothermal"}
-KEPT = {"THM": 1.0, "HM": 0.0}  # share of the throttling heat, in the linear formulas
 ROWS = 1200
 
 
@@ -37,14 +37,22 @@ class LinearFormulas:
 
 @dataclass(frozen=True)
 class ServoStudy:
-    """Everything that a sweep found, by model ("THM", "HM"); viscosity of the oil supplied at no pressure [m2/s]."""
+    """Everything that a sweep found, by model ("THM", "HM"); viscosity of the oil supplied at no pressure [m2/s].
+
+    gain_rise: the valve's largest gain over that at null (`largest_gain_rise`).
+    """
 
     subject: Subject
     viscosity: np.ndarray
     loops: dict[str, LoopSweep]
     steps: dict[str, StepSweep]
     linear: dict[str, LinearFormulas]
+    gain_rise: dict[str, np.ndarray]
     seconds: float
+
+    def large_margin(self, model: str) -> np.ndarray:
+        """Gain margin (temperatures,) that is left at whatever amplitude [-]: at null, over the rise of the gain."""
+        return np.asarray(self.loops[model].figures.gain_margin) / self.gain_rise[model]
 
     @property
     def celsius(self) -> np.ndarray:
@@ -71,7 +79,7 @@ def servo_study(subject: Subject, *, rows: int = ROWS, progress: Callable[[str],
     still = valve_of_model(replace(subject.model, effects=smooth))
     warm = np.array(subject.temperatures)
     about = {"supply_pressure": subject.supply_pressure, "return_pressure": subject.return_pressure}
-    loops, steps, linear = {}, {}, {}
+    loops, steps, linear, rise = {}, {}, {}, {}
     for model, heat in MODELS.items():
         say(f"margins at {warm.size} temperatures ({model})")
         loops[model] = loop_sweep(still, subject.actuator, warm, heat=heat, **about)
@@ -81,10 +89,11 @@ def servo_study(subject: Subject, *, rows: int = ROWS, progress: Callable[[str],
             valve, subject.actuator, warm, heat=heat, step=subject.step, seconds=lengths, rows=rows, **about
         )
         say(f"linear formulas ({model})")
-        found = performance(still, subject.actuator, temperature=warm, heat=KEPT[model], **about)
+        found = performance(still, subject.actuator, temperature=warm, heat=KEPT[heat], **about)
         margins = loop_margins(found, subject.actuator)
         names = ("flow_gain", "loop_gain", "natural_frequency", "damping_ratio")
         own = {name: np.asarray(getattr(found, name)) for name in names}
         linear[model] = LinearFormulas(**own, gain_margin=margins.gain_margin, phase_margin=margins.phase_margin)
+        rise[model] = largest_gain_rise(still, warm, heat=heat, **about)
     viscosity = np.asarray(walther_viscosity(valve.oil, jnp.asarray(warm)))
-    return ServoStudy(subject, viscosity, loops, steps, linear, time.perf_counter() - began)
+    return ServoStudy(subject, viscosity, loops, steps, linear, rise, time.perf_counter() - began)

@@ -21,7 +21,7 @@ def print_servo(study: ServoStudy, console: Console) -> None:
         console.print(_table(study, model))
     console.print()
     for sentence in words.sentences(study):
-        console.print(Text(sentence, style="bold red" if "UNSTABLE" in sentence else ""))
+        console.print(Text(sentence, style="bold red" if words.alarming(sentence) else ""))
     for note in study.subject.notes:
         console.print(Text(note, style="yellow"))
 
@@ -32,6 +32,6 @@ def _table(study: ServoStudy, model: str) -> Padding:
         head, _, unit = title.rpartition(" ")
         table.add_column(f"{head}\n{unit}", justify="right", no_wrap=True, vertical="bottom")
     for row in words.rows(study, model):
-        style = "red" if "unstable" in row else ""
+        style = "red" if words.UNSTABLE in row else ""
         table.add_row(*[Text(cell, style=style) for cell in row])
     return Padding(table, (0, 0, 0, 2), expand=False)

@@ -7,7 +7,7 @@ from .study import MODELS, ServoStudy
 
 
 COLUMNS = (
-    "oil degC", "visc. cSt", "t90 ms", "settles ms", "over %", "GM dB", "PM deg", "-3dB Hz", "peak dB", "p max bar", "dT K",
+    "oil degC", "visc. cSt", "t90 ms", "settles ms", "over %", "GM dB", "GM* dB", "PM deg", "-3dB Hz", "peak dB", "p max bar", "dT K",
 )  # fmt: skip
 SLOPES = (
     "oil degC",
@@ -20,7 +20,9 @@ SLOPES = (
     "f_h Hz",
     "xi_h -",
 )
+UNSTABLE = "unst."
 SAFE = 2.0  # a gain margin of 6 dB
+SWINGS = 0.02  # of the step, from lowest to highest at the end of a run
 
 
 def decibel(ratio: np.ndarray | float) -> np.ndarray:
@@ -43,7 +45,10 @@ def actuator_in_words(study: ServoStudy) -> str:
 
 
 def rows(study: ServoStudy, model: str) -> list[list[str]]:
-    """The cells of COLUMNS, a row per temperature; where the loop is unstable, the phase margin says so."""
+    """The cells of COLUMNS, a row per temperature; where the loop is unstable, the phase margin says so.
+
+    GM: at null; GM*: left for motions of any size (`largest_gain_rise`).
+    """
     loop, step = study.loops[model], study.steps[model]
     f, found = loop.figures, []
     for i, celsius in enumerate(study.celsius):
@@ -55,8 +60,9 @@ def rows(study: ServoStudy, model: str) -> list[list[str]]:
                 _number(step.figures.settling_time[i] * 1e3, 3),
                 f"{100.0 * step.figures.overshoot[i]:.1f}",
                 _fixed(decibel(f.gain_margin[i]), 1),
-                _fixed(f.phase_margin[i], 0) if loop.stable[i] else "unstable",
-                _number(float(f.bandwidth[i]) / (2.0 * np.pi), 3),
+                _fixed(decibel(study.large_margin(model)[i]), 1),
+                _fixed(f.phase_margin[i], 0) if loop.stable[i] else UNSTABLE,
+                _number(float(f.bandwidth[i]) / (2.0 * np.pi), 3) if loop.stable[i] else "-",
                 _fixed(decibel(f.peak[i]), 1) if loop.stable[i] else "-",
                 f"{step.largest_pressure[i] * 1e-5:.0f}",
                 f"{step.heating[i]:.1f}",
@@ -88,14 +94,26 @@ def slope_rows(study: ServoStudy, model: str) -> list[list[str]]:
 
 def sentences(study: ServoStudy) -> list[str]:
     """What temperature does to the loop, the most important first; of the model that keeps its heat (THM)."""
-    return [stability(study), *rapidity(study), *room_for_gain(study), heat(study), formulas(study)]
+    return [
+        stability(study),
+        *large_motions(study),
+        *rapidity(study),
+        *room_for_gain(study),
+        *heat(study),
+        formulas(study),
+    ]
+
+
+def alarming(sentence: str) -> bool:
+    """Whether a sentence says that the loop does not come to rest."""
+    return any(word in sentence for word in ("UNSTABLE", "KEEPS SWINGING"))
 
 
 def stability(study: ServoStudy) -> str:
     """Whether the loop is stable everywhere, in either model."""
     shaky = sorted({float(t) for m in MODELS for t in study.celsius[~study.loops[m].stable]})
     if shaky:
-        return f"The loop is UNSTABLE at {_list(shaky)} degC: its step responses there end in a limit cycle."
+        return f"The loop is UNSTABLE at {_list(shaky)} degC: even the smallest motion grows there."
     loop = study.loops["THM"]
     gain = np.asarray(loop.figures.gain_margin)
     least, phase = int(np.argmin(gain)), float(np.nanmin(np.asarray(loop.figures.phase_margin)))
@@ -105,45 +123,72 @@ def stability(study: ServoStudy) -> str:
     )
 
 
+def large_motions(study: ServoStudy) -> list[str]:
+    """Where a loop that is stable at rest keeps swinging after the step; how much of the margin large motions take."""
+    said, rise = [], study.gain_rise["THM"]
+    swings = {
+        float(t)
+        for m in MODELS
+        for t in study.celsius[study.loops[m].stable & (np.asarray(study.steps[m].figures.swing) > SWINGS)]
+    }
+    if swings:
+        said.append(
+            f"Stable at rest, it KEEPS SWINGING after a step of {study.subject.step * 1e3:.3g} mm at {_list(sorted(swings))} degC: "
+            "the margins at null do not cover large motions (GM* does)."
+        )
+    most = int(np.argmax(rise))
+    if rise[most] > 1.01:
+        said.append(
+            f"Away from null the valve's gain rises by up to {float(decibel(rise[most])):.1f} dB ({study.celsius[most]:.0f} degC): "
+            f"GM* is the gain margin left for motions of any size, at least "
+            f"{float(np.min(decibel(study.large_margin('THM')))):.1f} dB."
+        )
+    return said
+
+
 def rapidity(study: ServoStudy) -> list[str]:
     """How slow the coldest step is beside the hottest, and whether the valve's flow gain accounts for it."""
     reached, band = study.steps["THM"].figures.time_to_90, np.asarray(study.loops["THM"].figures.bandwidth)
-    if not np.all(np.isfinite(np.array([reached[0], reached[-1], band[0], band[-1]]))) or len(band) == 1:
+    ends = study.loops["THM"].stable[[0, -1]]
+    if not np.all(np.isfinite([reached[0], reached[-1], band[0], band[-1]])) or len(band) == 1 or not ends.all():
         return []
     flow = study.linear["THM"].flow_gain
     return [
         f"From {study.celsius[0]:.0f} to {study.celsius[-1]:.0f} degC 90 % of the step takes {_number(1e3 * reached[0], 3)} to "
         f"{_number(1e3 * reached[-1], 3)} ms and the bandwidth goes from {_number(band[0] / (2 * np.pi), 3)} to "
-        f"{_number(band[-1] / (2 * np.pi), 3)} Hz (x {band[-1] / band[0]:.3g}), as the valve's flow gain at null does "
-        f"(x {flow[-1] / flow[0]:.3g})."
+        f"{_number(band[-1] / (2 * np.pi), 3)} Hz (x {band[-1] / band[0]:.3g}); the valve's flow gain at null rises "
+        f"x {flow[-1] / flow[0]:.3g}."
     ]
 
 
 def room_for_gain(study: ServoStudy) -> list[str]:
-    """What amplifier gain keeps 6 dB at the worst and at the best temperature."""
-    gain = np.asarray(study.loops["THM"].figures.gain_margin)
+    """What amplifier gain keeps 6 dB for motions of any size, at the worst and at the best temperature."""
+    gain = study.large_margin("THM")
     if not np.all(np.isfinite(gain)):
         return []
     own = float(study.subject.actuator.amplifier_gain)
     least, most = int(np.argmin(gain)), int(np.argmax(gain))
     verb = "could rise to" if gain[least] > SAFE else "must fall to"
     return [
-        f"For 6 dB at every temperature the amplifier {verb} {own * gain[least] / SAFE:.2g} A/V ({own:.2g} now); "
+        f"For 6 dB at every temperature and amplitude the amplifier {verb} {own * gain[least] / SAFE:.2g} A/V ({own:.2g} now); "
         f"{study.celsius[most]:.0f} degC alone would stand {own * gain[most] / SAFE:.2g} A/V."
     ]
 
 
-def heat(study: ServoStudy) -> str:
+def heat(study: ServoStudy) -> list[str]:
     """Where oil that keeps its heat (THM) differs most from isothermal oil (HM)."""
     thm, hm = (study.loops[m].figures for m in ("THM", "HM"))
     band = np.asarray(thm.bandwidth) / np.asarray(hm.bandwidth) - 1.0
-    i = int(np.nanargmax(np.abs(band))) if np.any(np.isfinite(band)) else 0
+    band = np.where(study.loops["THM"].stable & study.loops["HM"].stable, band, np.nan)
+    if not np.any(np.isfinite(band)):
+        return []
+    i = int(np.nanargmax(np.abs(band)))
     late = study.steps["THM"].figures.time_to_90[i] / study.steps["HM"].figures.time_to_90[i] - 1.0
     margin = float(decibel(thm.gain_margin[i]) - decibel(hm.gain_margin[i]))
-    return (
+    return [
         f"Heat kept by the oil (THM against HM) matters most at {study.celsius[i]:.0f} degC: bandwidth {100 * band[i]:+.1f} %, "
         f"gain margin {margin:+.1f} dB, time to 90 % {100 * late:+.1f} %."
-    )
+    ]
 
 
 def formulas(study: ServoStudy) -> str:
@@ -160,7 +205,7 @@ def formulas(study: ServoStudy) -> str:
 
 def _largest(values: np.ndarray) -> str:
     finite = np.abs(values[np.isfinite(values)])
-    return f"{finite.max():.2g}" if finite.size and finite.max() >= 5e-5 else "0.0001"
+    return f"{finite.max():.2g}" if finite.size and finite.max() >= 1e-4 else "0.0001"
 
 
 def _list(values: list[float]) -> str:

@@ -13,13 +13,15 @@ STAYS = 0.9  # of the run: what is not settled by then may only be passing throu
 class StepFigures(NamedTuple):
     """rise_time: from 10 to 90 % of the step [s]; time_to_90 [s] and settling_time [s], to stay within 2 %, from its start.
 
-    overshoot: beyond the step, as a share of it. NaN for what the run does not reach. Numbers, or arrays of several runs.
+    overshoot: beyond the step, as a share of it. swing: from lowest to highest in the last tenth of the run, as a share of the
+    step: how much it still moves. NaN for what the run does not reach. Numbers, or arrays of several runs.
     """
 
     rise_time: float | np.ndarray
     time_to_90: float | np.ndarray
     settling_time: float | np.ndarray
     overshoot: float | np.ndarray
+    swing: float | np.ndarray
 
 
 def step_figures(time: Real[np.ndarray, " rows"], position: Real[np.ndarray, " rows"], step: float) -> StepFigures:
@@ -29,12 +31,15 @@ def step_figures(time: Real[np.ndarray, " rows"], position: Real[np.ndarray, " r
 
     >>> time = np.linspace(0.0, 10.0, 10_001)
     >>> [round(float(figure), 3) for figure in step_figures(time, 2.0 - 2.0 * np.exp(-time), 2.0)]
-    [2.197, 2.303, 3.912, 0.0]
+    [2.197, 2.303, 3.912, 0.0, 0.0]
     """
     time, share = np.asarray(time, dtype=float), (np.asarray(position, dtype=float) - position[0]) / step
     began = time - time[0]
     first, last = _first_above(began, share, 0.1), _first_above(began, share, 0.9)
-    return StepFigures(last - first, last, _settled(began, share), max(float(np.max(share)) - 1.0, 0.0))
+    overshoot = max(float(np.max(share)) - 1.0, 0.0)
+    return StepFigures(
+        last - first, last, _settled(began, share), overshoot, float(np.ptp(share[began > STAYS * began[-1]]))
+    )
 
 
 def _first_above(time: np.ndarray, share: np.ndarray, level: float) -> float:
