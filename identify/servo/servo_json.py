@@ -53,7 +53,7 @@ def _model(study: ServoStudy, model: str) -> dict[str, Any]:
         "gain_margin_of_large_motions": study.large_margin(model),
         "small_signal": {name: np.asarray(getattr(loop.figures, name)) for name in names},
         "per_kelvin": {name: np.asarray(getattr(loop.slope, name)) for name in names},
-        "closed_loop_poles": {"real": loop.poles.real, "imaginary": loop.poles.imag},
+        "closed_loop_poles": {"real": np.real(loop.poles), "imaginary": np.imag(loop.poles)},
         "step": {
             **step.figures._asdict(),
             "largest_pressure": step.largest_pressure,

@@ -146,7 +146,7 @@ PANELS = (
         "phase margin [°]",
         lambda s, m: _small(s, m, "phase_margin"),
         lambda s, m: _drift(s, m, "phase_margin"),
-        lambda s, m: s.linear[m].phase_margin,
+        lambda s, m: np.where(s.loops[m].stable, s.linear[m].phase_margin, np.nan),
         limit=0.0,
     ),
     _Panel(
@@ -197,12 +197,13 @@ def _draw(axes: Axes, panel: _Panel, study: ServoStudy, model: str) -> None:
         slope = panel.slope(study, model)
         ends = np.stack([study.celsius - 0.5 * TANGENT, study.celsius + 0.5 * TANGENT])
         heights = np.stack([values - 0.5 * TANGENT * slope, values + 0.5 * TANGENT * slope])
-        lines = axes.plot(ends, heights, color=colour, linewidth=2.2, zorder=3)
+        axes.plot(ends, heights, color=colour, linewidth=2.2, zorder=3)
         if model == "HM":
-            lines[0].set_label("exact derivative with temperature")
+            axes.plot([], [], color=look.INK, linewidth=2.2, label="exact derivative with temperature")
     if panel.large is not None:
-        words = "left for large motions (GM*)" if model == "HM" else None
-        axes.plot(study.celsius, panel.large(study, model), color=colour, linestyle=":", linewidth=1.3, label=words)
+        axes.plot(study.celsius, panel.large(study, model), color=colour, linestyle=":", linewidth=1.3)
+        if model == "HM":
+            axes.plot([], [], color=look.INK, linestyle=":", linewidth=1.3, label="left for large motions (GM*)")
     if panel.formula is not None:
         words = "linear formula at null" if model == "HM" else None
         axes.plot(study.celsius, panel.formula(study, model), "x", color=FORMULA, markersize=6, label=words, zorder=4)

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -78,7 +79,7 @@ def servo_study(subject: Subject, *, rows: int = ROWS, progress: Callable[[str],
     smooth = {name: a for name, a in subject.model.effects.items() if name not in subject.margins_without}
     still = valve_of_model(replace(subject.model, effects=smooth))
     warm = np.array(subject.temperatures)
-    about = {"supply_pressure": subject.supply_pressure, "return_pressure": subject.return_pressure}
+    about: dict[str, Any] = {"supply_pressure": subject.supply_pressure, "return_pressure": subject.return_pressure}
     loops, steps, linear, rise = {}, {}, {}, {}
     for model, heat in MODELS.items():
         say(f"margins at {warm.size} temperatures ({model})")

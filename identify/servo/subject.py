@@ -3,8 +3,6 @@
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 
-import numpy as np
-
 from thermohyd.actuator import Actuator
 
 from ..dynamic.machine import actuator_of
@@ -13,7 +11,7 @@ from ..model import Model
 from ..model_file import load_model, model_of_fit, nominal_model
 from ..record import ActuatorData, BenchRecord
 from ..sensitivity.sources import Source
-from ..sensitivity.subject import left_out, seed_model
+from ..sensitivity.subject import conditions_of, left_out, seed_model
 from .request import Request
 
 
@@ -105,13 +103,14 @@ def _actuator(source: Source, model: Model, request: Request) -> tuple[Actuator,
 
 
 def _pressures(record: BenchRecord | None, request: Request) -> tuple[float, float]:
-    """Supply and return pressure: asked for, else the record's lowest usual ones, else those of the example."""
-    supply, back = request.supply_pressure, request.return_pressure
-    tests = [] if record is None else list(record.all_tests.values())
-    usual = lambda column, default: min((float(np.median(getattr(t, column))) for t in tests), default=default)
+    """Supply and return pressure: asked for, else the record's (the lowest supply of several), else those of the example."""
+    supply, back = SUPPLY, RETURN
+    if record is not None:
+        _, pressures, back = conditions_of(record.all_tests.values())
+        supply = min(pressures)
     return (
-        usual("supply_pressure", SUPPLY) if supply is None else supply,
-        usual("return_pressure", RETURN) if back is None else back,
+        supply if request.supply_pressure is None else request.supply_pressure,
+        back if request.return_pressure is None else request.return_pressure,
     )
 
 

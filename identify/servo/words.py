@@ -1,6 +1,7 @@
 """The tables and sentences of a sweep, shared by terminal and page. Bench units."""
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..display_units import significant
 from .study import MODELS, ServoStudy
@@ -25,7 +26,7 @@ SAFE = 2.0  # a gain margin of 6 dB
 SWINGS = 0.02  # of the step, from lowest to highest at the end of a run
 
 
-def decibel(ratio: np.ndarray | float) -> np.ndarray:
+def decibel(ratio: ArrayLike) -> np.ndarray:
     return np.asarray(20.0 * np.log10(np.asarray(ratio)))
 
 
@@ -213,14 +214,17 @@ def _list(values: list[float]) -> str:
     return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
 
 
-def _number(value: float, digits: int) -> str:
-    if not np.isfinite(value):
+def _number(value: ArrayLike, digits: int) -> str:
+    """To so many digits, but never without those before the point."""
+    number = float(np.asarray(value))
+    if not np.isfinite(number):
         return "-"
-    return significant(float(value), max(digits, len(f"{abs(value):.0f}")) if abs(value) < 1e6 else digits)
+    return significant(number, max(digits, len(f"{abs(number):.0f}")) if abs(number) < 1e6 else digits)
 
 
-def _fixed(value: np.ndarray | float, decimals: int) -> str:
-    return f"{float(value):.{decimals}f}" if np.isfinite(float(value)) else "none"
+def _fixed(value: ArrayLike, decimals: int) -> str:
+    number = float(np.asarray(value))
+    return f"{number:.{decimals}f}" if np.isfinite(number) else "none"
 
 
 def _signed(value: float) -> str:

@@ -37,7 +37,7 @@ class LoopFigures(eqx.Module):
 class _Near(NamedTuple):
     """Where to look, in the order phase crossing, gain crossing, half power: interval of PULSATION, and whether there is one."""
 
-    index: Array
+    place: Array
     there: Array
 
 
@@ -97,21 +97,21 @@ def _crossings(curve: Complex[Array, " pulsations"]) -> _Near:
     opposed = changes(turned) & (real[:-1] + real[1:] < 0.0)
     unity, half = changes(size), (closed[:-1] >= HALF_POWER) & (closed[1:] < HALF_POWER)
     far = lambda there, distance: jnp.where(there, distance[:-1], jnp.inf)
-    index = [
+    places = [
         jnp.argmin(far(opposed, jnp.abs(size))),
         jnp.argmin(far(unity, jnp.abs(jnp.angle(-curve)))),
         jnp.argmax(half),
     ]
-    return _Near(jnp.stack(index), jnp.stack([jnp.any(opposed), jnp.any(unity), jnp.any(half)]))
+    return _Near(jnp.stack(places), jnp.stack([jnp.any(opposed), jnp.any(unity), jnp.any(half)]))
 
 
 def _halved(opened: Linearised, near: _Near) -> Float[Array, "3"]:
     """The three pulsations, each between its neighbours on the grid."""
     grid = jnp.asarray(PULSATION)
-    low, high = grid[near.index], grid[near.index + 1]
+    low, high = grid[near.place], grid[near.place + 1]
     sign = jnp.sign(_measures(opened.gain(low)))
 
-    def halve(_: int, ends: tuple[Array, Array]) -> tuple[Array, Array]:
+    def halve(_: Array, ends: tuple[Array, Array]) -> tuple[Array, Array]:
         low, high = ends
         middle = 0.5 * (low + high)
         before = jnp.sign(_measures(opened.gain(middle))) == sign

@@ -14,14 +14,14 @@ class StepFigures(NamedTuple):
     """rise_time: from 10 to 90 % of the step [s]; time_to_90 [s] and settling_time [s], to stay within 2 %, from its start.
 
     overshoot: beyond the step, as a share of it. swing: from lowest to highest in the last tenth of the run, as a share of the
-    step: how much it still moves. NaN for what the run does not reach. Numbers, or arrays of several runs.
+    step: how much it still moves. NaN for what the run does not reach. Shape (), or that of several runs.
     """
 
-    rise_time: float | np.ndarray
-    time_to_90: float | np.ndarray
-    settling_time: float | np.ndarray
-    overshoot: float | np.ndarray
-    swing: float | np.ndarray
+    rise_time: np.ndarray
+    time_to_90: np.ndarray
+    settling_time: np.ndarray
+    overshoot: np.ndarray
+    swing: np.ndarray
 
 
 def step_figures(time: Real[np.ndarray, " rows"], position: Real[np.ndarray, " rows"], step: float) -> StepFigures:
@@ -37,9 +37,9 @@ def step_figures(time: Real[np.ndarray, " rows"], position: Real[np.ndarray, " r
     began = time - time[0]
     first, last = _first_above(began, share, 0.1), _first_above(began, share, 0.9)
     overshoot = max(float(np.max(share)) - 1.0, 0.0)
-    return StepFigures(
-        last - first, last, _settled(began, share), overshoot, float(np.ptp(share[began > STAYS * began[-1]]))
-    )
+    swing = float(np.ptp(share[began > STAYS * began[-1]]))
+    figures = (last - first, last, _settled(began, share), overshoot, swing)
+    return StepFigures(*(np.asarray(figure) for figure in figures))
 
 
 def _first_above(time: np.ndarray, share: np.ndarray, level: float) -> float:

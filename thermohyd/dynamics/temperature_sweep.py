@@ -58,7 +58,7 @@ class LoopSweep(eqx.Module):
 
     @property
     def stable(self) -> np.ndarray:
-        return np.max(self.poles.real, axis=1) < 0.0
+        return np.max(np.real(self.poles), axis=1) < 0.0
 
 
 class StepSweep(NamedTuple):
@@ -167,8 +167,11 @@ def step_sweep(
     for kelvin, length in zip(warm, np.broadcast_to(np.asarray(seconds, dtype=float), warm.shape), strict=True):
         time = _rows(float(length), rows)
         setpoint = np.interp(time, [0.0, RAMP], [0.0, step])
-        about = {"supply_pressure": supply_pressure, "return_pressure": return_pressure, "temperature": float(kelvin)}
-        runs.append(step_inputs(time, setpoint, "setpoint", **about))
+        own = step_inputs(
+            time, setpoint, "setpoint",
+            supply_pressure=supply_pressure, return_pressure=return_pressure, temperature=float(kelvin),
+        )  # fmt: skip
+        runs.append(own)
     stacked = jax.tree.map(lambda *parts: jnp.stack(parts), *runs)
     readings = cast(StepReadings, _runs(valve, actuator, stacked, heat, jnp.asarray(rtol), max_steps))
     _require(np.asarray(readings.failure), warm)
