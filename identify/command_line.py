@@ -329,7 +329,7 @@ def servo_command(
     ] = None,
     settings: Annotated[
         Path | None,
-        typer.Option("--settings", "-s", metavar="FILE", help="TOML file with your [actuator] and [conditions]."),
+        typer.Option("--settings", "-s", metavar="FILE", help="TOML file with your own actuator and conditions."),
     ] = None,
 ) -> None:
     """What temperature does to the position loop: step responses, gain and phase margin, bandwidth, from cold to hot.

@@ -82,9 +82,9 @@ def servo_study(subject: Subject, *, rows: int = ROWS, progress: Callable[[str],
     about: dict[str, Any] = {"supply_pressure": subject.supply_pressure, "return_pressure": subject.return_pressure}
     loops, steps, linear, rise = {}, {}, {}, {}
     for model, heat in MODELS.items():
-        say(f"margins at {warm.size} temperatures ({model})")
+        say(f"margins ({model})")
         loops[model] = loop_sweep(still, subject.actuator, warm, heat=heat, **about)
-        say(f"step responses at {warm.size} temperatures ({model})")
+        say(f"step responses ({model})")
         lengths = run_lengths(loops[model])
         steps[model] = step_sweep(
             valve, subject.actuator, warm, heat=heat, step=subject.step, seconds=lengths, rows=rows, **about

@@ -121,8 +121,8 @@ def _about_motion(model: Model, actuator: Actuator, without: tuple[str, ...]) ->
     )
     if friction > 0.0:
         notes.append(
-            f"Dry friction of {friction:.4g} N damps the smallest motions strongly: the margins are those at rest; "
-            "a sliding piston has less, as the linear formulas show."
+            f"Dry friction of {friction:.4g} N acts on the margins with its slope at rest; those of a sliding piston "
+            "are nearer to the linear formulas."
         )
     if model.effects.get("spool_delay", 0.0):
         notes.append("The spool's delay shifts the setpoint and so lies outside the loop: the margins do not see it.")

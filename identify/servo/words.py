@@ -118,6 +118,9 @@ def stability(study: ServoStudy) -> str:
     loop = study.loops["THM"]
     gain = np.asarray(loop.figures.gain_margin)
     least, phase = int(np.argmin(gain)), float(np.nanmin(np.asarray(loop.figures.phase_margin)))
+    if len(gain) == 1:
+        margins = f"gain margin {float(decibel(gain[0])):.1f} dB, phase margin {phase:.0f} deg"
+        return f"The loop is stable at {study.celsius[0]:.0f} degC: {margins}."
     return (
         f"The loop is stable from {study.celsius[0]:.0f} to {study.celsius[-1]:.0f} degC; its gain margin is smallest at "
         f"{study.celsius[least]:.0f} degC, {float(decibel(gain[least])):.1f} dB (phase margin at least {phase:.0f} deg)."
@@ -127,16 +130,15 @@ def stability(study: ServoStudy) -> str:
 def large_motions(study: ServoStudy) -> list[str]:
     """Where a loop that is stable at rest keeps swinging after the step; how much of the margin large motions take."""
     said, rise = [], study.gain_rise["THM"]
-    swings = {
-        float(t)
-        for m in MODELS
-        for t in study.celsius[study.loops[m].stable & (np.asarray(study.steps[m].figures.swing) > SWINGS)]
-    }
-    if swings:
+    kept, late = _still_moving(study, beyond=True), _still_moving(study, beyond=False)
+    step = f"a step of {study.subject.step * 1e3:.3g} mm"
+    if kept:
         said.append(
-            f"Stable at rest, it KEEPS SWINGING after a step of {study.subject.step * 1e3:.3g} mm at {_list(sorted(swings))} degC: "
-            "the margins at null do not cover large motions (GM* does)."
+            f"Stable at rest, it KEEPS SWINGING after {step} at {_list(kept)} degC: the margins at null do not cover "
+            "large motions (GM* does)."
         )
+    if late:
+        said.append(f"After {step} it still moves when the run ends at {_list(late)} degC.")
     most = int(np.argmax(rise))
     if rise[most] > 1.01:
         said.append(
@@ -145,6 +147,15 @@ def large_motions(study: ServoStudy) -> list[str]:
             f"{float(np.min(decibel(study.large_margin('THM')))):.1f} dB."
         )
     return said
+
+
+def _still_moving(study: ServoStudy, beyond: bool) -> list[float]:
+    """Temperatures [degC] at which a loop that is stable at rest has not come to rest; beyond its large-motion margin or not."""
+    found = set()
+    for model in MODELS:
+        moving = study.loops[model].stable & (study.steps[model].figures.swing > SWINGS)
+        found |= set(study.celsius[moving & ((study.large_margin(model) < 1.0) == beyond)].tolist())
+    return sorted(found)
 
 
 def rapidity(study: ServoStudy) -> list[str]:
@@ -170,10 +181,11 @@ def room_for_gain(study: ServoStudy) -> list[str]:
     own = float(study.subject.actuator.amplifier_gain)
     least, most = int(np.argmin(gain)), int(np.argmax(gain))
     verb = "could rise to" if gain[least] > SAFE else "must fall to"
-    return [
-        f"For 6 dB at every temperature and amplitude the amplifier {verb} {own * gain[least] / SAFE:.2g} A/V ({own:.2g} now); "
-        f"{study.celsius[most]:.0f} degC alone would stand {own * gain[most] / SAFE:.2g} A/V."
-    ]
+    alone = (
+        f"{study.celsius[most]:.0f} degC alone would stand {own * gain[most] / SAFE:.2g} A/V" if most != least else ""
+    )
+    said = f"For 6 dB at every temperature and amplitude the amplifier {verb} {own * gain[least] / SAFE:.2g} A/V ({own:.2g} now)"
+    return [f"{said}; {alone}." if alone else f"{said}."]
 
 
 def heat(study: ServoStudy) -> list[str]:
