@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from ..fit_json import json_text
 from ..plot_style import png, style, svg
-from . import words
+from . import tables, words
 from .servo_json import servo_json
 from .servo_plots import bode_of_study, step_figure, trend_figure
 from .study import MODELS, ServoStudy
@@ -46,9 +46,9 @@ def servo_page(study: ServoStudy, figures: dict[str, bytes]) -> str:
         sentences=words.sentences(study),
         alarm=any(words.alarming(sentence) for sentence in words.sentences(study)),
         notes=study.subject.notes,
-        columns=words.COLUMNS,
-        slopes=words.SLOPES,
-        models=[(CAPTIONS[m], words.rows(study, m), words.slope_rows(study, m)) for m in MODELS],
+        columns=tables.COLUMNS,
+        slopes=tables.SLOPES,
+        models=[(CAPTIONS[m], tables.rows(study, m), tables.slope_rows(study, m)) for m in MODELS],
         figures={name: base64.b64encode(drawing).decode("ascii") for name, drawing in figures.items()},
         version=version("thermohyd"),
     )

@@ -13,7 +13,8 @@ from thermohyd.closed_loop import FrequencyResponse, Margins
 from .. import plot_style as look
 from ..performance_plots import LINES, WARM, draw_bode
 from .study import MODELS, ServoStudy
-from .words import conditions_in_words, decibel
+from .tables import decibel
+from .words import conditions_in_words
 
 
 HERTZ = 1.0 / (2.0 * np.pi)

@@ -6,7 +6,7 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from . import words
+from . import tables, words
 from .study import MODELS, ServoStudy
 
 
@@ -28,10 +28,10 @@ def print_servo(study: ServoStudy, console: Console) -> None:
 
 def _table(study: ServoStudy, model: str) -> Padding:
     table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, show_edge=False, header_style="bold")
-    for title in words.COLUMNS:
+    for title in tables.COLUMNS:
         head, _, unit = title.rpartition(" ")
         table.add_column(f"{head}\n{unit}", justify="right", no_wrap=True, vertical="bottom")
-    for row in words.rows(study, model):
-        style = "red" if words.UNSTABLE in row else ""
+    for row in tables.rows(study, model):
+        style = "red" if tables.UNSTABLE in row else ""
         table.add_row(*[Text(cell, style=style) for cell in row])
     return Padding(table, (0, 0, 0, 2), expand=False)

@@ -1,33 +1,13 @@
-"""The tables and sentences of a sweep, shared by terminal and page. Bench units."""
+"""The sentences of a sweep, shared by terminal and page. Bench units."""
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from ..display_units import significant
 from .study import MODELS, ServoStudy
+from .tables import decibel, number
 
 
-COLUMNS = (
-    "oil degC", "visc. cSt", "t90 ms", "settles ms", "over %", "GM dB", "GM* dB", "PM deg", "-3dB Hz", "peak dB", "p max bar", "dT K",
-)  # fmt: skip
-SLOPES = (
-    "oil degC",
-    "GM dB/K",
-    "PM deg/K",
-    "-3dB %/K",
-    "GM formula dB",
-    "PM formula deg",
-    "K_l 1/s",
-    "f_h Hz",
-    "xi_h -",
-)
-UNSTABLE = "unst."
 SAFE = 2.0  # a gain margin of 6 dB
 SWINGS = 0.02  # of the step, from lowest to highest at the end of a run
-
-
-def decibel(ratio: ArrayLike) -> np.ndarray:
-    return np.asarray(20.0 * np.log10(np.asarray(ratio)))
 
 
 def conditions_in_words(study: ServoStudy) -> str:
@@ -43,54 +23,6 @@ def actuator_in_words(study: ServoStudy) -> str:
     spool = f"spool {float(a.spool_frequency):.3g} Hz, damping {float(a.spool_damping):.2g}"
     gains = f"loop {float(a.amplifier_gain):.3g} A/V and {float(a.sensor_gain):.3g} V/m"
     return f"Piston {area:.3g} cm2, chambers {volume:.3g} cm3, mass {float(a.moving_mass):.3g} kg; {spool}; {gains}."
-
-
-def rows(study: ServoStudy, model: str) -> list[list[str]]:
-    """The cells of COLUMNS, a row per temperature; where the loop is unstable, the phase margin says so.
-
-    GM: at null; GM*: left for motions of any size (`largest_gain_rise`).
-    """
-    loop, step = study.loops[model], study.steps[model]
-    f, found = loop.figures, []
-    for i, celsius in enumerate(study.celsius):
-        found.append(
-            [
-                f"{celsius:.0f}",
-                _number(study.viscosity[i] * 1e6, 3),
-                _number(step.figures.time_to_90[i] * 1e3, 3),
-                _number(step.figures.settling_time[i] * 1e3, 3),
-                f"{100.0 * step.figures.overshoot[i]:.1f}",
-                _fixed(decibel(f.gain_margin[i]), 1),
-                _fixed(decibel(study.large_margin(model)[i]), 1),
-                _fixed(f.phase_margin[i], 0) if loop.stable[i] else UNSTABLE,
-                _number(float(f.bandwidth[i]) / (2.0 * np.pi), 3) if loop.stable[i] else "-",
-                _fixed(decibel(f.peak[i]), 1) if loop.stable[i] else "-",
-                f"{step.largest_pressure[i] * 1e-5:.0f}",
-                f"{step.heating[i]:.1f}",
-            ]
-        )
-    return found
-
-
-def slope_rows(study: ServoStudy, model: str) -> list[list[str]]:
-    """The cells of SLOPES: what a kelvin moves, and the linear formulas' figures."""
-    loop, linear, found = study.loops[model], study.linear[model], []
-    f, d = loop.figures, loop.slope
-    for i, celsius in enumerate(study.celsius):
-        found.append(
-            [
-                f"{celsius:.0f}",
-                _signed(8.685889638 * float(d.gain_margin[i]) / float(f.gain_margin[i])),
-                _signed(float(d.phase_margin[i])),
-                _signed(100.0 * float(d.bandwidth[i]) / float(f.bandwidth[i])),
-                _fixed(decibel(linear.gain_margin[i]), 1),
-                _fixed(linear.phase_margin[i], 1),
-                _number(linear.loop_gain[i], 3),
-                _number(linear.natural_frequency[i] / (2.0 * np.pi), 3),
-                _number(linear.damping_ratio[i], 2),
-            ]
-        )
-    return found
 
 
 def sentences(study: ServoStudy) -> list[str]:
@@ -166,9 +98,9 @@ def rapidity(study: ServoStudy) -> list[str]:
         return []
     flow = study.linear["THM"].flow_gain
     return [
-        f"From {study.celsius[0]:.0f} to {study.celsius[-1]:.0f} degC 90 % of the step takes {_number(1e3 * reached[0], 3)} to "
-        f"{_number(1e3 * reached[-1], 3)} ms and the bandwidth goes from {_number(band[0] / (2 * np.pi), 3)} to "
-        f"{_number(band[-1] / (2 * np.pi), 3)} Hz (x {band[-1] / band[0]:.3g}); the valve's flow gain at null rises "
+        f"From {study.celsius[0]:.0f} to {study.celsius[-1]:.0f} degC 90 % of the step takes {number(1e3 * reached[0], 3)} to "
+        f"{number(1e3 * reached[-1], 3)} ms and the bandwidth goes from {number(band[0] / (2 * np.pi), 3)} to "
+        f"{number(band[-1] / (2 * np.pi), 3)} Hz (x {band[-1] / band[0]:.3g}); the valve's flow gain at null rises "
         f"x {flow[-1] / flow[0]:.3g}."
     ]
 
@@ -224,20 +156,3 @@ def _largest(values: np.ndarray) -> str:
 def _list(values: list[float]) -> str:
     words = [f"{value:.0f}" for value in values]
     return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
-
-
-def _number(value: ArrayLike, digits: int) -> str:
-    """To so many digits, but never without those before the point."""
-    number = float(np.asarray(value))
-    if not np.isfinite(number):
-        return "-"
-    return significant(number, max(digits, len(f"{abs(number):.0f}")) if abs(number) < 1e6 else digits)
-
-
-def _fixed(value: ArrayLike, decimals: int) -> str:
-    number = float(np.asarray(value))
-    return f"{number:.{decimals}f}" if np.isfinite(number) else "none"
-
-
-def _signed(value: float) -> str:
-    return f"{value:+.2g}" if np.isfinite(value) else "-"

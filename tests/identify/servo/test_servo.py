@@ -12,7 +12,7 @@ from reference.valve import Valve
 from rich.console import Console
 
 from thermohyd.dynamics.step_figures import step_figures
-from thermohyd.identify.servo import words
+from thermohyd.identify.servo import tables, words
 from thermohyd.identify.servo.servo_files import servo_files
 from thermohyd.identify.servo.terminal import print_servo
 
@@ -105,7 +105,7 @@ def test_a_loop_beyond_its_margins_is_said_to_be(stiffer):
     said = words.sentences(stiffer)
     assert "UNSTABLE at 70 degC" in said[0]
     assert "KEEPS SWINGING after a step of 5 mm at 0, 20 and 40 degC" in said[1]
-    assert words.rows(stiffer, "THM")[3][7] == words.UNSTABLE
+    assert tables.rows(stiffer, "THM")[3][7] == tables.UNSTABLE
     assert not any(words.alarming(sentence) for sentence in said[2:])
 
 
