@@ -292,6 +292,82 @@ def sensitivity_command(
             _print_json(sensitivity_json(result))
 
 
+@app.command("servo")
+def servo_command(
+    source: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="[BENCH|MODEL]",
+            help="A bench record, which is fitted first, or a model.json. Without it: the valve of the seed paper.",
+        ),
+    ] = None,
+    out: Out = None,
+    json: Json = False,
+    temperatures: Annotated[
+        str | None,
+        typer.Option(
+            "--temperatures",
+            "-t",
+            metavar="LIST",
+            help="Of the oil; 12 at most.",
+            show_default="-40 -20 0 20 40 70 degC",
+        ),
+    ] = None,
+    step: Annotated[str, typer.Option("--step", metavar="LENGTH", help="Of the setpoint, from mid stroke.")] = "5 mm",
+    supply: Annotated[
+        str | None, typer.Option("--supply", metavar="PRESSURE", help="Else the record's; without one 210 bar.")
+    ] = None,
+    gain: Annotated[
+        str | None,
+        typer.Option("--gain", metavar="GAIN", help='Of the amplifier, such as "0.1 A/V"; else the record\'s.'),
+    ] = None,
+    model: Annotated[
+        Path | None,
+        typer.Option(
+            "--model", "-m", metavar="FILE", help="model.json to use with a record's conditions instead of a fit."
+        ),
+    ] = None,
+    settings: Annotated[
+        Path | None,
+        typer.Option("--settings", "-s", metavar="FILE", help="TOML file with your own actuator and conditions."),
+    ] = None,
+) -> None:
+    """What temperature does to the position loop: step responses, gain and phase margin, bandwidth, from cold to hot.
+
+    With --out: servo.json, report.html and the plots as PNG and SVG.
+    """
+    with plain_failures():
+        from .progress import progress_on
+        from .sensitivity.sources import read_source
+        from .servo.request import read_request
+
+        console = _console()
+        with progress_on(console) as progress:
+            given = read_source(source, model, settings, progress)
+            request = read_request(temperatures, step, supply, gain, given.settings)
+            progress("starting JAX")
+            _set_up_jax()
+            from .servo.study import servo_study
+            from .servo.subject import subject_of
+
+            study = servo_study(subject_of(given, request, progress), progress=progress)
+            if out is not None:
+                from .servo.servo_files import servo_files
+                from .write_files import write_all
+
+                progress("drawing")
+                write_all(out, servo_files(study))
+        from .servo.terminal import print_servo
+
+        print_servo(study, console)
+        if out is not None:
+            _say_where(console, out, "report.html")
+        if json:
+            from .servo.servo_json import servo_json
+
+            _print_json(servo_json(study))
+
+
 @app.command("new")
 def new_command(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder to make; it must not hold a record yet.")],

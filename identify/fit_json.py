@@ -112,3 +112,12 @@ def plain(value: Any) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value
+
+
+def rounded(value: Any) -> Any:
+    """Numbers in lists to seven digits: they are for drawing."""
+    if isinstance(value, dict):
+        return {key: rounded(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [float(f"{item:.7g}") if isinstance(item, float) else rounded(item) for item in value]
+    return value

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from thermohyd.actuator import Actuator
 from thermohyd.actuator_performance import Performance, performance
-from thermohyd.closed_loop import Margins, loop_frequency_response, loop_margins
+from thermohyd.closed_loop import FrequencyResponse, Margins, loop_frequency_response, loop_margins
 from thermohyd.valve import Valve
 
 from . import plot_style as look
@@ -47,6 +47,24 @@ def bode_figure(
     pulsation = np.sort(np.concatenate([grid, around]))
     opened = loop_frequency_response(found, actuator, pulsation)
     closed = loop_frequency_response(found, actuator, pulsation, closed=True)
+    return draw_bode(
+        f"Position loop at {supply_pressure / 1e5:.0f} bar", temperatures, opened, closed.magnitude, margins
+    )
+
+
+def draw_bode(
+    title: str,
+    temperatures: Sequence[float],
+    opened: FrequencyResponse,
+    closed: np.ndarray,
+    margins: Margins,
+    axis: str = "pulsation [rad/s]",
+) -> Figure:
+    """The figure of open-loop curves, the closed loop's magnitudes (temperatures, pulsations) and margins at temperatures [K].
+
+    A phase margin of NaN: the loop is unstable. axis: what the abscissa is called; pulsations and crossovers come in its unit.
+    """
+    pulsation = opened.pulsation
     with look.style():
         figure = Figure(figsize=(10.0, 6.2))
         grid_spec = figure.add_gridspec(2, 2)
@@ -54,13 +72,14 @@ def bode_figure(
         phase = figure.add_subplot(grid_spec[1, 0], sharex=gain)
         shut = figure.add_subplot(grid_spec[:, 1])
         figure.subplots_adjust(left=0.075, right=0.985, top=0.87, bottom=0.18, wspace=0.2, hspace=0.13)
-        figure.text(0.075, 0.945, f"Position loop at {supply_pressure / 1e5:.0f} bar", fontsize=12, fontweight="bold")
+        figure.text(0.075, 0.945, title, fontsize=12, fontweight="bold")
         for i, colour in enumerate(look.temperature_colours(len(temperatures))):
             kelvin = temperatures[i] - CELSIUS
-            words = f"{kelvin:.0f} °C: {_decibel(margins.gain_margin[i]):.1f} dB, {margins.phase_margin[i]:.0f}°"
+            angle = "unstable" if np.isnan(margins.phase_margin[i]) else f"{margins.phase_margin[i]:.0f}°"
+            words = f"{kelvin:.0f} °C: {_decibel(margins.gain_margin[i]):.1f} dB, {angle}"
             gain.plot(pulsation, _decibel(opened.magnitude[i]), color=colour, label=words)
             phase.plot(pulsation, opened.phase[i], color=colour)
-            shut.plot(pulsation, _decibel(closed.magnitude[i]), color=colour)
+            shut.plot(pulsation, _decibel(closed[i]), color=colour)
             at, across = margins.phase_crossover[i], margins.gain_crossover[i]
             gain.plot(at, -_decibel(margins.gain_margin[i]), "o", color=colour, markersize=4)
             phase.plot(across, margins.phase_margin[i] - 180.0, "o", color=colour, markersize=4)
@@ -71,19 +90,19 @@ def bode_figure(
         shut.set_xlim(pulsation[0], pulsation[-1])
         gain.tick_params(labelbottom=False)
         phase.set_yticks(range(-450, -89, 90))
-        shut.set_ylim(-60.0, max(10.0, float(_decibel(closed.magnitude).max()) + 3.0))
+        shut.set_ylim(-60.0, max(10.0, float(np.max(_decibel(closed), initial=0.0, where=np.isfinite(closed))) + 3.0))
         gain.set_title("open loop", loc="left", color=look.FAINT)
         shut.set_title("closed loop, position over setpoint", loc="left", color=look.FAINT)
         look.label_axes(gain, "", "magnitude [dB]")
-        look.label_axes(phase, "pulsation [rad/s]", "phase [°]")
-        look.label_axes(shut, "pulsation [rad/s]", "magnitude [dB]")
+        look.label_axes(phase, axis, "phase [°]")
+        look.label_axes(shut, axis, "magnitude [dB]")
         handles, labels = gain.get_legend_handles_labels()
         figure.legend(
             handles,
             labels,
             title="oil temperature: gain margin, phase margin",
             loc="lower center",
-            ncols=5,
+            ncols=min(5, -(-len(labels) // (1 + (len(labels) > 5)))),
             bbox_to_anchor=(0.53, 0.0),
         )
     return figure

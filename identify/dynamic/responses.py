@@ -5,10 +5,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from thermohyd.dynamics.inputs import StepInputs
+from thermohyd.dynamics.quick import quickly
 from thermohyd.dynamics.small_signal import Output, frequency_response
 
 from .machine import machine
-from .quick import quickly
 from .trajectories import Given, Plan
 
 

@@ -10,12 +10,12 @@ from thermohyd.dynamics.equilibrium import equilibrium, scaling_of
 from thermohyd.dynamics.inputs import StepInputs
 from thermohyd.dynamics.integrate import NO_EQUILIBRIUM, integrate
 from thermohyd.dynamics.plant import Heat, Plant, plant_of, transducer_gain
+from thermohyd.dynamics.quick import quickly
 from thermohyd.dynamics.state import State
 from thermohyd.dynamics.walls import Walls
 from thermohyd.valve import Valve
 
 from .machine import machine
-from .quick import quickly
 
 
 READINGS = ("spool_position", "pressure_a", "pressure_b", "piston_position", "piston_velocity")

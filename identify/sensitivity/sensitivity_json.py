@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from ..fit_json import plain
+from ..fit_json import plain, rounded
 from .drift import CAUSES
 from .result import InformationStudy, PosteriorStudy, SensitivityResult
 from .row_slopes import READING, TESTS
@@ -64,16 +64,7 @@ def sensitivity_json(result: SensitivityResult) -> dict[str, Any]:
         "seconds": result.seconds,
         "notes": result.notes,
     }
-    return _rounded(plain(content))
-
-
-def _rounded(value: Any) -> Any:
-    """Long lists of numbers to seven digits: they are for drawing."""
-    if isinstance(value, dict):
-        return {key: _rounded(item) for key, item in value.items()}
-    if isinstance(value, list):
-        return [float(f"{item:.7g}") if isinstance(item, float) else _rounded(item) for item in value]
-    return value
+    return rounded(plain(content))
 
 
 def _figures(result: SensitivityResult) -> dict[str, Any]:

@@ -1,5 +1,6 @@
 """What a study is about: a valve, its conditions, what is known of it and how well its tests can be read."""
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -8,7 +9,7 @@ from ..fit_result import FitResult
 from ..model import Model
 from ..model_file import model_of_fit
 from ..parameters import MICRON
-from ..record import BenchRecord, ValveData
+from ..record import BenchRecord, TestRecord, ValveData
 from .reading_noise import ReadingNoise
 from .settings import Settings
 
@@ -70,14 +71,14 @@ def subject_of_model(model: Model, settings: Settings, name: str = "") -> Subjec
         _with(settings.temperatures or USUAL_TEMPERATURES, temperature, APART_T),
         _pressures(supply, (supply,)),
         ReadingNoise(settings.noise, "stated"),
-        notes=_left_out(model),
+        notes=left_out(model),
     )
 
 
 def subject_of_fit(fit: FitResult, settings: Settings) -> Subject:
     """A study of a fitted record: its temperatures, pressures and noise, and what the fit left uncertain."""
     record = fit.record
-    temperatures, pressures, back = _conditions(record)
+    temperatures, pressures, back = conditions_of(record.tests.values())
     temperature = (
         min(temperatures, key=lambda t: abs(t - REFERENCE)) if settings.temperature is None else settings.temperature
     )
@@ -99,13 +100,13 @@ def subject_of_fit(fit: FitResult, settings: Settings) -> Subject:
         _pressures(supply, pressures),
         ReadingNoise({**noise, **settings.noise}, "of the record" if not settings.noise else "of the record or stated"),
         fit,
-        _left_out(model),
+        left_out(model),
     )
 
 
 def subject_of_record(record: BenchRecord, model: Model, settings: Settings) -> Subject:
     """A study of a model at a record's conditions; the readings are not used."""
-    temperatures, pressures, back = _conditions(record)
+    temperatures, pressures, back = conditions_of(record.tests.values())
     own = replace(
         settings,
         temperature=settings.temperature or min(temperatures, key=lambda t: abs(t - REFERENCE)),
@@ -116,9 +117,8 @@ def subject_of_record(record: BenchRecord, model: Model, settings: Settings) -> 
     return replace(subject, supply_pressures=_pressures(subject.supply_pressure, pressures))
 
 
-def _conditions(record: BenchRecord) -> tuple[list[float], list[float], float]:
-    """The record's distinct temperatures and supply pressures, rising, and its usual return pressure."""
-    tests = list(record.tests.values())
+def conditions_of(tests: Collection[TestRecord]) -> tuple[list[float], list[float], float]:
+    """The tests' distinct temperatures and supply pressures, rising, and their usual return pressure."""
     temperature = np.sort(np.concatenate([test.temperature for test in tests]))
     supply = np.sort(np.concatenate([test.supply_pressure for test in tests]))
     back = float(np.median(np.concatenate([test.return_pressure for test in tests])))
@@ -146,7 +146,8 @@ def _pressures(supply: float, measured: tuple[float, ...] | list[float]) -> tupl
     return _with(tuple(allowed[:2]), supply, APART_P * supply)
 
 
-def _left_out(model: Model) -> tuple[str, ...]:
+def left_out(model: Model) -> tuple[str, ...]:
+    """What of a model `valve_of_model` leaves out, in words."""
     from .varied import OF_SWEEPS
 
     dropped = [name for name, amount in model.effects.items() if amount and name in OF_SWEEPS]

@@ -15,6 +15,7 @@ from ..valve import Valve
 from .equilibrium import equilibrium, scaling_of
 from .inputs import StepInputs
 from .integrate import FAILURES, NO_EQUILIBRIUM
+from .motion import Motion
 from .plant import Heat, Plant, plant_of, transducer_gain
 from .state import POSITION, State
 from .vector_field import rates_at
@@ -53,6 +54,12 @@ class Linearised(eqx.Module):
         resolvent = s[:, None, None] * jnp.eye(matrix.shape[0], dtype=complex) - matrix
         moved = jnp.linalg.solve(resolvent, jnp.broadcast_to(drive[:, None], (*pulsation.shape, *drive.shape, 1)))
         return jnp.sum(moved[..., 0] * read, axis=-1)
+
+
+def refuse_backlash(motion: Motion) -> None:
+    """Raise ValueError where there is play: it passes no small motion at all."""
+    if motion.backlash is not None:
+        raise ValueError("backlash has no small-signal response: take it out, or use a step test")
 
 
 def linearise(plant: Plant, output: Output) -> tuple[Linearised, Bool[Array, ""]]:
@@ -130,8 +137,7 @@ def frequency_response(
         raise ValueError("a piston position in open loop has no low-frequency asymptote: ask for the absolute ratio")
     built = Walls() if walls is None else walls
     plant = plant_of(valve, actuator, inputs, heat=heat, walls=built, polarity=polarity)
-    if plant.motion.backlash is not None:
-        raise ValueError("backlash has no small-signal response: take it out, or use a step test")
+    refuse_backlash(plant.motion)
     frequency = jnp.asarray(frequency, dtype=jnp.result_type(float))
     response = cast(FrequencyResponse, _response(plant, frequency, output, absolute))
     if throw and not isinstance(response.found, Tracer) and not jnp.all(response.found):

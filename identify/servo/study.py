@@ -1,0 +1,100 @@
+"""The whole sweep in one call: step responses, margins with their drift, and the linear formulas beside them."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from thermohyd.actuator_performance import performance
+from thermohyd.closed_loop import loop_margins
+from thermohyd.dynamics.large_motions import KEPT, largest_gain_rise
+from thermohyd.dynamics.plant import Heat
+from thermohyd.dynamics.temperature_sweep import LoopSweep, StepSweep, loop_sweep, run_lengths, step_sweep
+from thermohyd.oil import walther_viscosity
+
+from ..sensitivity.varied import valve_of_model
+from .subject import Subject
+
+
+MODELS: dict[str, Heat] = {"THM": "adiabatic", "HM": "isothermal"}
+ROWS = 1200
+
+
+@dataclass(frozen=True)
+class LinearFormulas:
+    """Performance at null by formulas (temperatures,): flow gain K_QX [m2/s], loop_gain K_l, natural_frequency [rad/s], damping
+    ratio, gain margin [-], phase margin [deg]."""
+
+    flow_gain: np.ndarray
+    loop_gain: np.ndarray
+    natural_frequency: np.ndarray
+    damping_ratio: np.ndarray
+    gain_margin: np.ndarray
+    phase_margin: np.ndarray
+
+
+@dataclass(frozen=True)
+class ServoStudy:
+    """Everything that a sweep found, by model ("THM", "HM"); viscosity of the oil supplied at no pressure [m2/s].
+
+    gain_rise: the valve's largest gain over that at null (`largest_gain_rise`).
+    """
+
+    subject: Subject
+    viscosity: np.ndarray
+    loops: dict[str, LoopSweep]
+    steps: dict[str, StepSweep]
+    linear: dict[str, LinearFormulas]
+    gain_rise: dict[str, np.ndarray]
+    seconds: float
+
+    def large_margin(self, model: str) -> np.ndarray:
+        """Gain margin (temperatures,) that is left at whatever amplitude [-]: at null, over the rise of the gain."""
+        return np.asarray(self.loops[model].figures.gain_margin) / self.gain_rise[model]
+
+    @property
+    def celsius(self) -> np.ndarray:
+        return np.array(self.subject.temperatures) - 273.15
+
+
+def servo_study(subject: Subject, *, rows: int = ROWS, progress: Callable[[str], None] | None = None) -> ServoStudy:
+    """Step responses and margins of a position loop over temperature. Raises RuntimeError where a run fails.
+
+    >>> import jax; jax.config.update("jax_enable_x64", True)
+    >>> from thermohyd.identify.sensitivity.settings import Settings
+    >>> from thermohyd.identify.sensitivity.sources import Source
+    >>> from thermohyd.identify.servo.request import read_request
+    >>> from thermohyd.identify.servo.subject import subject_of
+    >>> request = read_request("0 40 degC", "5 mm", None, None, Settings())
+    >>> study = servo_study(subject_of(Source(Settings()), request))
+    >>> print((1e3 * study.steps["THM"].figures.time_to_90).round())
+    [175.  95.]
+    """
+    began = time.perf_counter()
+    say = progress or (lambda _: None)
+    valve = valve_of_model(subject.model)
+    smooth = {name: a for name, a in subject.model.effects.items() if name not in subject.margins_without}
+    still = valve_of_model(replace(subject.model, effects=smooth))
+    warm = np.array(subject.temperatures)
+    about: dict[str, Any] = {"supply_pressure": subject.supply_pressure, "return_pressure": subject.return_pressure}
+    loops, steps, linear, rise = {}, {}, {}, {}
+    for model, heat in MODELS.items():
+        say(f"margins ({model})")
+        loops[model] = loop_sweep(still, subject.actuator, warm, heat=heat, **about)
+        say(f"step responses ({model})")
+        lengths = run_lengths(loops[model])
+        steps[model] = step_sweep(
+            valve, subject.actuator, warm, heat=heat, step=subject.step, seconds=lengths, rows=rows, **about
+        )
+        say(f"linear formulas ({model})")
+        found = performance(still, subject.actuator, temperature=warm, heat=KEPT[heat], **about)
+        margins = loop_margins(found, subject.actuator)
+        names = ("flow_gain", "loop_gain", "natural_frequency", "damping_ratio")
+        own = {name: np.asarray(getattr(found, name)) for name in names}
+        linear[model] = LinearFormulas(**own, gain_margin=margins.gain_margin, phase_margin=margins.phase_margin)
+        rise[model] = largest_gain_rise(still, warm, heat=heat, **about)
+    viscosity = np.asarray(walther_viscosity(valve.oil, jnp.asarray(warm)))
+    return ServoStudy(subject, viscosity, loops, steps, linear, rise, time.perf_counter() - began)

@@ -1,0 +1,129 @@
+"""Whose loop a sweep is about: valve, jack and conditions, of a record, a model.json or the seed paper."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+
+from thermohyd.actuator import Actuator
+
+from ..dynamic.machine import actuator_of
+from ..errors import BenchInputError
+from ..model import Model
+from ..model_file import load_model, model_of_fit, nominal_model
+from ..record import ActuatorData, BenchRecord
+from ..sensitivity.sources import Source
+from ..sensitivity.subject import conditions_of, left_out, seed_model
+from .request import Request
+
+
+SUPPLY, RETURN = 210e5, 2e5  # Pa, where nothing else is said
+GAIN, SENSOR = 0.03, 100.0  # A/V, V/m: of a jack without a controller of its own
+
+
+@dataclass(frozen=True)
+class Subject:
+    """SI. margins_without: effects that have no small-signal response, left out of the margins only."""
+
+    name: str
+    model: Model
+    actuator: Actuator
+    temperatures: tuple[float, ...]
+    step: float
+    supply_pressure: float
+    return_pressure: float
+    margins_without: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+def subject_of(source: Source, request: Request, say: Callable[[str], None] = lambda _: None) -> Subject:
+    """The sweep's subject; a record with readings and without a model is fitted.
+
+    Raises BenchInputError, and RuntimeError where the fit does not converge.
+    """
+    model = _model(source, say)
+    actuator, notes = _actuator(source, model, request)
+    supply, back = _pressures(source.record, request)
+    if back >= supply:
+        raise BenchInputError(
+            f"the supply pressure {supply * 1e-5:.4g} bar must be above the return pressure {back * 1e-5:.4g} bar"
+        )
+    half = 0.5 * float(actuator.piston_stroke)
+    if abs(request.step) >= half:
+        raise BenchInputError(
+            f"--step: {request.step * 1e3:.4g} mm must be smaller than half the piston's stroke, {half * 1e3:.4g} mm"
+        )
+    without = tuple(name for name in model.effects if name == "backlash" and model.effects[name])
+    return Subject(
+        (source.record.name if source.record else "") or model.valve.name or "valve",
+        model,
+        actuator,
+        request.temperatures,
+        request.step,
+        supply,
+        back,
+        without,
+        (*notes, *left_out(model), *_about_motion(model, actuator, without)),
+    )
+
+
+def _model(source: Source, say: Callable[[str], None]) -> Model:
+    if source.model_file is not None:
+        return load_model(source.model_file)
+    if source.record is None:
+        return seed_model()
+    if not all(test.channels for test in source.record.all_tests.values()):
+        return nominal_model(source.record)
+    from ..fit import fit
+
+    result = fit(source.record, progress=say)
+    if not result.converged:
+        raise RuntimeError(f"the fit did not converge: {result.message}; name a model with --model")
+    return model_of_fit(result)
+
+
+def _actuator(source: Source, model: Model, request: Request) -> tuple[Actuator, list[str]]:
+    """(the jack, what was assumed about it): of the record, else of the model, with the settings and the gain on top."""
+    own, notes = source.settings.actuator, []
+    of_record = source.record.dynamic if source.record else None
+    data = of_record.actuator if of_record is not None and of_record.given else model.actuator
+    if data is None:
+        data = ActuatorData()
+        if not own and (source.record or source.model_file):
+            notes.append(
+                "No [actuator] is described: an example jack of 12 cm2 and 50 kg was taken (--settings describes yours)."
+            )
+    if not data.closed_loop and "amplifier_gain" not in own:
+        data = replace(data, amplifier_gain=GAIN, sensor_gain=SENSOR)
+        if (source.record or source.model_file) and request.amplifier_gain is None:
+            notes.append(f"No controller is described: {GAIN:g} A/V and {SENSOR:g} V/m were taken.")
+    actuator = actuator_of(data, model.valve.rated_current, model.dynamics)
+    if request.amplifier_gain is not None:
+        own = {**own, "amplifier_gain": request.amplifier_gain}
+    # Actuator converts on construction, not on replacement.
+    return Actuator(**{**{f.name: getattr(actuator, f.name) for f in fields(actuator)}, **own}), notes
+
+
+def _pressures(record: BenchRecord | None, request: Request) -> tuple[float, float]:
+    """Supply and return pressure: asked for, else the record's (the lowest supply of several), else those of the example."""
+    supply, back = SUPPLY, RETURN
+    if record is not None:
+        _, pressures, back = conditions_of(record.all_tests.values())
+        supply = min(pressures)
+    return (
+        supply if request.supply_pressure is None else request.supply_pressure,
+        back if request.return_pressure is None else request.return_pressure,
+    )
+
+
+def _about_motion(model: Model, actuator: Actuator, without: tuple[str, ...]) -> list[str]:
+    notes = [f"{name} has no small-signal response: the margins are those without it." for name in without]
+    friction = float(actuator.coulomb_friction) + sum(
+        amount for name, amount in model.effects.items() if name in ("coulomb_friction", "stribeck_friction")
+    )
+    if friction > 0.0:
+        notes.append(
+            f"Dry friction of {friction:.4g} N acts on the margins with its slope at rest; those of a sliding piston "
+            "are nearer to the linear formulas."
+        )
+    if model.effects.get("spool_delay", 0.0):
+        notes.append("The spool's delay shifts the setpoint and so lies outside the loop: the margins do not see it.")
+    return notes

@@ -1,0 +1,215 @@
+"""The position loop over oil temperature: step responses and margins, each by one compiled program for all temperatures."""
+
+from collections.abc import Sequence
+from typing import NamedTuple, cast
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Complex, Float, Real
+
+from ..actuator import Actuator
+from ..precision import require_float64
+from ..valve import Valve
+from .broken_loop import PULSATION, LoopFigures, broken, loop_figures
+from .inputs import StepInputs, step_inputs
+from .integrate import FAILURES, NO_EQUILIBRIUM
+from .motion import motion_of
+from .plant import Heat, plant_of
+from .quick import quickly
+from .simulate import StepReadings, simulate_step
+from .small_signal import linearise, refuse_backlash
+from .step_figures import StepFigures, step_figures
+from .walls import Walls
+
+
+RTOL = 1e-7  # leaves 3e-5 of a reading's range where the piston sticks and slips, 2e-6 elsewhere
+ROWS = 1200
+RAMP = 1e-3  # s, in which the setpoint steps
+SHORTEST, LONGEST, LIFETIMES = 0.2, 60.0, 8.0  # s, s, time constants: how long a run lasts unless it is told
+FIRST_SPACING = 2.5e-4  # s, of the rows
+
+
+class LoopSweep(eqx.Module):
+    """The loop linearised at every temperature (temperatures,) [K]; see `LoopFigures`.
+
+    slope: the figures' derivatives per kelvin, exact. opened: z/(z* - z) at `pulsation` [rad/s], the loop broken at the
+    position feedback, (temperatures, pulsations), complex. poles of the closed loop [1/s], (temperatures, states), complex.
+    stable: whether all of them decay; where they do not, margins say how far from stability the loop is.
+    """
+
+    temperature: Float[Array, " temperatures"]
+    figures: LoopFigures
+    slope: LoopFigures
+    opened: Complex[Array, "temperatures pulsations"]
+    poles: Complex[np.ndarray, "temperatures states"]
+    delay: Float[Array, ""]
+
+    @property
+    def pulsation(self) -> np.ndarray:
+        return PULSATION
+
+    @property
+    def closed(self) -> np.ndarray:
+        """z/z*: L/(1 + L), later by the delay of the setpoint where the valve has one."""
+        opened = np.asarray(self.opened)
+        return opened / (1.0 + opened) * np.exp(-1j * PULSATION * float(self.delay))
+
+    @property
+    def stable(self) -> np.ndarray:
+        return np.max(np.real(self.poles), axis=1) < 0.0
+
+
+class StepSweep(NamedTuple):
+    """Step responses at every temperature [K]: readings of shape (temperatures, rows) from the start of the step, which is
+    `step` [m] large, and figures of shape (temperatures,).
+
+    largest_pressure: in either chamber [Pa]. heating: largest rise of a chamber's oil above the oil supplied [K].
+    """
+
+    temperature: np.ndarray
+    step: float
+    readings: StepReadings
+    figures: StepFigures
+    largest_pressure: np.ndarray
+    heating: np.ndarray
+
+
+@quickly
+def _linear(
+    valve: Valve, actuator: Actuator, inputs: StepInputs, temperature: Array, heat: Heat
+) -> tuple[LoopFigures, LoopFigures, tuple[Array, Array, Bool[Array, " temperatures"], Array]]:
+    """(figures, slopes, (open loop, matrix of the closed one, found, delay)), temperatures leading."""
+
+    def at(kelvin: Array) -> tuple[LoopFigures, tuple[Array, Array, Array, Array]]:
+        start = inputs.surroundings.start.at[2].set(kelvin)
+        warm = eqx.tree_at(lambda i: i.surroundings.start, inputs, start)
+        plant = plant_of(valve, actuator, warm, heat=heat, walls=Walls(), polarity=1)
+        closed, found = linearise(plant, "piston_position")
+        figures, opened = loop_figures(broken(closed))
+        delay = plant.motion.spool_delay
+        late = jnp.zeros(()) if delay is None else jnp.asarray(delay)
+        return figures, (opened, closed.matrix, found, late)
+
+    def with_slope(kelvin: Array) -> tuple:
+        return jax.jvp(at, (kelvin,), (jnp.ones_like(kelvin),), has_aux=True)
+
+    return jax.vmap(with_slope)(temperature)
+
+
+def loop_sweep(
+    valve: Valve,
+    actuator: Actuator,
+    temperatures: Sequence[float] | Real[np.ndarray, " temperatures"] | Float[Array, " temperatures"],
+    *,
+    supply_pressure: float,
+    return_pressure: float = 0.0,
+    heat: Heat = "adiabatic",
+) -> LoopSweep:
+    """Margins, bandwidth and peak of the position loop at rest about mid stroke, at temperatures [K], with d/dT.
+
+    They are those of the very equations that `simulate_step` integrates, linearised: spool, effects, heat in the chambers,
+    external force and dry friction with its slope at rest included, unlike in `loop_margins`. A `spool_delay` shifts the
+    setpoint (MODEL section 7) and so stays outside the loop. Pressures in Pa, gauge.
+
+    Raises ValueError for backlash, which has no small-signal response, and RuntimeError in single precision and where a
+    temperature has no equilibrium.
+    """
+    require_float64("loop_sweep")
+    refuse_backlash(motion_of(actuator, valve.effects))
+    warm = jnp.asarray(temperatures, dtype=jnp.result_type(float))
+    inputs = step_inputs(
+        np.array([0.0, 1.0]), 0.0, "setpoint",
+        supply_pressure=supply_pressure, return_pressure=return_pressure, temperature=300.0,
+    )  # fmt: skip
+    figures, slope, (opened, matrix, found, delay) = cast(tuple, _linear(valve, actuator, inputs, warm, heat))
+    _require(np.where(np.asarray(found), 0, NO_EQUILIBRIUM), np.asarray(warm))
+    return LoopSweep(warm, figures, slope, opened, np.linalg.eigvals(np.asarray(matrix)), delay[0])
+
+
+@quickly
+def _runs(
+    valve: Valve, actuator: Actuator, inputs: StepInputs, heat: Heat, rtol: Array, max_steps: int
+) -> StepReadings:
+    """Readings of stacked inputs, runs leading."""
+    one = lambda row: simulate_step(
+        valve, actuator, row, heat=heat, rtol=rtol, atol=rtol, max_steps=max_steps, throw=False
+    )
+    return jax.vmap(one)(inputs)
+
+
+def step_sweep(
+    valve: Valve,
+    actuator: Actuator,
+    temperatures: Sequence[float] | Real[np.ndarray, " temperatures"] | Float[Array, " temperatures"],
+    *,
+    supply_pressure: float,
+    return_pressure: float = 0.0,
+    heat: Heat = "adiabatic",
+    step: float,
+    seconds: float | Real[np.ndarray, " temperatures"],
+    rows: int = ROWS,
+    rtol: float = RTOL,
+    max_steps: int = 100_000,
+) -> StepSweep:
+    """Step responses of the position loop from rest at mid stroke, at temperatures [K] of the oil supplied.
+
+    step [m]: the setpoint's, within 1 ms. seconds: how long to run, one number or one per temperature; see `run_lengths`.
+    rows: of the readings, 0.25 ms apart at first and further apart later where the run is long. Pressures in Pa, gauge.
+
+    Raises ValueError for a step that is nothing, and RuntimeError in single precision and where a run fails.
+    """
+    if not (np.isfinite(step) and step != 0.0):
+        raise ValueError(f"a step must be finite and not zero, not {step!r}")
+    warm = np.asarray(temperatures, dtype=float)
+    runs = []
+    for kelvin, length in zip(warm, np.broadcast_to(np.asarray(seconds, dtype=float), warm.shape), strict=True):
+        time = _rows(float(length), rows)
+        setpoint = np.interp(time, [0.0, RAMP], [0.0, step])
+        own = step_inputs(
+            time, setpoint, "setpoint",
+            supply_pressure=supply_pressure, return_pressure=return_pressure, temperature=float(kelvin),
+        )  # fmt: skip
+        runs.append(own)
+    stacked = jax.tree.map(lambda *parts: jnp.stack(parts), *runs)
+    readings = cast(StepReadings, _runs(valve, actuator, stacked, heat, jnp.asarray(rtol), max_steps))
+    _require(np.asarray(readings.failure), warm)
+    time, position = np.asarray(readings.time), np.asarray(readings.piston_position)
+    figures = [step_figures(*run, step) for run in zip(time, position, strict=True)]
+    pressures = np.stack([readings.pressure_a, readings.pressure_b])
+    chambers = np.stack([readings.temperature_a, readings.temperature_b])
+    return StepSweep(
+        temperature=warm,
+        step=step,
+        readings=readings,
+        figures=StepFigures(*np.array(figures).T),
+        largest_pressure=np.max(pressures, axis=(0, 2)),
+        heating=np.max(chambers, axis=(0, 2)) - warm,
+    )
+
+
+def run_lengths(loop: LoopSweep) -> np.ndarray:
+    """Seconds (temperatures,) in which a step settles: eight time constants of the loop, between 0.2 and 60 s."""
+    crossover = np.asarray(loop.figures.gain_crossover)
+    return np.clip(LIFETIMES / np.where(crossover > 0.0, crossover, LIFETIMES / LONGEST), SHORTEST, LONGEST)
+
+
+def _rows(seconds: float, rows: int) -> np.ndarray:
+    """Times from 0 to `seconds`, the end of the ramp among them: even, or ever further apart where that takes fewer rows."""
+    share = np.linspace(0.0, 1.0, rows - 1)
+    low, high = 0.0, 40.0
+    if seconds > FIRST_SPACING * (rows - 2):
+        for _ in range(60):
+            rate = 0.5 * (low + high)
+            first = seconds * np.expm1(rate * share[1]) / np.expm1(rate)
+            low, high = (rate, high) if first > FIRST_SPACING else (low, rate)
+        share = np.expm1(high * share) / np.expm1(high)
+    return np.unique(np.append(seconds * share, RAMP))
+
+
+def _require(failure: np.ndarray, temperature: np.ndarray) -> None:
+    """Raise RuntimeError for the first temperature that failed."""
+    for kelvin, code in zip(temperature, failure, strict=True):
+        if code:
+            raise RuntimeError(f"{FAILURES[int(code)]} (at {kelvin - 273.15:.4g} degC)")
