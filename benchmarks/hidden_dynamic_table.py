@@ -39,6 +39,8 @@ PAIRS = (
     ("backlash", "spool_delay"),
     ("coulomb_friction", "entrained_air"),
 )
+# Air makes oil soft at low pressure: at one pressure it is the bulk modulus by another name, so its records hold runs at two.
+TWO_PRESSURES = (210.0, 70.0, 210.0)
 MEMORY = 0.6
 NAMES = ("spool_frequency", "spool_damping", "bulk_modulus_factor", "viscous_friction")
 
@@ -68,8 +70,9 @@ def bench_of(seed: int, effects: dict[str, float], memory: float) -> dynamic_ben
         viscous_friction=2000.0 * factors[3],
     )
     return dynamic_bench.Bench(
-        jack=hidden, dynamic=Dynamic(**effects), memory=memory, seed=seed, steps=(3.0, -6.0, 1.5), seconds=0.3
-    )
+        jack=hidden, dynamic=Dynamic(**effects), memory=memory, seed=seed, steps=(3.0, -6.0, 1.5), seconds=0.3,
+        supplies=TWO_PRESSURES if "entrained_air" in effects else (),
+    )  # fmt: skip
 
 
 def answer(folder: Path, seed: int, effects: dict[str, float], memory: float) -> dict:
@@ -94,6 +97,7 @@ def answer(folder: Path, seed: int, effects: dict[str, float], memory: float) ->
         "named": [effect.name for effect in result.effects],
         "alternatives": {effect.name: [a.name for a in effect.alternatives] for effect in result.effects},
         "inside": inside,
+        "least": {c.name: c.least for c in result.candidates if c.name in effects},
         "gap": [result.gap_before, result.gap_after],
         "seconds": time.perf_counter() - began,
     }
@@ -115,15 +119,21 @@ def table(answers: dict[str, dict]) -> str:
     first = sum(f["named"][:1] == list(f["truth"]) for f in with_one)
     among = sum(set(f["truth"]) <= told(f) for f in with_one)
     silent = sum(not f["named"] for f in with_one)
-    inside = [v for f in answers.values() for v in f["inside"].values()]
+    # What the record cannot show at the program's own power of 80 % is not counted as missed.
+    shown = [f for f in with_one if all((f["least"].get(n) or 0.0) <= a for n, a in f["truth"].items())]
+    # Where an effect stays unnamed, parameters that swallowed it mean something else.
+    right = [f for f in answers.values() if set(f["truth"]) == set(f["named"])]
+    inside = [v for f in right for v in f["inside"].values()]
     seconds = [f["seconds"] for f in answers.values()]
     lines += [
         "",
         f"nothing hidden, something named:   {sum(bool(f['named']) for f in none)} of {len(none)}",
-        f"one effect, named first:           {first} of {len(with_one)}",
+        f"one effect, named first:           {first} of {len(with_one)}; of those that can be seen: "
+        f"{sum(f['named'][:1] == list(f['truth']) for f in shown)} of {len(shown)}",
         f"one effect, in name+alternatives:  {among} of {len(with_one)}   (nothing named: {silent})",
         f"pairs, both in name+alternatives:  {sum(set(f['truth']) <= told(f) for f in pairs)} of {len(pairs)}",
-        f"truth inside its 95 % interval:    {sum(inside)} of {len(inside)}",
+        f"nothing hidden, unexplained:       {sum(f['verdict'] == 'unexplained' for f in none)} of {len(none)}",
+        f"truth inside its 95 % interval:    {sum(inside)} of {len(inside)} (records whose effects were all named)",
         f"seconds per record:                median {np.median(seconds):.0f}, most {max(seconds):.0f}",
     ]
     return "\n".join(lines)

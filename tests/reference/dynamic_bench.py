@@ -39,6 +39,7 @@ class Bench:
     seconds: float = 0.4
     spacing: float = 2e-3
     supply: float = 210.0  # bar
+    supplies: tuple[float, ...] = ()  # bar, of the runs in turn, where they differ
     back: float = 2.0
     temperature: float = 40.0  # degC
     force: float = 0.0  # N
@@ -53,15 +54,16 @@ class Bench:
     def machine(self, run: Run) -> Machine:
         return Machine(self.valve, seed_oil(), self.jack, run, self.adiabatic, self.dynamic, self.static)
 
-    def run(self, step: float) -> Run:
+    def run(self, step: float, number: int = 0) -> Run:
         """A setpoint that steps within one row, and half the way back in the middle of the run."""
+        supply = self.supplies[number % len(self.supplies)] if self.supplies else self.supply
         time = np.round(np.arange(0.0, self.seconds + 0.5 * self.spacing, self.spacing), 9)
         first, second = 0.05 * self.seconds, 0.55 * self.seconds
         knots = [0.0, first, first + self.spacing, second, second + self.spacing, self.seconds]
         setpoint = np.interp(time, knots, np.array([0.0, 0.0, step, step, 0.5 * step, 0.5 * step]) * 1e-3)
         full = lambda value: np.full(len(time), float(value))
         back, warm = full(self.back * 1e5), full(self.temperature + 273.15)
-        return Run("setpoint", time, np.round(setpoint, 12), full(self.supply * 1e5), back, warm, full(self.force))
+        return Run("setpoint", time, np.round(setpoint, 12), full(supply * 1e5), back, warm, full(self.force))
 
 
 def noise(random: np.random.Generator, rows: int, std: float, memory: float) -> np.ndarray:
@@ -77,11 +79,13 @@ def step_table(bench: Bench) -> dict[str, list[str]]:
     random = np.random.default_rng(bench.seed)
     table: dict[str, list[str]] = {"time [s]": [], "run": [], "command [mm]": []}
     for number, step in enumerate(bench.steps, 1):
-        run = bench.run(step)
+        run = bench.run(step, number - 1)
         found: dict[str, np.ndarray] = dict(zip(READINGS, readings(bench.machine(run)).T, strict=True))
         table["time [s]"] += [f"{t:.4f}" for t in run.time]
         table["run"] += [str(number)] * len(run.time)
         table["command [mm]"] += [f"{c * 1e3:.6f}" for c in run.command]
+        if bench.supplies:
+            table.setdefault("supply_pressure [bar]", []).extend(f"{p / 1e5:g}" for p in run.supply_pressure)
         for name in bench.measured:
             unit, size, fmt = COLUMNS[name]
             read = found[name] / size + noise(random, len(run.time), bench.noise[name], bench.memory)
