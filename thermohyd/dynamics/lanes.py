@@ -1,9 +1,9 @@
 """One function for many scenarios at once, so that a processor's vectors fill with scenarios.
 
-`jax.vmap` puts the scenarios into the first axis of small arrays, (scenarios, 2, 2) say: XLA's loops then run over an axis of two,
-and every `stack` in the function becomes a branch inside them. Here the function's program (a jaxpr) is read as it
-is for one scenario, and each number in it becomes one vector over scenarios. Arrays of such vectors are kept by Python: shaping,
-slicing and stacking them costs nothing at run time, and what is known to be zero (most of a Jacobian) is left out.
+`jax.vmap` puts the scenarios into the first axis of small arrays, (scenarios, 2, 2) say: XLA's loops then run over an axis
+of two, and every `stack` in the function becomes a branch inside them. Here the function's program (a jaxpr) is read as it
+is for one scenario, and each number in it becomes one vector over scenarios. Arrays of such vectors are kept by Python:
+shaping, slicing and stacking them costs nothing at run time, and what is known to be zero (most of a Jacobian) is left out.
 """
 
 import operator
@@ -13,6 +13,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jax.extend import core
 
 
@@ -45,7 +46,7 @@ def _known(number: Any) -> bool:
 
 
 def _is(number: Any, value: float) -> bool:
-    return _known(number) and number == value
+    return bool(_known(number) and number == value)
 
 
 def _plus(a: Any, b: Any) -> Any:
@@ -58,7 +59,7 @@ def _number(eqn: Any, given: list[Any]) -> Any:
     first, last = given[0], given[-1]
     if name == "mul":
         if _is(first, 0) or _is(last, 0):
-            return np.float64(0.0)
+            return eqn.outvars[0].aval.dtype.type(0)
         if _is(first, 1) or _is(last, 1):
             return last if _is(first, 1) else first
     elif name in ("add", "add_any"):
@@ -97,7 +98,7 @@ def _shaped(eqn: Any, given: list[np.ndarray], shape: tuple[int, ...]) -> np.nda
     if name == "rev":
         return np.flip(given[0], params["dimensions"])
     if name == "reduce_sum":
-        total = each(shape, lambda _: np.float64(0.0))
+        total = each(shape, lambda _: eqn.outvars[0].aval.dtype.type(0))
         for index in np.ndindex(*given[0].shape):
             kept_index = tuple(i for axis, i in enumerate(index) if axis not in params["axes"])
             total[kept_index] = _plus(total[kept_index], given[0][index])
@@ -106,7 +107,9 @@ def _shaped(eqn: Any, given: list[np.ndarray], shape: tuple[int, ...]) -> np.nda
 
 
 def _elementwise(eqn: Any, shape: tuple[int, ...]) -> bool:
-    fits = lambda own: own == () or (len(own) == len(shape) and all(n in (1, m) for n, m in zip(own, shape, strict=True)))
+    fits = lambda own: (
+        own == () or (len(own) == len(shape) and all(n in (1, m) for n, m in zip(own, shape, strict=True)))
+    )
     plain = not eqn.primitive.multiple_results and eqn.primitive.name not in _ALONG_AXES
     return plain and all(fits(var.aval.shape) for var in eqn.invars)
 
@@ -130,7 +133,9 @@ def _evaluate(program: Any, constants: Sequence[Any], given: Sequence[Callable],
     """The program's results. Values are functions, so that an array nobody reads is not taken apart."""
     values: dict[Any, Callable[[], np.ndarray]] = dict(zip(program.invars, given, strict=True))
     for var, constant in zip(program.constvars, constants, strict=True):
-        values[var] = lambda constant=constant: numbers(constant if isinstance(constant, jax.core.Tracer) else np.asarray(constant), False)
+        values[var] = lambda constant=constant: numbers(
+            constant if isinstance(constant, Tracer) else np.asarray(constant), False
+        )
     held = lambda atom: (lambda: numbers(atom.val, False)) if isinstance(atom, core.Literal) else values[atom]
     for eqn in program.eqns:
         if not eqn.outvars:
@@ -168,7 +173,9 @@ def over_lanes(
     """
     given = [jnp.asarray(array) for array in given]
     alone = [
-        jax.ShapeDtypeStruct(array.shape[:-1] if flag else array.shape, array.dtype)
+        jax.ShapeDtypeStruct(
+            array.shape[:-1] if flag else array.shape, array.dtype, weak_type=jax.typeof(array).weak_type
+        )
         for array, flag in zip(given, batched, strict=True)
     ]
     program = jax.make_jaxpr(function)(*alone)

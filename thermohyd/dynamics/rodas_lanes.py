@@ -43,8 +43,10 @@ def _inverse(entries: tuple[tuple[Array, ...], ...]) -> Array:
     return jax.lax.fori_loop(0, n, eliminate, matrix)
 
 
-def _lanes_step(field: Callable, count: int, flags: list[bool], leaves: list[Array], t0: Array, h: Array, y0: Array) -> Any:
-    """(y1, error, bends) with scenarios last; y0 (states, count); t0, h (count,); leaves batched by `flags`, scenarios last."""
+def _lanes_step(
+    field: Callable, count: int, flags: list[bool], leaves: list[Array], t0: Array, h: Array, y0: Array
+) -> Any:
+    """(y1, error, bends) with scenarios last; y0 (states, count); t0, h (count,); leaves, scenarios last where `flags`."""
     n = y0.shape[0]
     always = t0[0] < jnp.inf
     wide = lambda number: jnp.broadcast_to(jnp.asarray(number, y0.dtype), (count,))
@@ -57,7 +59,7 @@ def _lanes_step(field: Callable, count: int, flags: list[bool], leaves: list[Arr
     def derivatives(t0: Array, h: Array, y0: Array, leaves: list[Array]) -> Any:
         slope, columns = over_lanes(slopes, [t0, y0, *leaves], [True, True, *flags], count)
         own = 1.0 / (GAMMA * h)
-        entries = tuple(tuple(wide(own * (i == j) - columns[i, j]) for j in range(n)) for i in range(n))
+        entries = tuple(tuple(wide((own if i == j else 0.0) - columns[i, j]) for j in range(n)) for i in range(n))
         return tuple(map(wide, slope)), entries
 
     slope, entries = _stored(always, derivatives, t0, h, y0, leaves)
@@ -69,7 +71,7 @@ def _lanes_step(field: Callable, count: int, flags: list[bool], leaves: list[Arr
         )
         return tuple(map(wide, found))
 
-    def weighted(weights: Array, ks: Array) -> Array:
+    def weighted(weights: Array | np.ndarray, ks: Array) -> Array:
         # Term by term: XLA's sum over the first axis would not fill vectors.
         total = weights[0] * ks[0]
         for i in range(1, 8):
@@ -83,7 +85,7 @@ def _lanes_step(field: Callable, count: int, flags: list[bool], leaves: list[Arr
             total = total + solve[:, j] * right[j]
         return total
 
-    def stage(carry: tuple[Array, Array], coefficients: tuple[Array, Array, Array, Array]) -> tuple[Any, None]:
+    def stage(carry: tuple[Array, Array], coefficients: tuple[Array, ...]) -> tuple[Any, None]:
         ks, _ = carry
         a, c, d, (i, node) = coefficients
         at = y0 + weighted(a, ks)
@@ -102,14 +104,19 @@ class Rodas5PTogether(Rodas5P):
     """Rodas5P that fills vectors with scenarios under `jax.vmap`; not to be differentiated."""
 
     def step(self, terms: Any, t0: Any, t1: Any, y0: Any, args: Any, solver_state: None, made_jump: Any) -> Any:
-        leaves, rest = eqx.partition(args, eqx.is_array)
+        # diffrax keeps the direction of time, an array, in the terms.
+        leaves, rest = eqx.partition((terms, args), eqx.is_array)
         leaves, tree = jax.tree.flatten(leaves)
         back = lambda leaves: eqx.combine(jax.tree.unflatten(tree, leaves), rest)
-        field = lambda leaves, t, y: terms.vf(t, y, back(leaves))
+
+        def field(leaves: Any, t: Array, y: Array) -> Array:
+            terms, args = back(leaves)
+            return terms.vf(t, y, args)
 
         @jax.custom_batching.custom_vmap
         def alone(leaves: list[Array], t0: Array, t1: Array, y0: Array) -> tuple[Array, Array, Array]:
-            found = Rodas5P.step(self, terms, t0, t1, y0, back(leaves), solver_state, made_jump)
+            terms, args = back(leaves)
+            found = Rodas5P.step(self, terms, t0, t1, y0, args, solver_state, None)
             return found[0], found[1], found[2]["bends"]
 
         @alone.def_vmap
