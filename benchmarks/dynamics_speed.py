@@ -2,10 +2,9 @@
 
 One scenario: the conformance valve and jack, a setpoint that ramps twice within 1.5 s, adiabatic chambers. Every contender
 runs at the loosest of its tolerances that leaves 1e-5 of each reading's range against a tight reference, on the same rows.
-Claimed: at least 10 times faster than Radau and LSODA on plain NumPy (91 and 128 times on one core). Wanted and not reached on
-one core: a batch 5 times cheaper per scenario than a single run (1.6 times, 200 runs), the derivatives to 10 parameters within
-8 simulations (22 forward, 14 reverse). A step is bound by its arithmetic already when run alone; the Jacobian's derivatives,
-90 second-order directions per step, are what the derivatives cost.
+Claimed: at least 10 times faster than Radau and LSODA on plain NumPy (52 and 77 times on one core); 1000 runs by `simulate_many`
+at least 5 times cheaper each than a run alone (14 times on two cores, 1.5 against 20 ms on a machine that others used too;
+8 times on one core); 10 derivatives within 8 simulations (forward 3.5). Wanted and not reached: the same in reverse (13).
 Batches: `python benchmarks/dynamics_speed.py 1000` (default), 10000 on a GPU.
 """
 
