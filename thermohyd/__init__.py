@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from .closed_loop import loop_frequency_response as loop_frequency_response, loop_margins as loop_margins
     from .conditions import Conditions as Conditions, operating_points as operating_points
     from .dynamics.inputs import StepInputs as StepInputs, step_inputs as step_inputs
+    from .dynamics.many import simulate_many as simulate_many
     from .dynamics.simulate import StepReadings as StepReadings, simulate_step as simulate_step
     from .dynamics.small_signal import (
         FrequencyResponse as FrequencyResponse,
@@ -65,6 +66,7 @@ _HOME = {
     "operating_points": "conditions",
     "StepInputs": "dynamics.inputs",
     "step_inputs": "dynamics.inputs",
+    "simulate_many": "dynamics.many",
     "StepReadings": "dynamics.simulate",
     "simulate_step": "dynamics.simulate",
     "FrequencyResponse": "dynamics.small_signal",

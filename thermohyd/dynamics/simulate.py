@@ -1,6 +1,6 @@
 """A step test of an actuator: readings at a record's rows (MODEL section 7)."""
 
-from typing import cast
+from typing import Any, cast
 
 import equinox as eqx
 import jax
@@ -42,7 +42,7 @@ class StepReadings(eqx.Module):
 
 
 @eqx.filter_jit
-def _simulate(
+def simulated(
     valve: Valve,
     actuator: Actuator,
     inputs: StepInputs,
@@ -53,12 +53,13 @@ def _simulate(
     heat: Heat,
     gradient: Gradient,
     max_steps: int,
+    solver: Any = None,
 ) -> StepReadings:
     plant = plant_of(valve, actuator, inputs, heat=heat, walls=walls, polarity=polarity)
     first = inputs.time[0]
     scaling = scaling_of(plant, plant.surroundings(first))
     start, found = equilibrium(plant, scaling, first)
-    run = integrate(plant, scaling, start, gradient=gradient, rtol=rtol, atol=atol, max_steps=max_steps)
+    run = integrate(plant, scaling, start, gradient=gradient, rtol=rtol, atol=atol, max_steps=max_steps, solver=solver)
     failure = jnp.where(found, run.failure, NO_EQUILIBRIUM)
     good = failure == 0
     states = run.states
@@ -78,6 +79,21 @@ def _simulate(
     )
     shown = (jnp.where(good, reading, jnp.nan) for reading in readings)
     return StepReadings(inputs.time, *shown, steps=run.steps, failure=failure)
+
+
+def check_choices(
+    caller: str, *, heat: Heat, walls: Walls | None, polarity: int | Array, gradient: Gradient = "forward"
+) -> None:
+    """Raise RuntimeError in single precision, ValueError for a choice that does not exist."""
+    require_float64(caller)
+    if heat not in ("adiabatic", "isothermal"):
+        raise ValueError(f'heat must be "adiabatic" or "isothermal", not {heat!r}')
+    if gradient not in ("forward", "reverse"):
+        raise ValueError(f'gradient must be "forward" or "reverse", not {gradient!r}')
+    if not isinstance(polarity, Tracer) and polarity not in (1, -1):
+        raise ValueError(f"polarity must be 1 or -1, not {polarity!r}")
+    if heat == "isothermal" and walls is not None:
+        raise ValueError('walls exchange heat with adiabatic chambers only: leave them out, or set heat = "adiabatic"')
 
 
 def simulate_step(
@@ -122,20 +138,12 @@ def simulate_step(
     sentence in single precision and, with `throw`, where there is no equilibrium or the integration fails; where the call is
     traced, `failure` says so and the readings are NaN. Raises ValueError for a choice that does not exist.
     """
-    require_float64("simulate_step")
-    if heat not in ("adiabatic", "isothermal"):
-        raise ValueError(f'heat must be "adiabatic" or "isothermal", not {heat!r}')
-    if gradient not in ("forward", "reverse"):
-        raise ValueError(f'gradient must be "forward" or "reverse", not {gradient!r}')
-    if not isinstance(polarity, Tracer) and polarity not in (1, -1):
-        raise ValueError(f"polarity must be 1 or -1, not {polarity!r}")
-    if heat == "isothermal" and walls is not None:
-        raise ValueError('walls exchange heat with adiabatic chambers only: leave them out, or set heat = "adiabatic"')
+    check_choices("simulate_step", heat=heat, walls=walls, polarity=polarity, gradient=gradient)
     # Arrays, not numbers: those would be compiled in.
     as_array = lambda value: jnp.asarray(value, dtype=jnp.result_type(float))
     readings = cast(
         StepReadings,
-        _simulate(
+        simulated(
             valve,
             actuator,
             inputs,

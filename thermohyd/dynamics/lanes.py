@@ -1,0 +1,194 @@
+"""One function for many scenarios at once, so that a processor's vectors fill with scenarios.
+
+`jax.vmap` puts the scenarios into the first axis of small arrays, (scenarios, 2, 2) say: XLA's loops then run over an axis
+of two, and every `stack` in the function becomes a branch inside them. Here the function's program (a jaxpr) is read as it
+is for one scenario, and each number in it becomes one vector over scenarios. Arrays of such vectors are kept by Python:
+shaping, slicing and stacking them costs nothing at run time, and what is known to be zero (most of a Jacobian) is left out.
+"""
+
+import operator
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jax.extend import core
+
+
+# Where a primitive that calls another program keeps it.
+_INNER = {"jit": "jaxpr", "closed_call": "call_jaxpr", "custom_jvp_call": "call_jaxpr", "checkpoint": "jaxpr"}
+_ARITHMETIC = {"mul": operator.mul, "add": operator.add, "add_any": operator.add, "sub": operator.sub}
+# Of equal shapes in and out, and yet not number by number.
+_ALONG_AXES = {"sort", "cumsum", "cumprod", "cummax", "cummin", "cumlogsumexp", "gather", "scatter", "dot_general",
+               "dynamic_slice", "dynamic_update_slice", "while", "cond", "scan", "argmax", "argmin", "triangular_solve"}  # fmt: skip
+
+
+def each(shape: tuple[int, ...], entry: Callable[[tuple[int, ...]], Any]) -> np.ndarray:
+    """An array of objects, entry by entry."""
+    found = np.empty(shape, dtype=object)
+    for index in np.ndindex(*shape):
+        found[index] = entry(index)
+    return found
+
+
+def numbers(values: Any, batched: bool) -> np.ndarray:
+    """The array's numbers: vectors over scenarios where it is batched (in its last axis)."""
+    if not isinstance(values, jax.Array):
+        values = np.asarray(values)  # known while tracing
+    shape = values.shape[:-1] if batched else values.shape
+    return each(shape, lambda index: values[index] if index else values if batched else values[()])
+
+
+def _known(number: Any) -> bool:
+    return isinstance(number, (np.generic, float, int, bool))
+
+
+def _is(number: Any, value: float) -> bool:
+    return bool(_known(number) and number == value)
+
+
+def _plus(a: Any, b: Any) -> Any:
+    return b if _is(a, 0) else a if _is(b, 0) else a + b
+
+
+def _number(eqn: Any, given: list[Any]) -> Any:
+    """One number of an elementwise primitive."""
+    name = eqn.primitive.name
+    first, last = given[0], given[-1]
+    if name == "mul":
+        if _is(first, 0) or _is(last, 0):
+            return eqn.outvars[0].aval.dtype.type(0)
+        if _is(first, 1) or _is(last, 1):
+            return last if _is(first, 1) else first
+    elif name in ("add", "add_any"):
+        if _is(first, 0) or _is(last, 0):
+            return last if _is(first, 0) else first
+    elif (name == "sub" and _is(last, 0)) or (name in ("div", "neg") and _is(first, 0)):
+        return first
+    elif name == "select_n" and all(_known(case) for case in given[1:]) and len(set(given[1:])) == 1:
+        return last
+    if name in _ARITHMETIC and _known(first) and _known(last):
+        return _ARITHMETIC[name](first, last)
+    arrays = [jnp.asarray(number, var.aval.dtype) for number, var in zip(given, eqn.invars, strict=True)]
+    arrays = jnp.broadcast_arrays(*arrays)
+    return eqn.primitive.bind(*arrays, **eqn.params)
+
+
+def _shaped(eqn: Any, given: list[np.ndarray], shape: tuple[int, ...]) -> np.ndarray | None:
+    """What only moves or sums numbers; None for other primitives."""
+    name, params = eqn.primitive.name, eqn.params
+    if name == "broadcast_in_dim":
+        kept = [1] * len(shape)
+        for size, axis in zip(given[0].shape, params["broadcast_dimensions"], strict=True):
+            kept[axis] = size
+        return np.broadcast_to(given[0].reshape(kept), shape)
+    if name in ("reshape", "squeeze", "expand_dims"):
+        return given[0].reshape(shape)
+    if name == "slice":
+        strides = params["strides"] or (1,) * given[0].ndim
+        return given[0][tuple(map(slice, params["start_indices"], params["limit_indices"], strides))]
+    if name == "transpose":
+        return given[0].transpose(params["permutation"])
+    if name == "concatenate":
+        return np.concatenate(given, axis=params["dimension"])
+    if name == "stack":
+        return np.stack(given, axis=params["axis"])
+    if name == "rev":
+        return np.flip(given[0], params["dimensions"])
+    if name == "reduce_sum":
+        total = each(shape, lambda _: eqn.outvars[0].aval.dtype.type(0))
+        for index in np.ndindex(*given[0].shape):
+            kept_index = tuple(i for axis, i in enumerate(index) if axis not in params["axes"])
+            total[kept_index] = _plus(total[kept_index], given[0][index])
+        return total
+    return None
+
+
+def _elementwise(eqn: Any, shape: tuple[int, ...]) -> bool:
+    fits = lambda own: (
+        own == () or (len(own) == len(shape) and all(n in (1, m) for n, m in zip(own, shape, strict=True)))
+    )
+    plain = not eqn.primitive.multiple_results and eqn.primitive.name not in _ALONG_AXES
+    return plain and all(fits(var.aval.shape) for var in eqn.invars)
+
+
+def _whole(eqn: Any, given: list[np.ndarray], count: int) -> list[np.ndarray]:
+    """Any other primitive (a loop, a matrix product): its arrays put together and left to `jax.vmap`."""
+    full = lambda number, var: jnp.broadcast_to(jnp.asarray(number, var.aval.dtype), (count,))
+    together = [
+        jnp.reshape(jnp.stack([full(number, var) for number in one.ravel()]), (*one.shape, count))
+        for one, var in zip(given, eqn.invars, strict=True)
+    ]
+
+    def alone(*arrays: Any) -> list[Any]:
+        found = eqn.primitive.bind(*arrays, **eqn.params)
+        return list(found) if eqn.primitive.multiple_results else [found]
+
+    return [numbers(found, True) for found in jax.vmap(alone, in_axes=-1, out_axes=-1)(*together)]
+
+
+def _evaluate(program: Any, constants: Sequence[Any], given: Sequence[Callable], count: int) -> list[np.ndarray]:
+    """The program's results. Values are functions, so that an array nobody reads is not taken apart."""
+    values: dict[Any, Callable[[], np.ndarray]] = dict(zip(program.invars, given, strict=True))
+    for var, constant in zip(program.constvars, constants, strict=True):
+        values[var] = lambda constant=constant: numbers(
+            constant if isinstance(constant, Tracer) else np.asarray(constant), False
+        )
+    held = lambda atom: (lambda: numbers(atom.val, False)) if isinstance(atom, core.Literal) else values[atom]
+    for eqn in program.eqns:
+        if not eqn.outvars:
+            continue
+        name, shape = eqn.primitive.name, eqn.outvars[0].aval.shape
+        if name in _INNER:
+            inner = eqn.params[_INNER[name]]
+            program_, own = (inner.jaxpr, inner.consts) if hasattr(inner, "consts") else (inner, ())
+            found = _evaluate(program_, own, [held(atom) for atom in eqn.invars], count)
+        elif not eqn.invars:
+            with jax.ensure_compile_time_eval():
+                found = [numbers(np.asarray(eqn.primitive.bind(**eqn.params)), False)]
+        else:
+            arrays = [held(atom)() for atom in eqn.invars]
+            moved = _shaped(eqn, arrays, shape)
+            if moved is not None:
+                found = [moved]
+            elif _elementwise(eqn, shape):
+                wide = [np.broadcast_to(array, shape) for array in arrays]
+                found = [each(shape, lambda index: _number(eqn, [array[index] for array in wide]))]  # noqa: B023
+            else:
+                found = _whole(eqn, arrays, count)
+        for var, array in zip(eqn.outvars, found, strict=True):
+            values[var] = lambda array=array: array
+    return [held(atom)() for atom in program.outvars]
+
+
+def over_lanes(
+    function: Callable[..., Any], given: Sequence[Any], batched: Sequence[bool], count: int
+) -> list[np.ndarray]:
+    """`function` of one scenario's arrays for `count` scenarios, the batched arrays' last axis.
+
+    Its results, a flat sequence of arrays, as arrays of objects: each entry is a vector (count,), an array () that is
+    the same for all scenarios, or a number known while tracing.
+    """
+    given = [jnp.asarray(array) for array in given]
+    alone = [
+        jax.ShapeDtypeStruct(
+            array.shape[:-1] if flag else array.shape, array.dtype, weak_type=jax.typeof(array).weak_type
+        )
+        for array, flag in zip(given, batched, strict=True)
+    ]
+    program = jax.make_jaxpr(function)(*alone)
+    apart: list[Callable[[], np.ndarray]] = [_once(array, flag) for array, flag in zip(given, batched, strict=True)]
+    return _evaluate(program.jaxpr, program.consts, apart, count)
+
+
+def _once(array: Any, batched: bool) -> Callable[[], np.ndarray]:
+    found: list[np.ndarray] = []
+
+    def take() -> np.ndarray:
+        if not found:
+            found.append(numbers(array, batched))
+        return found[0]
+
+    return take
