@@ -120,7 +120,7 @@ def table(answers: dict[str, dict]) -> str:
     among = sum(set(f["truth"]) <= told(f) for f in with_one)
     silent = sum(not f["named"] for f in with_one)
     # What the record cannot show at the program's own power of 80 % is not counted as missed.
-    shown = [f for f in with_one if all((f["least"].get(n) or 0.0) <= a for n, a in f["truth"].items())]
+    shown = [f for f in with_one if all((f.get("least", {}).get(n) or 0.0) <= a for n, a in f["truth"].items())]
     # Where an effect stays unnamed, parameters that swallowed it mean something else.
     right = [f for f in answers.values() if set(f["truth"]) == set(f["named"])]
     inside = [v for f in right for v in f["inside"].values()]
