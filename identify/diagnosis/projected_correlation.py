@@ -14,7 +14,7 @@ from ..noise_correlation import LAGS, MOST_MEMORY, SIGNIFICANT, NoiseCorrelation
 
 
 FEW = 20  # rows, below which nothing is said
-MEMORIES = np.concatenate([np.arange(0.1, 0.9, 0.1), np.arange(0.9, 0.99, 0.02), [0.99, MOST_MEMORY]])
+MEMORIES = np.concatenate([np.arange(0.1, 0.9, 0.05), np.arange(0.9, 0.99, 0.02), [0.99, MOST_MEMORY]])
 # Of the power of noise with a memory, against white noise's: where the projection leaves less, it hides the memory too.
 LEAST_LEFT = 0.2
 SHARES = np.linspace(0.0, 1.0, 41)
@@ -63,32 +63,40 @@ class ProjectedNoise:
     def _within(self, rows: slice) -> list[tuple[int, int]]:
         return [(start, stop) for start, stop in self.pieces if rows.start <= start and stop <= rows.stop]
 
-    def remembered(self, rest: np.ndarray, rows: slice) -> Remembered:
-        """Correlation and variance of the noise in `rows` of the projected residual `rest`."""
+    def remembered(self, rest: np.ndarray, rows: slice, size: float | None = None) -> Remembered:
+        """Correlation and variance of the noise in `rows` of the projected residual `rest`; size: its variance where known.
+
+        Least squares of the sums of r_t r_(t+l) over all memories and shares, against their scatter for white noise. Where
+        the size is known a long memory must have left as much as is seen: a few rows say that more safely than a slope.
+        """
         pieces = self._within(rows)
         n = rows.stop - rows.start
         lags = min(LAGS, max((stop - start for start, stop in pieces), default=1) - 2)
-        seen = [sum(float(rest[a + lag : b] @ rest[a : b - lag]) for a, b in pieces) for lag in range(lags + 1)]
+        seen = np.array(
+            [sum(float(rest[a + lag : b] @ rest[a : b - lag]) for a, b in pieces) for lag in range(lags + 1)]
+        )
         white = self.sums(0.0, rows, max(lags, 0))
-        plain = Remembered(NoiseCorrelation(), seen[0] / max(white[0], 1.0) if seen else 0.0)
+        plain = Remembered(NoiseCorrelation(), float(seen[0]) / max(white[0], 1.0) if len(seen) else 0.0)
         if lags < 1 or n < FEW or seen[0] <= 0.0:
             return plain
-        pairs = np.array([sum(max(b - a - lag, 0) for a, b in pieces) for lag in range(1, lags + 1)])
-        rho = np.array(seen) / seen[0]
-        weight = (n / pairs) ** 2 / np.arange(1, lags + 1)  # later lags count less, as they say less
-        at_white = float(np.sum(weight * (rho - white / white[0])[1:] ** 2))
-        best, least = (
-            plain,
-            at_white - SIGNIFICANT**2 / white[0],
-        )  # a correlation of white rows scatters by 1/sqrt(rows)
+        pairs = np.array([sum(max(b - a - lag, 0) for a, b in pieces) for lag in range(lags + 1)])
+        # A correlation of white rows scatters by 1/sqrt(rows), a variance by sqrt(2/rows); later lags say less.
+        weight = white[0] * (n / pairs) ** 2 / np.append(2.0, np.arange(1.0, lags + 1.0))
+
+        def misfit(power: np.ndarray) -> np.ndarray:
+            expected, scale = (size * power, size * white[0]) if size else (seen[0] / power[..., :1] * power, seen[0])
+            return np.sum(weight * ((seen - expected) / scale) ** 2, axis=-1)
+
+        best, least = plain, float(misfit(white)) - SIGNIFICANT**2
         for phi in MEMORIES:
             own = self.sums(float(phi), rows, lags)
             if own[0] < LEAST_LEFT * white[0]:
                 break
             power = (1.0 - SHARES)[:, None] * white + SHARES[:, None] * own
-            left = np.sum(weight * (rho - power / power[:, :1])[:, 1:] ** 2, axis=1)
+            left = misfit(power)
             at = int(np.argmin(left))
             if left[at] < least:
                 least = left[at]
-                best = Remembered(NoiseCorrelation(float(SHARES[at]), float(phi)), seen[0] / max(power[at, 0], 1.0))
+                variance = float(seen[0]) / max(power[at, 0], 1.0)
+                best = Remembered(NoiseCorrelation(float(SHARES[at]), float(phi)), variance)
         return best

@@ -82,7 +82,9 @@ def found_noise(
         count = rows.stop - rows.start
         spent = float(np.sum(leverage[rows]))
         variance = float(np.sum(rest[rows] ** 2)) / max(count - spent, 1.0)
-        found[key] = _channel(stated[key], repeats[key], variance, projected.remembered(rest, rows))
+        size = variance if variance > EXCESS else 1.0
+        left = projected.remembered(rest, rows, size if stated[key].known else None)
+        found[key] = _channel(stated[key], repeats[key], variance, left)
     return found
 
 

@@ -17,6 +17,7 @@ from thermohyd import simulate_many
 from thermohyd.dynamics.integrate import NO_EQUILIBRIUM
 from thermohyd.dynamics.lanes import over_lanes
 from thermohyd.dynamics.simulate import simulate_step
+from thermohyd.effects.registry import with_effects
 
 
 READINGS = ("spool_position", "pressure_a", "pressure_b", "piston_position", "piston_velocity", "temperature_a")
@@ -79,6 +80,29 @@ def test_equal_to_each_alone(together):
             assert own.shape == (len(FORCES), found.time.shape[1])
             # Not to rounding: at rest the estimated error is rounding itself, and so is what the next step makes of it.
             np.testing.assert_allclose(own[row], expected, rtol=1e-7, atol=1e-7 * np.max(np.abs(expected)))
+
+
+def test_effects_in_many():
+    """A play with a state of its own, air, flow forces. (Lines and walls fit too, and take minutes to compile.)"""
+    given = machine()
+    effects = {"backlash": 2e-6, "entrained_air": 0.01, "flow_force": 1e-7}
+
+    def one(factor):
+        valve = with_effects(valve_of(given), {name: amount * factor for name, amount in effects.items()})
+        return valve, replace(actuator_of(given), external_force=1000.0 * factor)
+
+    factors = jnp.array([0.5, 1.0, 1.5])
+    valves, jacks = jax.vmap(one)(factors)
+    step = replace(inputs_of(given), forced=False)
+    run = {"heat": "isothermal", "rtol": TOLERANCE, "atol": TOLERANCE, "throw": False}
+    found = simulate_many(valves, jacks, step, compiler_options=QUICKEST, **run)
+    alone = quick_jit(lambda factor: simulate_step(*one(factor), step, **run))
+    for row, factor in enumerate(factors):
+        single = alone(factor)
+        for name in READINGS:
+            expected = np.asarray(getattr(single, name))
+            own = np.asarray(getattr(found, name))[row]
+            np.testing.assert_allclose(own, expected, rtol=1e-6, atol=1e-6 * np.max(np.abs(expected)))
 
 
 def test_an_impossible_scenario_in_the_middle(together):

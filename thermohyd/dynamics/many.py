@@ -17,6 +17,7 @@ from ..valve import Valve
 from .inputs import StepInputs
 from .integrate import FAILURES
 from .plant import Heat
+from .quick import known_options
 from .rodas_lanes import Rodas5PTogether
 from .simulate import ATOL, MAX_STEPS, RTOL, StepReadings, check_choices, simulated
 from .walls import Walls
@@ -130,7 +131,7 @@ def simulate_many(
     rounds = -(-count // (most * cores))
     size = min(most, -(-count // (rounds * cores)))
     if compiler_options is None:
-        compiler_options = WIDE if on_cpu else {}
+        compiler_options = known_options(WIDE) if on_cpu else {}
     run = _compiled(tuple(sorted(compiler_options.items())))
     as_array = lambda value: jnp.asarray(value, dtype=jnp.result_type(float))
     shared = (Walls() if walls is None else walls, (as_array(rtol), as_array(atol)), as_array(polarity))

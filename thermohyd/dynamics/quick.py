@@ -18,12 +18,17 @@ OPTIONS: dict[str, Any] = {
 
 
 @functools.cache
-def _known_options() -> dict[str, Any]:
+def _known(options: tuple[tuple[str, Any], ...]) -> bool:
     try:
-        jax.jit(lambda x: x + 1.0, compiler_options=OPTIONS).lower(1.0).compile()
+        jax.jit(lambda x: x + 1.0, compiler_options=dict(options)).lower(1.0).compile()
     except Exception:  # whatever a release of XLA calls an option that it does not know
-        return {}
-    return OPTIONS
+        return False
+    return True
+
+
+def known_options(options: dict[str, Any]) -> dict[str, Any]:
+    """The options of XLA where this release knows them all, else none."""
+    return options if _known(tuple(options.items())) else {}
 
 
 def quickly(function: F) -> F:
@@ -32,7 +37,7 @@ def quickly(function: F) -> F:
     @functools.cache
     def compiled() -> Any:
         filter_jit: Any = eqx.filter_jit  # its types do not know the keywords that it hands on to jax.jit
-        return filter_jit(function, compiler_options=_known_options())
+        return filter_jit(function, compiler_options=known_options(OPTIONS))
 
     @functools.wraps(function)
     def call(*args: Any) -> Any:
