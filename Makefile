@@ -17,7 +17,7 @@ help:
 	@echo "make test    ruff, pyright and pytest against the installed package"
 	@echo "make bench   the benchmarks, each with its peer"
 	@echo "make hidden  76 records with a hidden effect, diagnosed and scored (SET=2: other seeds, SET=3: faint effects; half an hour)"
-	@echo "make hidden-dynamic  24 records of an actuator with hidden physics, diagnosed and scored (an hour)"
+	@echo "make hidden-dynamic  30 records of an actuator with hidden physics, diagnosed and scored (SET=2: other seeds; half an hour)"
 	@echo "make clean   remove what was built (not $(VENV))"
 
 demo: $(VENV)/.installed
@@ -54,7 +54,7 @@ hidden: $(VENV)/.installed-dev
 	$(BIN)/python benchmarks/hidden_table.py --set $(SET) --processes $(PROCESSES)
 
 hidden-dynamic: $(VENV)/.installed-dev
-	$(BIN)/python benchmarks/hidden_dynamic_table.py
+	$(BIN)/python benchmarks/hidden_dynamic_table.py --set $(SET)
 
 clean:
 	rm -rf build dist *.egg-info demo-report .pytest_cache .ruff_cache .hypothesis

@@ -44,7 +44,9 @@ def test_the_delay_is_named_and_its_model_predicts(bench, tmp_path, monkeypatch)
     for name, value in truth["parameters"].items():
         own = found["fit"]["parameters"][name]
         assert own["std"] is None or abs(own["value"] - value) < 4.0 * own["std"], name
-    assert found["held_out"]["gap_closed"] > 0.5
+    # The ends of these runs, which are held out, are calm: nothing to close there, and nothing opened.
+    assert found["held_out"]["reduced_chi2_after"] < 1.4
+    assert found["gap_after"] < 1.2 < found["gap_before"]
     assert {"step.png", "candidates.png", "model.json", "report.html"} <= {file.name for file in out.iterdir()}
 
     ran = CliRunner().invoke(app, ["simulate", str(bench), "--model", str(out / "model.json"), "--json"])

@@ -78,4 +78,5 @@ def test_slopes_agree_with_central_differences(tests, samples):
 def test_chunks_do_not_show(tests, samples, monkeypatch):
     whole = tests.outputs(samples)[0]
     monkeypatch.setattr("thermohyd.identify.sensitivity.outputs.CHUNK", 5)
-    np.testing.assert_array_equal(tests.outputs(samples[:7])[0], whole[:7])
+    # A program for fewer rows rounds in its own way.
+    np.testing.assert_allclose(tests.outputs(samples[:7])[0], whole[:7], rtol=1e-13)
