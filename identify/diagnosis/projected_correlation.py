@@ -83,11 +83,11 @@ class ProjectedNoise:
         # A correlation of white rows scatters by 1/sqrt(rows), a variance by sqrt(2/rows); later lags say less.
         weight = white[0] * (n / pairs) ** 2 / np.append(2.0, np.arange(1.0, lags + 1.0))
 
-        def misfit(power: np.ndarray) -> np.ndarray:
-            expected, scale = (size * power, size * white[0]) if size else (seen[0] / power[..., :1] * power, seen[0])
-            return np.sum(weight * ((seen - expected) / scale) ** 2, axis=-1)
+        def misfit(power: np.ndarray) -> np.ndarray:  # (shares, lags + 1) -> (shares,)
+            expected, scale = (size * power, size * white[0]) if size else (seen[0] / power[:, :1] * power, seen[0])
+            return np.sum(weight * ((seen - expected) / scale) ** 2, axis=1)
 
-        best, least = plain, float(misfit(white)) - SIGNIFICANT**2
+        best, least = plain, float(misfit(white[None])[0]) - SIGNIFICANT**2
         for phi in MEMORIES:
             own = self.sums(float(phi), rows, lags)
             if own[0] < LEAST_LEFT * white[0]:
