@@ -2,9 +2,9 @@
 
 One scenario: the conformance valve and jack, a setpoint that ramps twice within 1.5 s, adiabatic chambers. Every contender
 runs at the loosest of its tolerances that leaves 1e-5 of each reading's range against a tight reference, on the same rows.
-Claimed: at least 10 times faster than Radau and LSODA on plain NumPy (52 and 77 times on one core); 1000 runs by `simulate_many`
-at least 5 times cheaper each than a run alone (14 times on two cores, 1.5 against 20 ms on a machine that others used too;
-8 times on one core); 10 derivatives within 8 simulations (forward 3.5). Wanted and not reached: the same in reverse (13).
+Claimed: at least 10 times faster than Radau and LSODA on plain NumPy (66 and 94 times on one core); 1000 runs by `simulate_many`
+at least 5 times cheaper each than a run alone (20 times on two cores, 0.76 against 16 ms); 10 derivatives within 8
+simulations (forward 4.1). Wanted and not reached: the same in reverse (11).
 Batches: `python benchmarks/dynamics_speed.py 1000` (default), 10000 on a GPU.
 """
 

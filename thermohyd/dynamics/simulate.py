@@ -120,7 +120,7 @@ def simulate_step(
     It can be jitted, vmapped (inputs stacked, with equal `knots`) and differentiated in every array of valve, actuator,
     walls and inputs but the rows' times: gradient = "forward" for `jax.jvp` and `jax.jacfwd` (few parameters), "reverse" for
     `jax.grad` and `jax.jacrev` (many). The start is differentiated as the root that it is. Forward, the variational equations
-    are solved along the run (`sensitivity`): ten parameters cost 2 to 3 runs. Reverse differentiates the steps that were taken.
+    are solved along the run (`sensitivity`): ten parameters cost 2 to 4 runs. Reverse differentiates the steps that were taken.
     Derivatives are less exact than readings where edges open and close slowly: on a position servo at 1e-6 within 1.4e-2 of the
     largest derivative (3e-3 in nine rows of ten), at 1e-7 2e-3, at 1e-8 2e-4, much the same either way.
 
