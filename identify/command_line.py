@@ -28,6 +28,19 @@ Bench = Annotated[Path, typer.Argument(metavar="BENCH", help="Folder of the benc
 Out = Annotated[
     Path | None, typer.Option("--out", "-o", metavar="DIR", help="Folder for the results; made if need be.")
 ]
+Source = Annotated[
+    Path | None,
+    typer.Argument(
+        metavar="[BENCH|MODEL]",
+        help="A bench record, which is fitted first, or a model.json. Without it: the valve of the seed paper.",
+    ),
+]
+InsteadOfFit = Annotated[
+    Path | None,
+    typer.Option(
+        "--model", "-m", metavar="FILE", help="model.json to use with a record's conditions instead of a fit."
+    ),
+]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON on stdout, and nothing else there.")]
 
 
@@ -227,21 +240,10 @@ def seed_command(out: Out = None, json: Json = False) -> None:
 
 @app.command("sensitivity")
 def sensitivity_command(
-    source: Annotated[
-        Path | None,
-        typer.Argument(
-            metavar="[BENCH|MODEL]",
-            help="A bench record, which is fitted first, or a model.json. Without it: the valve of the seed paper.",
-        ),
-    ] = None,
+    source: Source = None,
     out: Out = None,
     json: Json = False,
-    model: Annotated[
-        Path | None,
-        typer.Option(
-            "--model", "-m", metavar="FILE", help="model.json to use with a record's conditions instead of a fit."
-        ),
-    ] = None,
+    model: InsteadOfFit = None,
     settings: Annotated[
         Path | None,
         typer.Option(
@@ -294,13 +296,7 @@ def sensitivity_command(
 
 @app.command("servo")
 def servo_command(
-    source: Annotated[
-        Path | None,
-        typer.Argument(
-            metavar="[BENCH|MODEL]",
-            help="A bench record, which is fitted first, or a model.json. Without it: the valve of the seed paper.",
-        ),
-    ] = None,
+    source: Source = None,
     out: Out = None,
     json: Json = False,
     temperatures: Annotated[
@@ -321,12 +317,7 @@ def servo_command(
         str | None,
         typer.Option("--gain", metavar="GAIN", help='Of the amplifier, such as "0.1 A/V"; else the record\'s.'),
     ] = None,
-    model: Annotated[
-        Path | None,
-        typer.Option(
-            "--model", "-m", metavar="FILE", help="model.json to use with a record's conditions instead of a fit."
-        ),
-    ] = None,
+    model: InsteadOfFit = None,
     settings: Annotated[
         Path | None,
         typer.Option("--settings", "-s", metavar="FILE", help="TOML file with your own actuator and conditions."),

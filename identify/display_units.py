@@ -3,6 +3,9 @@
 import math
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import ArrayLike
+
 
 @dataclass(frozen=True)
 class DisplayUnit:
@@ -71,3 +74,8 @@ def beside(value: float, std: float | None) -> str:
     if std is None or not math.isfinite(std) or std <= 0.0 or not 1e-7 < std < 1e7:
         return significant(value)
     return f"{value:.{decimals_for(std)}f}"
+
+
+def decibel(ratio: ArrayLike) -> np.ndarray:
+    """A ratio of amplitudes in dB."""
+    return np.asarray(20.0 * np.log10(np.asarray(ratio)))

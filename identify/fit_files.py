@@ -7,7 +7,7 @@ from .fit_result import FitResult
 from .html_report import html_report
 from .model_file import model_json
 from .parameter_plot import parameter_figure
-from .plot_style import png, style, svg
+from .plot_style import drawn
 from .plots import test_figures
 
 
@@ -16,10 +16,7 @@ def fit_files(result: FitResult) -> dict[str, bytes | str]:
     figures = {**test_figures(result)}
     if result.free:
         figures["parameters"] = parameter_figure(result)
-    with style():
-        vectors = {name: svg(figure) for name, figure in figures.items()}
-        files: dict[str, bytes | str] = {f"{name}.svg": drawing for name, drawing in vectors.items()}
-        files |= {f"{name}.png": png(figure) for name, figure in figures.items()}
+    vectors, files = drawn(figures)
     files["fit.json"] = json_text(fit_json(result))
     files["model.json"] = json_text(model_json(result))
     files["report.html"] = html_report(result, vectors, version("thermohyd"))

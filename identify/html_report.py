@@ -1,18 +1,15 @@
 """`report.html`: the report as one page without network access, with the figures inside it."""
 
-import base64
-
-from jinja2 import Environment, PackageLoader, StrictUndefined
-
 from . import report_content as content
 from .fit_result import FitResult
+from .page import page
 
 
 def html_report(result: FitResult, figures: dict[str, bytes], version: str) -> str:
     """The page for a fit; `figures` maps a caption to an SVG. Every text is escaped by the template engine."""
-    loader = PackageLoader("thermohyd.identify", "templates")
-    environment = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True)
-    return environment.get_template("report.html").render(
+    return page(
+        "report.html",
+        figures,
         record=result.record,
         result=result,
         version=version,
@@ -28,5 +25,4 @@ def html_report(result: FitResult, figures: dict[str, bytes], version: str) -> s
         tests=content.test_rows(result),
         noise_sources=content.noise_sources(result),
         starts=content.multi_start(result),
-        figures={caption: base64.b64encode(svg).decode("ascii") for caption, svg in figures.items()},
     )

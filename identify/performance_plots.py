@@ -14,6 +14,7 @@ from thermohyd.closed_loop import FrequencyResponse, Margins, loop_frequency_res
 from thermohyd.valve import Valve
 
 from . import plot_style as look
+from .display_units import decibel
 
 
 CELSIUS = 273.15
@@ -76,12 +77,12 @@ def draw_bode(
         for i, colour in enumerate(look.temperature_colours(len(temperatures))):
             kelvin = temperatures[i] - CELSIUS
             angle = "unstable" if np.isnan(margins.phase_margin[i]) else f"{margins.phase_margin[i]:.0f}°"
-            words = f"{kelvin:.0f} °C: {_decibel(margins.gain_margin[i]):.1f} dB, {angle}"
-            gain.plot(pulsation, _decibel(opened.magnitude[i]), color=colour, label=words)
+            words = f"{kelvin:.0f} °C: {decibel(margins.gain_margin[i]):.1f} dB, {angle}"
+            gain.plot(pulsation, decibel(opened.magnitude[i]), color=colour, label=words)
             phase.plot(pulsation, opened.phase[i], color=colour)
-            shut.plot(pulsation, _decibel(closed[i]), color=colour)
+            shut.plot(pulsation, decibel(closed[i]), color=colour)
             at, across = margins.phase_crossover[i], margins.gain_crossover[i]
-            gain.plot(at, -_decibel(margins.gain_margin[i]), "o", color=colour, markersize=4)
+            gain.plot(at, -decibel(margins.gain_margin[i]), "o", color=colour, markersize=4)
             phase.plot(across, margins.phase_margin[i] - 180.0, "o", color=colour, markersize=4)
         for axes, level in ((gain, 0.0), (phase, -180.0), (shut, 0.0)):
             axes.set_xscale("log")
@@ -90,7 +91,7 @@ def draw_bode(
         shut.set_xlim(pulsation[0], pulsation[-1])
         gain.tick_params(labelbottom=False)
         phase.set_yticks(range(-450, -89, 90))
-        shut.set_ylim(-60.0, max(10.0, float(np.max(_decibel(closed), initial=0.0, where=np.isfinite(closed))) + 3.0))
+        shut.set_ylim(-60.0, max(10.0, float(np.max(decibel(closed), initial=0.0, where=np.isfinite(closed))) + 3.0))
         gain.set_title("open loop", loc="left", color=look.FAINT)
         shut.set_title("closed loop, position over setpoint", loc="left", color=look.FAINT)
         look.label_axes(gain, "", "magnitude [dB]")
@@ -117,15 +118,11 @@ class _Panel:
     limit: float | None = None
 
 
-def _decibel(ratio: np.ndarray | float) -> np.ndarray:
-    return np.asarray(20.0 * np.log10(ratio))
-
-
 PANELS = (
     _Panel("natural frequency", "$\\omega_h$ [rad/s]", lambda p, m, a: np.asarray(p.natural_frequency)),
     _Panel("damping ratio", "$\\xi_h$ [-]", lambda p, m, a: np.asarray(p.damping_ratio)),
     _Panel("loop gain over its limit", "$K_l/(2\\xi_h\\omega_h)$ [-]", lambda p, m, a: np.asarray(p.stability_ratio), True, 1.0),
-    _Panel("gain margin with the spool", "[dB]", lambda p, m, a: _decibel(m.gain_margin), False, 0.0),
+    _Panel("gain margin with the spool", "[dB]", lambda p, m, a: decibel(m.gain_margin), False, 0.0),
     _Panel("time constant", "$\\tau_e$ [s]", lambda p, m, a: np.asarray(p.time_constant), True),
     _Panel("static error, dry friction", "[µm]", lambda p, m, a: 1e6 * np.asarray(p.static_error)),
     _Panel("load error", "[µm]", lambda p, m, a: 1e6 * np.asarray(p.load_error)),

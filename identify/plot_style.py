@@ -1,7 +1,7 @@
 """How every figure of the project looks: sizes, colours and markers in one place. No pyplot: no global state."""
 
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from typing import Any
 
@@ -86,6 +86,15 @@ def svg(figure: Figure) -> bytes:
     figure.set_dpi(DPI)  # of the points that are drawn as a picture inside it
     FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None, "Creator": "thermohyd"})
     return buffer.getvalue()
+
+
+def drawn(figures: Mapping[str, Figure]) -> tuple[dict[str, bytes], dict[str, bytes | str]]:
+    """({name: SVG}, {file name: content}, an SVG and a PNG per figure)."""
+    with style():
+        vectors = {name: svg(figure) for name, figure in figures.items()}
+        files: dict[str, bytes | str] = {f"{name}.svg": drawing for name, drawing in vectors.items()}
+        files |= {f"{name}.png": png(figure) for name, figure in figures.items()}
+    return vectors, files
 
 
 def plain_numbers(axis: Axis) -> None:

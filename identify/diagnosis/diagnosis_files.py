@@ -4,7 +4,7 @@ from importlib.metadata import version
 from typing import Any
 
 from ..fit_json import json_text
-from ..plot_style import png, style, svg
+from ..plot_style import drawn
 from .diagnosis_json import diagnosis_json
 from .diagnosis_page import diagnosis_page
 from .diagnosis_plots import diagnosis_figures
@@ -14,10 +14,7 @@ from .result import DiagnosisResult
 def diagnosis_files(result: DiagnosisResult, model_content: dict[str, Any] | None = None) -> dict[str, bytes | str]:
     """{file name: content}: diagnosis.json, model.json where its content is given, report.html, a PNG and an SVG per figure."""
     figures = diagnosis_figures(result)
-    with style():
-        vectors = {name: svg(figure) for name, figure in figures.items()}
-        files: dict[str, bytes | str] = {f"{name}.svg": drawing for name, drawing in vectors.items()}
-        files |= {f"{name}.png": png(figure) for name, figure in figures.items()}
+    vectors, files = drawn(figures)
     files["diagnosis.json"] = json_text(diagnosis_json(result))
     if model_content is not None:
         files["model.json"] = json_text(model_content)

@@ -1,12 +1,10 @@
 """`report.html` of a diagnosis: one page without network access, with every figure inside it."""
 
-import base64
 from dataclasses import dataclass
-
-from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from .. import report_content
 from ..display_units import reading_unit, significant
+from ..page import page
 from . import diagnosis_content as content, diagnosis_sentences as words
 from .result import DiagnosisResult
 
@@ -28,10 +26,10 @@ class _NoiseRow:
 
 def diagnosis_page(result: DiagnosisResult, figures: dict[str, bytes], version: str) -> str:
     """The page; `figures` maps the names of `diagnosis_figures` to SVG. Every text is escaped by the template engine."""
-    loader = PackageLoader("thermohyd.identify", "templates")
-    environment = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True)
     evidence = [name for name in figures if name.startswith("evidence_")]
-    return environment.get_template("diagnosis.html").render(
+    return page(
+        "diagnosis.html",
+        figures,
         record=result.record,
         result=result,
         version=version,
@@ -54,7 +52,6 @@ def diagnosis_page(result: DiagnosisResult, figures: dict[str, bytes], version: 
         candidates=content.candidate_rows(result),
         silent=[s for s in (words.absorbed(result), words.impossible(result)) if s],
         noise=_noise(result),
-        figures={name: base64.b64encode(svg).decode("ascii") for name, svg in figures.items()},
     )
 
 

@@ -5,7 +5,6 @@ search share one compiled solve, and every solve returns the derivatives to all 
 """
 
 import functools
-from typing import Any
 
 import equinox as eqx
 import jax
@@ -13,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from thermohyd.compiling import jitted, known_options
 from thermohyd.conditions import Conditions
 from thermohyd.effects.flowmeter import FLOW_CHANNELS, behind_meter
 from thermohyd.effects.registry import EFFECTS, with_effects
@@ -67,13 +67,8 @@ def library_program(effects: tuple[str, ...]) -> Both:
 
     Without XLA's fusion emitters the coupled valve compiles in two thirds of the time, and runs faster too.
     """
-    options: dict[str, Any] = {"xla_cpu_use_fusion_emitters": False}
-    try:
-        jax.jit(lambda x: x + 1.0, compiler_options=options).lower(1.0).compile()
-    except Exception:  # whatever a release of XLA calls an option that it does not know
-        options = {}
-    filter_jit: Any = eqx.filter_jit  # its types do not know the keywords that it hands on to jax.jit
-    return filter_jit(functools.partial(residual_and_columns, effects), compiler_options=options)
+    options = known_options({"xla_cpu_use_fusion_emitters": False})
+    return jitted(functools.partial(residual_and_columns, effects), options)
 
 
 def with_amounts(valve: Valve, names: tuple[str, ...], amounts: Float[Array, "effects ..."]) -> Valve:

@@ -3,18 +3,15 @@
 from collections.abc import Mapping
 from dataclasses import replace
 
-import numpy as np
-
 from ..dynamic.fit_motion import run_fit_motion
 from ..dynamic.noise import run_differences
 from ..fit_result import FitResult
-from ..noise_correlation import noise_correlation
 from ..parameters import IN_MOTION, ParameterPlan, Prior
 from ..record import BenchRecord
 from .case import Case, Progress
 from .library_fit import Noise
 from .motion_problem import MotionProblem, motion_library
-from .record_noise import ENOUGH_REPEATS, NoiseFound, Repeats, first_noise
+from .record_noise import NoiseFound, first_noise, repeats_in
 from .screening import finite_steps
 
 
@@ -49,7 +46,7 @@ def open_motion(
         for channel in test.channels:
             pieces = run_differences(test, channel)
             std = fitted.noise[name, channel.name].std
-            repeats[name, channel.name] = _repeats(pieces, std)
+            repeats[name, channel.name] = repeats_in(pieces, std)
     noise = {
         key: NoiseFound(n.std, problem.noise.correlation[key], n.source, "taken for white", n.known)
         for key, n in fitted.noise.items()
@@ -72,12 +69,3 @@ def _null(record: BenchRecord, plan: ParameterPlan, static: FitResult | None) ->
     found = None if static is None else static.parameters.get("null_bias")
     prior = Prior(plan.start, found.std) if found is not None and found.std else plan.prior
     return {"null_bias": replace(plan, fixed=False, prior=prior)}
-
-
-def _repeats(pieces: list[np.ndarray], std: np.ndarray) -> Repeats | None:
-    rows = sum(len(piece) for piece in pieces)
-    if rows < ENOUGH_REPEATS:
-        return None
-    values = np.concatenate(pieces) / float(np.sqrt(np.mean(std**2)))
-    ids = np.repeat(np.arange(len(pieces)), [len(piece) for piece in pieces])
-    return Repeats(float(np.mean(values**2)), noise_correlation(values, ids, 0.0), rows)

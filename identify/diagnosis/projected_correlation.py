@@ -34,10 +34,10 @@ class ProjectedNoise:
     def __init__(self, q: np.ndarray, stretches: np.ndarray) -> None:
         self.q = q
         self.pieces = list(piece_bounds(stretches))
-        self._kept: dict[float, tuple[np.ndarray, np.ndarray]] = {0.0: self._parts(0.0)}
+        self._kept: dict[float, np.ndarray] = {}
 
-    def _parts(self, phi: float) -> tuple[np.ndarray, np.ndarray]:
-        """(A with cov(r) = R - Q A' - A Q', Q) for R with phi^|i-j| within a stretch."""
+    def _spread(self, phi: float) -> np.ndarray:
+        """A with cov(r) = R - Q A' - A Q' for R with phi^|i-j| within a stretch."""
         remembered = self.q.copy()
         if phi > 0.0:
             for start, stop in self.pieces:
@@ -45,13 +45,13 @@ class ProjectedNoise:
                 ahead = lfilter([1.0], [1.0, -phi], own, axis=0)
                 back = lfilter([1.0], [1.0, -phi], own[::-1], axis=0)[::-1]
                 remembered[start:stop] = ahead + back - own
-        return remembered - 0.5 * self.q @ (self.q.T @ remembered), self.q
+        return remembered - 0.5 * self.q @ (self.q.T @ remembered)
 
     def sums(self, phi: float, rows: slice, lags: int) -> np.ndarray:
         """Expected sums of r_t r_(t+l), l = 0 ... lags, over the stretches in `rows`, for noise of variance 1."""
         if phi not in self._kept:
-            self._kept[phi] = self._parts(phi)
-        a, q = self._kept[phi]
+            self._kept[phi] = self._spread(phi)
+        a, q = self._kept[phi], self.q
         found = np.zeros(lags + 1)
         for start, stop in self._within(rows):
             for lag in range(min(lags + 1, stop - start)):
@@ -59,6 +59,10 @@ class ProjectedNoise:
                 whole = (stop - start - lag) * (phi**lag if phi > 0.0 else float(lag == 0))
                 found[lag] += whole - np.sum(q[early] * a[late]) - np.sum(a[early] * q[late])
         return found
+
+    def freedom(self, rows: slice) -> float:
+        """Rows less what the projection took of them: the expected sum of r_t^2 of white noise."""
+        return float(self.sums(0.0, rows, 0)[0])
 
     def _within(self, rows: slice) -> list[tuple[int, int]]:
         return [(start, stop) for start, stop in self.pieces if rows.start <= start and stop <= rows.stop]

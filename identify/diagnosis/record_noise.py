@@ -42,7 +42,11 @@ class Repeats:
 
 def repeats_of(test: TestRecord, channel: Channel, std: np.ndarray) -> Repeats | None:
     """Variance and correlation of the differences between repeated sweeps; None where there are too few."""
-    pieces = repeat_differences(test, channel)
+    return repeats_in(repeat_differences(test, channel), std)
+
+
+def repeats_in(pieces: list[np.ndarray], std: np.ndarray) -> Repeats | None:
+    """The same from the differences themselves, one array per pair."""
     rows = sum(len(piece) for piece in pieces)
     if rows < ENOUGH_REPEATS:
         return None
@@ -71,7 +75,6 @@ def found_noise(
     columns = np.concatenate([at.columns[:, every], smooth_block(plain, len(at.residual))], axis=1)
     saturated = Projection.beside(columns)
     rest = saturated(at.residual)
-    leverage = np.sum(saturated.q**2, axis=1)
     where = problem.rows()
     stretches = np.arange(len(rest))  # no two rows of a prior remember each other
     for key, rows in where.items():
@@ -79,9 +82,7 @@ def found_noise(
     projected = ProjectedNoise(saturated.q, stretches)
     found = {}
     for key, rows in where.items():
-        count = rows.stop - rows.start
-        spent = float(np.sum(leverage[rows]))
-        variance = float(np.sum(rest[rows] ** 2)) / max(count - spent, 1.0)
+        variance = float(np.sum(rest[rows] ** 2)) / max(projected.freedom(rows), 1.0)
         size = variance if variance > EXCESS else 1.0
         left = projected.remembered(rest, rows, size if stated[key].known else None)
         found[key] = _channel(stated[key], repeats[key], variance, left)

@@ -4,8 +4,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from thermohyd.compiling import quickly
 from thermohyd.dynamics.inputs import StepInputs
-from thermohyd.dynamics.quick import quickly
 from thermohyd.dynamics.small_signal import Output, frequency_response
 
 from .machine import machine

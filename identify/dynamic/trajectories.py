@@ -6,11 +6,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from thermohyd.actuator import Actuator
+from thermohyd.compiling import quickly
 from thermohyd.dynamics.equilibrium import equilibrium, scaling_of
 from thermohyd.dynamics.inputs import StepInputs
 from thermohyd.dynamics.integrate import NO_EQUILIBRIUM, integrate
 from thermohyd.dynamics.plant import Heat, Plant, plant_of, transducer_gain
-from thermohyd.dynamics.quick import quickly
 from thermohyd.dynamics.state import State
 from thermohyd.dynamics.walls import Walls
 from thermohyd.valve import Valve

@@ -1,14 +1,13 @@
 """Every file that `seed --out` writes, as bytes and text in memory: whole before the first one is written."""
 
-import base64
 from importlib.metadata import version
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.figure import Figure
 
 from ..fit_json import json_text
 from ..macro_output import macro_formulas, macro_json
-from ..plot_style import png, style, svg
+from ..page import page
+from ..plot_style import drawn
 from . import gain_figures as gains, leakage_figures as leaks, seed_valve as paper
 from .macro_figure import macro_figure
 from .seed_json import seed_json, seed_tables
@@ -46,10 +45,7 @@ def seed_files(study: SeedStudy) -> dict[str, bytes | str]:
     """{file name: content}: seed.json, eq6.json, seed.html, the CSVs, and a PNG and an SVG per figure."""
     oil = paper.seed_valve().oil
     figures = seed_figures(study)
-    with style():
-        vectors = {name: svg(figure) for name, figure in figures.items()}
-        files: dict[str, bytes | str] = {f"{name}.svg": drawing for name, drawing in vectors.items()}
-        files |= {f"{name}.png": png(figure) for name, figure in figures.items()}
+    vectors, files = drawn(figures)
     files |= seed_tables(study)
     files["seed.json"] = json_text(seed_json(study))
     files["eq6.json"] = json_text({model: macro_json(fit, oil) for model, fit in study.macro.items()})
@@ -59,12 +55,11 @@ def seed_files(study: SeedStudy) -> dict[str, bytes | str]:
 
 def seed_page(study: SeedStudy, vectors: dict[str, bytes]) -> str:
     """`seed.html`: claims, figures and Eq. 6 on one page without network access."""
-    loader = PackageLoader("thermohyd.identify", "templates")
-    environment = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True)
-    return environment.get_template("seed.html").render(
+    return page(
+        "seed.html",
+        {CAPTIONS[name]: drawing for name, drawing in vectors.items()},
         study=study,
         macro=study.macro["HM"],
         formulas=macro_formulas(study.macro["HM"], paper.seed_valve().oil),
-        figures={CAPTIONS[name]: base64.b64encode(drawing).decode("ascii") for name, drawing in vectors.items()},
         version=version("thermohyd"),
     )

@@ -1,13 +1,12 @@
 """Every file that `sensitivity --out` writes, as bytes and text in memory: whole before the first one is written."""
 
-import base64
 from importlib.metadata import version
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.figure import Figure
 
 from ..fit_json import json_text
-from ..plot_style import png, style, svg
+from ..page import page
+from ..plot_style import drawn
 from . import words
 from .curve_plot import curve_figure
 from .drift_plot import drift_figure
@@ -33,10 +32,7 @@ def sensitivity_figures(result: SensitivityResult) -> dict[str, Figure]:
 def sensitivity_files(result: SensitivityResult) -> dict[str, bytes | str]:
     """{file name: content}: sensitivity.json, report.html, and a PNG and an SVG per figure."""
     figures = sensitivity_figures(result)
-    with style():
-        vectors = {name: svg(figure) for name, figure in figures.items()}
-        files: dict[str, bytes | str] = {f"{name}.svg": drawing for name, drawing in vectors.items()}
-        files |= {f"{name}.png": png(figure) for name, figure in figures.items()}
+    vectors, files = drawn(figures)
     files["sensitivity.json"] = json_text(sensitivity_json(result))
     files["report.html"] = sensitivity_page(result, vectors, version("thermohyd"))
     return files
@@ -44,9 +40,9 @@ def sensitivity_files(result: SensitivityResult) -> dict[str, bytes | str]:
 
 def sensitivity_page(result: SensitivityResult, figures: dict[str, bytes], version: str) -> str:
     """`report.html`: one page without network access; every text is escaped by the template engine."""
-    loader = PackageLoader("thermohyd.identify", "templates")
-    environment = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True)
-    return environment.get_template("sensitivity.html").render(
+    return page(
+        "sensitivity.html",
+        figures,
         name=result.subject.name,
         conditions=words.conditions_in_words(result),
         oil=result.subject.model.oil.name,
@@ -66,5 +62,4 @@ def sensitivity_page(result: SensitivityResult, figures: dict[str, bytes], versi
         posterior=words.posterior_sentences(result),
         tests=TESTS,
         version=version,
-        figures={name: base64.b64encode(drawing).decode("ascii") for name, drawing in figures.items()},
     )

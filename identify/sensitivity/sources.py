@@ -13,6 +13,7 @@ from .settings import Settings, read_settings
 if TYPE_CHECKING:
     from thermohyd.actuator import Actuator
 
+    from ..fit_result import FitResult
     from .subject import Subject
 
 
@@ -44,12 +45,17 @@ class Source:
             return subject_of_record(self.record, model, self.settings)
         if not all(test.channels for test in self.record.tests.values()):
             return subject_of_record(self.record, nominal_model(self.record), self.settings)
-        from ..fit import fit
+        return subject_of_fit(fitted(self.record, say), self.settings)
 
-        result = fit(self.record, progress=say)
-        if not result.converged:
-            raise RuntimeError(f"the fit did not converge: {result.message}; name a model with --model")
-        return subject_of_fit(result, self.settings)
+
+def fitted(record: BenchRecord, say: Callable[[str], None]) -> "FitResult":
+    """The fit that a study starts from. Raises RuntimeError where it does not converge."""
+    from ..fit import fit
+
+    result = fit(record, progress=say)
+    if not result.converged:
+        raise RuntimeError(f"the fit did not converge: {result.message}; name a model with --model")
+    return result
 
 
 def actuator_of(subject: "Subject", settings: Settings) -> "Actuator | None":

@@ -11,9 +11,9 @@ from matplotlib.ticker import LogLocator
 from thermohyd.closed_loop import FrequencyResponse, Margins
 
 from .. import plot_style as look
+from ..display_units import decibel
 from ..performance_plots import LINES, WARM, draw_bode
 from .study import MODELS, ServoStudy
-from .tables import decibel
 from .words import conditions_in_words
 
 

@@ -12,7 +12,7 @@ from thermohyd.actuator_performance import performance
 from thermohyd.closed_loop import loop_margins
 from thermohyd.dynamics.large_motions import KEPT, largest_gain_rise
 from thermohyd.dynamics.plant import Heat
-from thermohyd.dynamics.temperature_sweep import LoopSweep, StepSweep, loop_sweep, run_lengths, step_sweep
+from thermohyd.dynamics.temperature_sweep import ROWS, LoopSweep, StepSweep, loop_sweep, run_lengths, step_sweep
 from thermohyd.oil import walther_viscosity
 
 from ..sensitivity.varied import valve_of_model
@@ -20,7 +20,6 @@ from .subject import Subject
 
 
 MODELS: dict[str, Heat] = {"THM": "adiabatic", "HM": "isothermal"}
-ROWS = 1200
 
 
 @dataclass(frozen=True)

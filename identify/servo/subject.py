@@ -10,7 +10,7 @@ from ..errors import BenchInputError
 from ..model import Model
 from ..model_file import load_model, model_of_fit, nominal_model
 from ..record import ActuatorData, BenchRecord
-from ..sensitivity.sources import Source
+from ..sensitivity.sources import Source, fitted
 from ..sensitivity.subject import conditions_of, left_out, seed_model
 from .request import Request
 
@@ -72,12 +72,7 @@ def _model(source: Source, say: Callable[[str], None]) -> Model:
         return seed_model()
     if not all(test.channels for test in source.record.all_tests.values()):
         return nominal_model(source.record)
-    from ..fit import fit
-
-    result = fit(source.record, progress=say)
-    if not result.converged:
-        raise RuntimeError(f"the fit did not converge: {result.message}; name a model with --model")
-    return model_of_fit(result)
+    return model_of_fit(fitted(source.record, say))
 
 
 def _actuator(source: Source, model: Model, request: Request) -> tuple[Actuator, list[str]]:

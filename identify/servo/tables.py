@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..display_units import significant
+from ..display_units import decibel, significant
 from .study import ServoStudy
 
 
@@ -22,10 +22,6 @@ SLOPES = (
     "xi_h -",
 )
 UNSTABLE = "unst."
-
-
-def decibel(ratio: ArrayLike) -> np.ndarray:
-    return np.asarray(20.0 * np.log10(np.asarray(ratio)))
 
 
 def rows(study: ServoStudy, model: str) -> list[list[str]]:

@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from ..display_units import decibel
 from .study import MODELS, ServoStudy
-from .tables import decibel, number
+from .tables import number
 
 
 SAFE = 2.0  # a gain margin of 6 dB

@@ -1,13 +1,12 @@
 """Derivatives of a step test: forward and reverse against each other and against finite differences."""
 
-import subprocess
-import sys
 from dataclasses import replace
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from helpers.commands import refusal_in_single_precision
 from helpers.machines import actuator_of, inputs_of, valve_of
 from helpers.quick_compile import quick_jit
 from reference.actuator import Machine, Run
@@ -95,10 +94,5 @@ def test_derivatives_across_kinks():
 
 
 def test_single_precision_is_refused():
-    code = (
-        "import thermohyd\n"
-        "try:\n    thermohyd.simulate_step(None, None, None)\n"
-        "except RuntimeError as error:\n    print(error)\n"
-    )
-    ran = subprocess.run([sys.executable, "-P", "-c", code], capture_output=True, text=True, check=True)
-    assert ran.stdout.startswith("simulate_step needs double precision")
+    said = refusal_in_single_precision("simulate_step(None, None, None)")
+    assert said.startswith("simulate_step needs double precision")

@@ -13,11 +13,11 @@ import numpy as np
 from jaxtyping import Array
 
 from ..actuator import Actuator
+from ..compiling import jitted, known_options
 from ..valve import Valve
 from .inputs import StepInputs
 from .integrate import FAILURES
 from .plant import Heat
-from .quick import known_options
 from .rodas_lanes import Rodas5PTogether
 from .simulate import ATOL, MAX_STEPS, RTOL, StepReadings, check_choices, simulated
 from .walls import Walls
@@ -52,8 +52,7 @@ def _run(
 
 @cache
 def _compiled(options: tuple[tuple[str, Any], ...]) -> Callable[..., StepReadings]:
-    jit: Any = eqx.filter_jit
-    return jit(_run, compiler_options=dict(options))
+    return jitted(_run, dict(options))
 
 
 # Programs that were run, so compiled: two threads that both find none would both compile it.

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Complex, Float, Real
 
 from ..actuator import Actuator
+from ..compiling import quickly
 from ..precision import require_float64
 from ..valve import Valve
 from .broken_loop import PULSATION, LoopFigures, broken, loop_figures
@@ -17,7 +18,6 @@ from .inputs import StepInputs, step_inputs
 from .integrate import FAILURES, NO_EQUILIBRIUM
 from .motion import motion_of
 from .plant import Heat, plant_of
-from .quick import quickly
 from .simulate import StepReadings, simulate_step
 from .small_signal import linearise, refuse_backlash
 from .step_figures import StepFigures, step_figures

@@ -5,11 +5,9 @@ import shutil
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from helpers.commands import command
 
 from thermohyd.data import sample_record
-from thermohyd.identify import jax_setup
-from thermohyd.identify.command_line import app
 from thermohyd.identify.sensitivity.factors import FACTORS
 from thermohyd.identify.sensitivity.outputs import OUTPUTS
 
@@ -20,10 +18,7 @@ PICTURES = ("sobol", "sobol_along", "drift", "leakage", "pressure_gain", "flow_g
 
 @pytest.fixture
 def run(monkeypatch):
-    monkeypatch.setattr(jax_setup, "set_up_jax", lambda: None)
-    monkeypatch.setenv("COLUMNS", "120")
-    monkeypatch.delenv("THERMOHYD_DEBUG", raising=False)
-    return lambda *arguments: CliRunner().invoke(app, ["sensitivity", *map(str, arguments)])
+    return command(monkeypatch, "sensitivity", 120)
 
 
 @pytest.fixture

@@ -2,11 +2,9 @@
 
 import numpy as np
 import pytest
+from helpers.commands import command
 from helpers.quick_compile import quick_compile
-from typer.testing import CliRunner
 
-from thermohyd.identify import jax_setup
-from thermohyd.identify.command_line import app
 from thermohyd.identify.sensitivity.settings import Settings
 from thermohyd.identify.sensitivity.sources import Source
 from thermohyd.identify.servo.request import Request
@@ -39,7 +37,4 @@ def stiffer(study) -> ServoStudy:
 
 @pytest.fixture
 def run(monkeypatch):
-    monkeypatch.setattr(jax_setup, "set_up_jax", lambda: None)
-    monkeypatch.setenv("COLUMNS", "80")
-    monkeypatch.delenv("THERMOHYD_DEBUG", raising=False)
-    return lambda *arguments: CliRunner().invoke(app, ["servo", *map(str, arguments)])
+    return command(monkeypatch, "servo", 80)
