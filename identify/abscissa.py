@@ -6,7 +6,7 @@ import numpy as np
 
 from .legs import piece_bounds
 from .noise import effective_size
-from .rounding import local_steps, rounding_error
+from .rounding import local_steps, reading_steps, rounding_error
 
 
 STEPS_ACROSS = 3.0  # a window over this many steps of the log averages its rounding away
@@ -19,7 +19,7 @@ class Abscissa:
     position: smoothed; scatter: of one row about it, for the mean of n rows to be divided by sqrt(n) although the
     smoothing averages over more, because neighbouring bins then share an error; rounding: what dither and sweep leave
     of the log's rounding.
-    staircase: True in legs whose position stands still between steps, so that bins had better end with a step.
+    staircase: True in legs whose spool stands still between steps, so that bins had better end with a step.
     """
 
     position: np.ndarray
@@ -29,9 +29,12 @@ class Abscissa:
     step: np.ndarray
 
 
-def smooth_abscissa(position: np.ndarray, legs: np.ndarray) -> Abscissa:
-    """Local straight lines through the logged position of each leg, over as many rows as its rounding and dither ask for."""
-    step = local_steps(position)
+def smooth_abscissa(position: np.ndarray, legs: np.ndarray, readings: list[np.ndarray] | None = None) -> Abscissa:
+    """Local straight lines through the logged position of each leg, over as many rows as its rounding and dither ask for.
+
+    A position that stands still between steps, where the `readings` (rows,) do not, was only rounded: it is joined up.
+    """
+    step, read = local_steps(position), reading_steps(position, legs)
     smooth, staircase = position.copy(), np.zeros(len(position), bool)
     spread, rounding = np.zeros(len(position)), np.zeros(len(position))
     for start, stop in piece_bounds(legs):
@@ -40,8 +43,13 @@ def smooth_abscissa(position: np.ndarray, legs: np.ndarray) -> Abscissa:
         if stop - start < 8 or np.ptp(x) == 0:
             continue
         if _is_staircase(x):
-            staircase[part] = True
+            joined = _joined_steps(x)
+            if any(_moves_with(joined - x, x, reading[part]) for reading in readings or []):
+                smooth[part] = joined
+            else:
+                staircase[part] = True
             continue
+        step[part] = read[part]  # an even sweep lies on a grid that no rounding made
         half = _half_window(x, float(step[part].max()))
         if half == 0:
             continue
@@ -76,6 +84,32 @@ def _is_staircase(x: np.ndarray) -> bool:
     moves = change[change != 0]
     forward = max(np.mean(moves > 0), np.mean(moves < 0)) if len(moves) else 0.0
     return bool(0 < len(moves) < 0.2 * len(change) and forward > 0.97)
+
+
+def _joined_steps(x: np.ndarray) -> np.ndarray:
+    """A staircase's position joined up through the middles of its risers; its first and last tread at the same pace."""
+    risers = np.flatnonzero(np.diff(x))
+    row, middle = risers + 0.5, 0.5 * (x[risers] + x[risers + 1])
+    if len(row) < 2:
+        return x
+    at = np.arange(len(x))
+    ends = [middle[0] + (middle[1] - middle[0]) / (row[1] - row[0]) * (at - row[0]),
+            middle[-1] + (middle[-1] - middle[-2]) / (row[-1] - row[-2]) * (at - row[-1])]  # fmt: skip
+    inside = np.interp(at, row, middle)
+    found = np.where(at < row[0], ends[0], np.where(at > row[-1], ends[1], inside))
+    return x + np.clip(found - x, -0.5 * np.abs(np.median(np.diff(middle))), 0.5 * np.abs(np.median(np.diff(middle))))
+
+
+def _moves_with(ramp: np.ndarray, x: np.ndarray, reading: np.ndarray) -> bool:
+    """Whether a reading follows the `ramp` within the treads of a staircase, at the slope that it has from tread to tread."""
+    tread = np.cumsum(np.append(0, np.diff(x) != 0))
+    rows = np.bincount(tread)
+    level, height = np.bincount(tread, reading) / rows, np.bincount(tread, x) / rows
+    if len(rows) < 4:
+        return False
+    expected = np.gradient(level, height)[tread] * (ramp - (np.bincount(tread, ramp) / rows)[tread])
+    power = float(expected @ expected)
+    return power > 0.0 and float(expected @ (reading - level[tread])) > 0.5 * power
 
 
 def _half_window(x: np.ndarray, step: float) -> int:

@@ -4,12 +4,11 @@ import numpy as np
 
 from .abscissa import Abscissa
 from .legs import piece_bounds
-from .log_noise import LogCorrelation
 
 
 CELLS = 400  # per leg: the resolution at which the curve's shape is judged
-SMALLEST_BIN = 8  # rows
-FEWEST_BINS = 60  # per leg, where there are few legs
+SMALLEST_BIN = 2  # rows; their mean of the model is then exact
+FEW_BINS, FEWEST_BINS = 8, 60  # per leg, where there are many legs and where there are few
 SHARES = {
     "width": 0.35,
     "rise": 0.30,
@@ -18,46 +17,41 @@ SHARES = {
 
 
 def bin_starts(
-    abscissa: Abscissa,
-    readings: list[np.ndarray],
-    legs: np.ndarray,
-    max_points: int,
-    correlations: list[LogCorrelation] | None = None,
+    abscissa: Abscissa, readings: list[np.ndarray], legs: np.ndarray, max_points: int, smallest: float = SMALLEST_BIN
 ) -> np.ndarray:
     """First row of every bin, ascending, so that about `max_points` bins cover the log and none crosses a leg's end.
 
-    Bins hold equal parts of a density that grows with the sweep, the rise of the readings and, as the 2/5th power,
-    their
-    curvature: the power at which the bias of a bin's mean is the same share of its noise everywhere. Where the rows'
-    `correlations` are known (one per reading, from a first pass), no bin is much shorter than the noise's memory
-    unless the curve's bends ask for it.
+    smallest: rows of a bin, at least: some times what the noise remembers, so that points are independent readings.
+
+    Bins hold equal parts of a density that grows with the sweep, the rise of the readings and, as the 2/5th power, their
+    curvature. How they are cut biases nothing, as means of readings are compared with means of the model: they are
+    narrow where the curve tells something.
     """
     rows = len(legs)
     width = np.abs(_steps(abscissa.position, legs))
-    rise, bend, most = np.zeros(rows), np.zeros(rows), np.zeros(rows)
-    for reading, correlation in zip(readings, correlations or [LogCorrelation()] * len(readings), strict=True):
-        slope, curvature, scatter = _shape(reading, legs, correlation)
+    rise, bend = np.zeros(rows), np.zeros(rows)
+    for reading in readings:
+        slope, curvature = _shape(reading, legs)
         rise += _share(np.abs(slope))
         bend += _share(np.abs(curvature) ** 0.4)
-        most = np.maximum(most, _finest(slope, curvature, scatter, correlation.rows_per_reading()))
     parts = {"width": _share(width), "rise": _share(rise), "bend": _share(bend)}
     density = np.full(rows, 0.02 / rows)
     for name, part in parts.items():
         density += SHARES[name] * part
     density *= max_points / density.sum()
-    fewest = float(np.clip(0.5 * max_points / len(np.unique(legs)), SMALLEST_BIN, FEWEST_BINS))
+    fewest = float(np.clip(0.5 * max_points / len(np.unique(legs)), FEW_BINS, FEWEST_BINS))
     starts: list[np.ndarray] = []
     for start, stop in piece_bounds(legs):
         stairs = abscissa.position[start:stop] if abscissa.staircase[start] else None
-        starts.append(start + _cut(density[start:stop], most[start:stop], fewest, stairs))
+        starts.append(start + _cut(density[start:stop], fewest, smallest, stairs))
     return np.concatenate(starts)
 
 
-def _cut(density: np.ndarray, most: np.ndarray, fewest: float, stairs: np.ndarray | None) -> np.ndarray:
-    """Starts of the bins of one leg: equal parts of the density, nowhere denser than `most`, on the steps of a staircase."""
+def _cut(density: np.ndarray, fewest: float, smallest: float, stairs: np.ndarray | None) -> np.ndarray:
+    """Starts of the bins of one leg: equal parts of the density, none of very few rows, on the steps of a staircase."""
     rows = len(density)
-    most = np.clip(most, min(fewest / rows, 1.0 / SMALLEST_BIN), 1.0 / SMALLEST_BIN)
-    bins = max(1, round(min(max(float(density.sum()), fewest), float(most.sum()))))
+    most = min(max(1.0 / smallest, fewest / rows), 1.0 / SMALLEST_BIN)
+    bins = max(1, round(min(max(float(density.sum()), fewest), rows * most)))
     for _ in range(20):  # what the cap takes goes to the rest
         density = density * (bins / density.sum())
         if np.all(density <= 1.001 * most):
@@ -71,22 +65,9 @@ def _cut(density: np.ndarray, most: np.ndarray, fewest: float, stairs: np.ndarra
     return starts
 
 
-def _finest(slope: np.ndarray, curvature: np.ndarray, scatter: np.ndarray, memory: float) -> np.ndarray:
-    """Bins per row beyond which nothing is gained: means two standard deviations apart, or biased by 0.4 of their own.
-
-    The mean of n rows is known to scatter/sqrt(n), moves by slope*n from bin to bin and is biased by curvature*n^2/24.
-    """
-    tiny = 1e-300
-    by_rise = (np.abs(slope) / (2.0 * scatter + tiny)) ** (2.0 / 3.0)
-    by_bend = (np.abs(curvature) / (10.0 * scatter + tiny)) ** 0.4
-    return np.maximum(np.minimum(by_rise, 1.0 / (1.5 * memory)), by_bend)
-
-
-def _shape(
-    reading: np.ndarray, legs: np.ndarray, correlation: LogCorrelation
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Slope and curvature per row of the smoothed reading, leg by leg, and the scatter of a row about it (white equivalent)."""
-    slope, curvature, scatter = np.zeros(len(reading)), np.zeros(len(reading)), np.zeros(len(reading))
+def _shape(reading: np.ndarray, legs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Slope and curvature per row of the smoothed reading, leg by leg."""
+    slope, curvature = np.zeros(len(reading)), np.zeros(len(reading))
     for start, stop in piece_bounds(legs):
         n = stop - start
         size = max(1, n // CELLS)
@@ -96,15 +77,10 @@ def _shape(
             continue
         level = _unstepped(reading[start:stop])
         cells = level[: count * size].reshape(count, size).mean(axis=1)
-        half = _best_half(cells)
-        smooth, first, second = local_parabola(cells, half)
+        _, first, second = local_parabola(cells, _best_half(cells))
         cell = np.minimum(np.arange(n) // size, count - 1)
         slope[start:stop], curvature[start:stop] = first[cell] / size, second[cell] / size**2
-        white = np.sqrt(correlation.rows_per_reading() / correlation.rows_per_reading(size))
-        scatter[start:stop] = white * np.sqrt(
-            np.median((cells - smooth) ** 2) / 0.4549 * size * (2 * half + 1) / (2 * half - 2 + 1e-9)
-        )
-    return slope, curvature, scatter
+    return slope, curvature
 
 
 def _unstepped(reading: np.ndarray) -> np.ndarray:

@@ -23,6 +23,8 @@ class ChannelNoise:
     declared: bool
     # What the fit weighs with: `std`, widened where the model misses the curve by more than its noise.
     used: np.ndarray
+    freedom: float = np.inf  # degrees of freedom from which `std` was estimated
+    neighbours: float | None = None  # scatter of neighbouring rows about a smooth curve, where that says something
 
 
 FROM_RESIDUALS = "taken from the fit's residuals"
@@ -34,15 +36,17 @@ def initial_noise(test: TestRecord, channel: Channel) -> ChannelNoise:
     floor = local_steps(channel.value) / np.sqrt(12.0)
     if channel.std is not None:
         std = np.maximum(channel.std, floor)
-        return ChannelNoise(std, channel.std_source, True, channel.std_source.startswith("declared"), std)
+        declared = channel.std_source.startswith("declared")
+        return ChannelNoise(std, channel.std_source, True, declared, std, channel.freedom)
     repeated = noise_from_repeats(test, channel)
     if repeated is not None:
         std = np.maximum(np.full(test.rows, repeated.std), floor)
-        return ChannelNoise(std, repeated.source, True, False, std)
-    guess = noise_from_neighbours(test, channel).std
+        return ChannelNoise(std, repeated.source, True, False, std, repeated.freedom)
+    found = noise_from_neighbours(test, channel)
+    guess = found.std
     smallest = 1e-4 * max(float(np.ptp(channel.value)), float(np.max(np.abs(channel.value))), 1e-300)
     std = np.maximum(np.full(test.rows, max(guess, smallest)), floor)
-    return ChannelNoise(std, FROM_RESIDUALS, False, False, std)
+    return ChannelNoise(std, FROM_RESIDUALS, False, False, std, neighbours=guess if found.valid else None)
 
 
 def reweighted(noise: ChannelNoise, misfit: np.ndarray, freedom: float) -> ChannelNoise:

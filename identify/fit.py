@@ -1,7 +1,7 @@
 """The fit: parameters of a valve from its bench record, with error bars that allow for what the noise really is."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,16 +12,18 @@ from .channel_noise import ChannelNoise, initial_noise, reweighted
 from .errors import BenchInputError
 from .fit_result import FitResult, StartOutcome
 from .fitted import Fitted, Key
-from .hopping import hop
+from .hopping import hop, on_a_kink
 from .least_squares import LeastSquaresResult, multi_start, solve
-from .outcome import fit_result
+from .outcome import fit_result, uncertainty_of
 from .parameters import ParameterPlan, plan_parameters
 from .problem import FitArgs, box_of, prior_rows, residual_of
+from .profile_intervals import covariance_holds, profile_intervals
 from .record import BenchRecord, TestRecord
 from .reduction import reduce_test
 from .signs import reversed_channels, warning_of, with_signs_turned
 from .starting_point import null_position
 from .static_model import base_valve, channel_slices, static_data
+from .transforms import Box
 
 
 # Rounds of re-estimating unknown noise from the residuals; each starts from the last optimum and costs a few steps.
@@ -32,6 +34,11 @@ STARTS = 4
 CANDIDATES = 2
 # A search stops a hundred-thousandth of a standard error from its optimum: one step earlier than the solver's default.
 CLOSE_ENOUGH = 1e-5
+PROFILE_CLOSE_ENOUGH = 1e-2  # chi-square is then right to 1e-4
+# An end counts as an optimum up to here: a twentieth of a standard error is nothing to anybody.
+BELIEVE_BELOW = 0.05
+MOST_BETTER = 4  # times that a profile may run into a deeper optimum
+TINY = 1e-12  # chi-square per reading of readings that the model meets to rounding: nothing is left to judge by
 
 Progress = Callable[[str], None]
 
@@ -45,13 +52,15 @@ def fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | None 
     require_float64("fit")
     began = time.perf_counter()
     if record.dynamic is None:
-        result = fit_result(run_fit(record, starts=starts, progress=progress))
+        result = _with_intervals(run_fit(record, starts=starts, progress=progress), progress)
     else:
         # Here, not above: a static fit does not wait for the solvers of motion.
         from .dynamic.both_fits import joined
         from .dynamic.fit_motion import fit_motion
 
-        static = fit_result(run_fit(record, starts=starts, progress=progress)) if record.tests else None
+        static = (
+            _with_intervals(run_fit(record, starts=starts, progress=progress), progress) if record.tests else None
+        )
         known = None if static is None else {name: found.value for name, found in static.parameters.items()}
         result, _ = fit_motion(record, progress, known)
         result = result if static is None else joined(static, result)
@@ -82,7 +91,7 @@ def run_fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | N
             f"{readings} readings cannot determine {len(free)} parameters; hold some in [start] or add rows",
             file=record.folder,
         )
-    problem = _Problem(record, tests, plans, free)
+    problem = Problem(record, tests, plans, free)
     say(f"fitting {len(free)} parameters to {readings:,} readings")
     first = problem.first_starts()
     outcomes = multi_start(
@@ -93,6 +102,7 @@ def run_fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | N
         count=starts,
         candidates=CANDIDATES,
         tolerance=CLOSE_ENOUGH,
+        believe=BELIEVE_BELOW,
         progress=say,
     )
     solution = problem.hop(outcomes[0], noise)
@@ -109,12 +119,38 @@ def run_fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | N
     return Fitted(record, tests, plans, free, noise, solution, tuple(told), tuple(warnings))
 
 
+def _with_intervals(fitted: Fitted, progress: Progress | None) -> FitResult:
+    """The fit in figures; its intervals by profiles of chi-square where the covariance at the optimum does not hold."""
+    say = progress or (lambda _: None)
+    problem = Problem(fitted.record, fitted.tests, fitted.plans, fitted.free)
+    for _ in range(MOST_BETTER):
+        known, best, noise = uncertainty_of(fitted), fitted.solution, fitted.noise
+        if not best.converged or best.cost <= TINY * len(best.residual):
+            break
+        reach, args = known.reach(len(fitted.free)), problem.args(noise)
+        hold = lambda start, held, args=args: problem.solve(args, start, held)
+        matrix = known.covariance.matrix / np.sqrt(np.outer(known.inflation, known.inflation))
+        if covariance_holds(best, problem.boxes, matrix, reach * float(np.sqrt(np.median(known.inflation))), hold):
+            break
+        say("intervals by profiles of chi-square")
+        std = np.sqrt(np.diag(matrix))
+        found = profile_intervals(best, problem.boxes, std, reach**2 * known.inflation, hold, say)
+        if found.better is None:
+            return fit_result(fitted, uncertainty=known, intervals=found.intervals)
+        say("a profile found a better optimum")
+        better = problem.hop(problem.solve(args, found.better.p), noise)
+        noise = problem.settle(noise, better)
+        better = problem.solve(problem.args(noise), better.p)
+        fitted = replace(fitted, noise=noise, solution=better if better.converged else on_a_kink(better))
+    return fit_result(fitted)
+
+
 def _change(before: ChannelNoise, after: ChannelNoise) -> float:
     return float(np.max(np.abs(after.used / before.used - 1.0)))
 
 
 @dataclass(frozen=True)
-class _Problem:
+class Problem:
     """One record's least-squares problem; only the noise changes between its solves."""
 
     record: BenchRecord
@@ -154,8 +190,13 @@ class _Problem:
             new[key] = reweighted(noise[key], misfit, freedom)
         return new
 
-    def solve(self, args: FitArgs, start: np.ndarray) -> LeastSquaresResult:
-        return solve(residual_of(self.free), self.boxes, args, start, tolerance=CLOSE_ENOUGH)
+    def solve(self, args: FitArgs, start: np.ndarray, held: Mapping[int, float] | None = None) -> LeastSquaresResult:
+        """From `start`, with the parameters of these indices held at these values."""
+        boxes = self.boxes
+        for i, value in (held or {}).items():
+            boxes[i] = Box(boxes[i].name, value, boxes[i].scale, value, value, held=True)
+        tolerance = PROFILE_CLOSE_ENOUGH if held else CLOSE_ENOUGH
+        return solve(residual_of(self.free), boxes, args, start, tolerance=tolerance, believe=BELIEVE_BELOW)
 
     def hop(self, best: LeastSquaresResult, noise: dict[Key, ChannelNoise]) -> LeastSquaresResult:
         args = self.args(noise)

@@ -19,13 +19,14 @@ def fit_json(result: FitResult) -> dict[str, Any]:
         "converged": result.converged,
         "message": result.message,
         "verdict": list(result.verdict),
+        "judged": result.judged,
         "parameters": {name: _parameter(estimate) for name, estimate in result.parameters.items()},
         "correlation": {
             a: {b: result.correlation[i, j] for j, b in enumerate(free) if j != i} for i, a in enumerate(free)
         },
         "covariance": {"of": free, "matrix": result.covariance},
         "reduced_chi2": result.reduced_chi2,
-        "reduced_chi2_band": chi2_band(result.degrees_of_freedom),
+        "reduced_chi2_band": chi2_band(result.degrees_of_freedom, result.noise_freedom),
         "chi2": result.chi2,
         "degrees_of_freedom": result.degrees_of_freedom,
         "residual_rms": {test: _rms(result, test, "residual_rms") for test in tests},
@@ -76,6 +77,8 @@ def _parameter(estimate: ParameterEstimate) -> dict[str, Any]:
         "bounds": [estimate.lower, estimate.upper],
         "prior_std": estimate.prior_std,
         "why_no_error_bar": estimate.why_no_error_bar,
+        "by_profile": estimate.by_profile,
+        "conditional_on": list(estimate.conditional_on),
     }
 
 

@@ -7,12 +7,19 @@ import numpy as np
 from .record import BenchRecord
 
 
+# Reduced chi-square above which the program says that model and bench disagree (about 1.5 noise units RMS).
+DISAGREES = 2.0
+
+
 @dataclass(frozen=True)
 class ParameterEstimate:
     """One parameter after the fit (SI).
 
     `std` and `ci95` are None where there is no honest error bar; `why_no_error_bar` then says why
-    (held fixed, at its bound, no reading depends on it, a flat direction shared with ...).
+    (held fixed, at its bound, no reading depends on it, a flat direction shared with ...). `by_profile`: the interval is
+    that of the profile of chi-square, and need not lie evenly about the value; `std` is then the root mean square about the
+    value of a normal law in two pieces with these sides, and at a bound there is an interval without a `std`. `conditional_on`: parameters at their bounds, which std and
+    interval take to stay there.
     """
 
     name: str
@@ -27,6 +34,8 @@ class ParameterEstimate:
     fixed: bool = False
     prior_std: float | None = None
     why_no_error_bar: str = ""
+    by_profile: bool = False
+    conditional_on: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -50,6 +59,8 @@ class ChannelFit:
     reduced_chi2: float  # of this channel alone
     autocorrelation: float  # of neighbouring residuals along the sweep
     effective_size: float  # independent readings that the points are worth
+    noise_known: bool = True  # stated, or measured free of any model; else taken from the residuals themselves
+    neighbours: float | None = None  # scatter of neighbouring readings about a smooth curve, where that says something
 
 
 @dataclass(frozen=True)
@@ -95,4 +106,17 @@ class FitResult:
     starts: tuple[StartOutcome, ...]
     notes: tuple[str, ...] = ()  # what was reduced, where the noise came from, what was left out
     warnings: tuple[str, ...] = ()
+    noise_freedom: float = np.inf  # degrees of freedom from which the noise was estimated; infinite: stated
     verdict: tuple[str, ...] = field(default=())  # plain sentences: how well the ideal valve fits and where it misses
+
+    @property
+    def judged(self) -> bool:
+        """Whether the noise of every reading is known, so that agreement or misfit can be judged."""
+        return all(channel.noise_known for channel in self.channels)
+
+    @property
+    def standing(self) -> str:
+        """"good": explained within a known noise; "open": that cannot be judged, or a parameter ends at its limit; "bad"."""
+        if not self.converged or any(c.noise_known and c.reduced_chi2 >= DISAGREES for c in self.channels):
+            return "bad"
+        return "good" if self.judged and not any(p.at_bound for p in self.parameters.values()) else "open"

@@ -159,6 +159,7 @@ def multi_start(
     count: int = 4,
     candidates: int = 16,
     tolerance: float = STOP_AT,
+    believe: float = BELIEVE_BELOW,
     progress: Callable[[str], None] | None = None,
 ) -> list[LeastSquaresResult]:
     """Solve from `starts` (default: the boxes' own) and from the best screened candidates, `count` solves in all.
@@ -183,6 +184,7 @@ def multi_start(
                 args,
                 start,
                 tolerance=tolerance,
+                believe=believe,
             )
         )
     return sorted(outcomes, key=lambda o: (not o.converged, o.cost if np.isfinite(o.cost) else np.inf))

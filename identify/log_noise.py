@@ -1,11 +1,14 @@
 """How noisy are the rows of a raw log about a smooth curve, and how long does that noise last? Plain NumPy.
 
 Third differences along the log are blind to any parabola, so that neither slope nor bend of the curve counts as noise.
+Rows are independent unless the log says clearly otherwise: then the mean of n of them is known to 1/sqrt(n) of one,
+whatever the bin, and nothing is estimated bin by bin.
 """
 
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.special import chdtrc, polygamma
 
 from .legs import piece_bounds
 
@@ -14,6 +17,13 @@ Values = float | np.ndarray
 
 PENALTY = 6.0  # in chi-square: white noise, unless the scales say clearly otherwise
 MEDIAN_OF_CHI2 = 0.4549  # one degree of freedom
+REDUNDANT = 2.31  # neighbouring third differences that are worth one independent one: 1 + 2 sum of squared correlations
+STRETCH, FEW = 48, 12  # third differences that are judged together
+AROUND = 5  # stretches whose median is local
+UNEQUAL = 1e-4  # probability of stretches as unequal as this by chance, below which the noise varies along the log
+ALTERNATES = 0.62  # share of neighbouring third differences of opposite sign: 0.77 in noise, however long its memory
+CLEARLY = 4.0  # standard errors
+RESOLVED = 150  # means per sweep between which a valve's curve hardly bends
 
 
 @dataclass(frozen=True)
@@ -51,6 +61,105 @@ class LogCorrelation:
         """Correlation between the means of two neighbouring bins of `rows` rows."""
         one, two = (_sum_variance(k * rows, self.white, self.memory) for k in (1.0, 2.0))
         return float(two / (2.0 * one) - 1.0)
+
+
+@dataclass(frozen=True)
+class RowScatter:
+    """variance (rows,): of a row about a smooth curve if rows are independent; freedom: what it was estimated from."""
+
+    variance: np.ndarray
+    freedom: float
+
+
+def row_scatter(value: np.ndarray, legs: np.ndarray) -> RowScatter:
+    """Variance of the rows from third differences of neighbours: one figure for the whole log, unless it clearly varies.
+
+    By stretches of some dozens of rows, whose median no bend and no spike moves. Where the stretches differ by more than
+    chance, each row takes the median of the stretches around it.
+    """
+    variance, at, leg = _stretches(value, legs)
+    if not len(variance) or not np.median(variance) > 0.0:
+        return RowScatter(np.zeros(len(value)), 1.0)
+    share = STRETCH / REDUNDANT
+    level = float(np.median(variance)) / _median_of_mean(share)
+    positive = np.maximum(variance, 1e-12 * level)
+    spread = np.log(positive) - np.log(np.median(positive))
+    unequal = float(np.sum(spread**2) / polygamma(1, share / 2.0))
+    # One figure's error: that of a median, whose efficiency is 2/pi.
+    freedom = 2.0 / np.pi * share * len(variance)
+    if len(variance) < 2 * AROUND or chdtrc(len(variance), unequal) > UNEQUAL:
+        return RowScatter(np.full(len(value), level), freedom)
+    local = np.empty(len(variance))
+    for one in np.unique(leg):
+        own = np.flatnonzero(leg == one)
+        reach = min(AROUND // 2, (len(own) - 1) // 2)
+        padded = np.pad(variance[own], reach, mode="reflect") if reach else variance[own]
+        local[own] = np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1), axis=1)
+    local /= _median_of_mean(share)
+    found = np.zeros(len(value))
+    for start, stop in piece_bounds(legs):
+        own = leg == legs[start]
+        if own.any():
+            found[start:stop] = np.interp(np.arange(start, stop), at[own], local[own])
+    return RowScatter(np.where(found > 0.0, found, level), freedom)
+
+
+def _stretches(value: np.ndarray, legs: np.ndarray, size: int = 1) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(variance of one of the means over `size` rows, middle row, leg) of stretches of such means, from third differences."""
+    variance, middle, leg = [], [], []
+    for start, stop in piece_bounds(legs):
+        means = value[start : start + (stop - start) // size * size].reshape(-1, size).mean(axis=1)
+        square = np.diff(means, n=3) ** 2 / 20.0
+        count = len(square) // STRETCH
+        if count:
+            variance.append(square[: count * STRETCH].reshape(count, STRETCH).mean(axis=1))
+            middle.append(start + size * (STRETCH * (np.arange(count) + 0.5) + 1.5))
+            leg.append(np.full(count, legs[start]))
+    if not variance:
+        return np.zeros(0), np.zeros(0), np.zeros(0, dtype=int)
+    return np.concatenate(variance), np.concatenate(middle), np.concatenate(leg)
+
+
+def _median_of_mean(freedom: float) -> float:
+    """Median of chi-square over its degrees of freedom (Wilson and Hilferty, PNAS 17, 1931)."""
+    return (1.0 - 2.0 / (9.0 * freedom)) ** 3
+
+
+def independent_rows(value: np.ndarray, legs: np.ndarray, scatter: RowScatter, most: int) -> bool:
+    """Whether means of 2, 4, ... up to `most` neighbouring rows scatter as those of independent rows do.
+
+    Third differences of such means against what `scatter` says of one row, stretch by stretch, median over stretches. A
+    scale at which the curve's own bends show (their third differences do not alternate in sign, or the sweep is but a
+    few such means long) says nothing. What remembers longer shows between the points of a fit.
+    """
+    size = 2
+    most = min(most, max(2, int(np.median(np.bincount(legs - legs.min()))) // RESOLVED))
+    while size <= most:
+        ratios, alternating = [], []
+        for start, stop in piece_bounds(legs):
+            count = (stop - start) // size
+            if count < 8:
+                continue
+            rows = slice(start, start + count * size)
+            own = scatter.variance[rows].reshape(count, size).mean(axis=1) / size
+            third = np.diff(value[rows].reshape(count, size).mean(axis=1), n=3)
+            middle = (own[:-3] + own[1:-2] + own[2:-1] + own[3:]) / 4.0
+            usable = middle > 0.0
+            ratio = (third**2 / 20.0)[usable] / middle[usable]
+            whole = len(ratio) // FEW * FEW
+            ratios.append(ratio[:whole].reshape(-1, FEW).mean(axis=1))
+            alternating.append((third[1:] * third[:-1] < 0)[usable[1:] & usable[:-1]])
+        found = np.concatenate(ratios) if ratios else np.zeros(0)
+        if len(found) < 6:
+            break
+        if np.mean(np.concatenate(alternating)) > ALTERNATES:
+            share = FEW / REDUNDANT
+            ratio = float(np.median(found)) / _median_of_mean(share)
+            error = np.sqrt(np.pi / (share * len(found)) + 2.0 / scatter.freedom)
+            if abs(ratio - 1.0) > CLEARLY * error:
+                return False
+        size *= 2
+    return True
 
 
 def log_scatter(value: np.ndarray, legs: np.ndarray, lag: int) -> np.ndarray:
@@ -96,7 +205,7 @@ def log_correlation(value: np.ndarray, local: np.ndarray, legs: np.ndarray, bin_
             alternating.append((third[1:] * third[:-1] < 0)[usable[1:] & usable[:-1]])
         sample = np.concatenate(samples) if samples else np.zeros(0)
         # Third differences of noise alternate, however long its memory; those of the curve do not.
-        noise = len(sample) >= 20 and float(np.mean(np.concatenate(alternating))) > 0.62
+        noise = len(sample) >= 20 and float(np.mean(np.concatenate(alternating))) > ALTERNATES
         if noise and np.median(sample) > 0:
             rows.append(size)
             ratios.append(np.median(sample) / MEDIAN_OF_CHI2)

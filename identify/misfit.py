@@ -1,15 +1,18 @@
 """How well the fitted valve meets each test, and where it misses worst: in plain words with figures. NumPy only."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from .display_units import reading_unit
-from .fit_result import ChannelFit
+from .display_units import display_unit, reading_unit
+from .fit_result import DISAGREES, ChannelFit, ParameterEstimate
 
 
-# Reduced chi-square above which the program says that model and bench disagree (about 1.5 noise units RMS).
-DISAGREES = 2.0
+OVERSTATED = 0.4  # reduced chi-square below which stated noise is too large
+STANDS_OUT = 2.0  # residuals over the scatter of neighbours, from which on they are more than noise
+MOSTLY_SCATTER = 0.7  # of a reading's own spread that a fit leaves: half of its variance
+ENOUGH = 20  # readings
 
 
 @dataclass(frozen=True)
@@ -52,10 +55,18 @@ def sentence(fit: ChannelFit) -> str:
     shown = reading_unit(fit.channel)
     unit, factor = shown.label, shown.factor
     what = f"{fit.test}: {fit.channel} is met to {fit.residual_rms * factor:.3g} {unit} RMS"
-    if "residuals" in fit.noise_source:
-        return f"{what}; its noise was taken from these residuals, so this record alone cannot show a misfit there"
+    if not fit.noise_known:
+        words = f"{what}; its noise was taken from these residuals, so this record alone cannot show a misfit there"
+        if fit.neighbours and fit.residual_rms > STANDS_OUT * fit.neighbours:
+            words += (
+                f", but neighbouring readings scatter by only {fit.neighbours * factor:.2g} {unit} about a smooth curve, so "
+                "there probably is one"
+            )
+        return words
     beside = f"beside a noise of {fit.noise * factor:.2g} {unit} (reduced chi-square {fit.reduced_chi2:.3g})"
     if fit.reduced_chi2 < DISAGREES:
+        if fit.reduced_chi2 < OVERSTATED and len(fit.measured) >= ENOUGH:
+            return f"{what}, {beside}: the noise is stated larger than it is, and error bars with it"
         return f"{what}, {beside}"
     region = worst_region(fit)
     where = ""
@@ -69,12 +80,14 @@ def sentence(fit: ChannelFit) -> str:
     return f"{what}, {beside}: the ideal valve does not explain it{where}"
 
 
-def verdict(fits: tuple[ChannelFit, ...], converged: bool, message: str) -> tuple[str, ...]:
-    """The answer first, then one sentence per channel."""
+def verdict(
+    fits: tuple[ChannelFit, ...], converged: bool, message: str, parameters: Mapping[str, ParameterEstimate]
+) -> tuple[str, ...]:
+    """The answer first, then what casts doubt on it, then one sentence per channel."""
     if not converged:
         first = f"The fit did not converge: {message}. Do not use these values."
     else:
-        missed = [f for f in fits if f.reduced_chi2 >= DISAGREES and "residuals" not in f.noise_source]
+        missed = [f for f in fits if f.reduced_chi2 >= DISAGREES and f.noise_known]
         if missed:
             names = ", ".join(dict.fromkeys(f.test for f in missed))
             first = (
@@ -83,5 +96,50 @@ def verdict(fits: tuple[ChannelFit, ...], converged: bool, message: str) -> tupl
                 "are those of the nearest ideal valve."
             )
         else:
-            first = "The ideal valve explains the record within its noise."
-    return (first, *(sentence(fit) for fit in fits))
+            first = agreement(fits, "The ideal valve")
+    return (first, *doubts(fits, parameters), *(sentence(fit) for fit in fits))
+
+
+def agreement(fits: tuple[ChannelFit, ...], model: str) -> str:
+    """Whether a model that misses nothing beyond the noise explains the record, as far as the noise is known."""
+    open_ = tuple(dict.fromkeys(f.test for f in fits if not f.noise_known))
+    judged = tuple(dict.fromkeys(f.test for f in fits if f.noise_known and f.test not in open_))
+    if not open_:
+        return f"{model} explains the record within its noise."
+    reason = (
+        "as the noise was taken from the residuals of this very fit. State it (noise in bench.toml) or run each sweep twice "
+        "(column run)."
+    )
+    if not judged:
+        return f"Whether {model[0].lower()}{model[1:]} explains the record cannot be judged, {reason}"
+    return f"{model} explains {', '.join(judged)} within the noise. Whether it explains {', '.join(open_)} cannot be judged, {reason}"
+
+
+def doubts(fits: tuple[ChannelFit, ...], parameters: Mapping[str, ParameterEstimate]) -> list[str]:
+    """What says that the values should not be believed, whatever the misfit: limits, and readings that are all scatter."""
+    found = []
+    pressed = [p for p in parameters.values() if p.at_bound]
+    if pressed:
+        names = ", ".join(f"{p.name} ({_side(p)})" for p in pressed)
+        found.append(
+            f"At the limit of what is sensible: {names}. Either these data do not determine "
+            f"{'it' if len(pressed) == 1 else 'them'}, or something is not as stated: look at units, oil and slot width first."
+        )
+    for fit in fits:
+        scatter = float(np.std(fit.measured))
+        if len(fit.measured) >= ENOUGH and fit.residual_rms > MOSTLY_SCATTER * scatter:
+            shown = reading_unit(fit.channel)
+            what = "never changes" if scatter == 0.0 else (
+                f"varies by {scatter * shown.factor:.3g} {shown.label} RMS, of which the model leaves "
+                f"{100 * min(fit.residual_rms / scatter, 1.0):.0f} %: it hardly follows the model at all"
+            )  # fmt: skip
+            found.append(f"{fit.test}: {fit.channel} {what}. Is it the right column, in the right unit, of this test?")
+    return found
+
+
+def _side(estimate: ParameterEstimate) -> str:
+    nearer_lower = abs(estimate.value - estimate.lower) <= abs(estimate.upper - estimate.value)
+    unit = display_unit(estimate.unit)
+    bound = (estimate.lower if nearer_lower else estimate.upper) * unit.factor
+    label = "" if unit.label in ("", "-") else f" {unit.label}"
+    return f"{'lower' if nearer_lower else 'upper'} limit, {bound:.4g}{label}"

@@ -18,12 +18,19 @@ MEDIAN_OF_CHI2 = 0.4549  # one degree of freedom
 
 @dataclass(frozen=True)
 class RepeatNoise:
-    """Noise from repeated sweeps. `std` of one row (SI); `correlation` of neighbouring rows; `rows` compared; `source` in words."""
+    """Noise from repeated sweeps. `std` of one row (SI); `correlation` of neighbouring rows; `rows` compared; `source` in words.
+
+    freedom: degrees of freedom behind `std`: a row of one sweep is compared with several of the other, which it shares.
+    """
 
     std: float
     correlation: float
     rows: int
     source: str
+
+    @property
+    def freedom(self) -> float:
+        return self.rows / (1.0 + 2.0 * self.correlation**2)
 
 
 @dataclass(frozen=True)
@@ -72,8 +79,12 @@ def noise_from_repeats(test: TestRecord, channel: Channel) -> RepeatNoise | None
     return RepeatNoise(float(np.sqrt(variance)), correlation, rows, source)
 
 
-def repeat_differences(test: TestRecord, channel: Channel) -> list[np.ndarray]:
-    """Differences between sweeps and their repeats, row by row, one array per pair, scaled to the noise of one row (SI)."""
+def repeat_differences(test: TestRecord, channel: Channel, std: np.ndarray | None = None) -> list[np.ndarray]:
+    """Differences between sweeps and their repeats, row by row, one array per pair, scaled to the noise of one row.
+
+    SI; or, where the rows' noise is believed to be `std` (rows,), in units of it.
+    """
+    std = np.ones(test.rows) if std is None else std
     if test.rows < LOG_ROWS:
         sweeps, direction = sweep_ids(test), test.direction
     else:
@@ -90,7 +101,7 @@ def repeat_differences(test: TestRecord, channel: Channel) -> list[np.ndarray]:
                 or not _repeats(test, direction, first, second)
             ):
                 continue
-            d = _difference(test.spool_position, channel.value, first, second)
+            d = _difference(test.spool_position, channel.value, std, first, second)
             if len(d) >= 3:
                 differences.append(d)
                 used.add(j)
@@ -154,14 +165,33 @@ def _pace(test: TestRecord, part: slice) -> float:
     return abs(float(np.median(test.rate[part]))) if test.rate is not None else 0.0
 
 
-def _difference(position: np.ndarray, value: np.ndarray, first: slice, second: slice) -> np.ndarray:
-    """Noise of one row from two repeats: their difference over sqrt(1 + w^2 + (1-w)^2), w the interpolation's weight."""
+def _difference(
+    position: np.ndarray, value: np.ndarray, std: np.ndarray, first: slice, second: slice
+) -> np.ndarray:
+    """Rows of one sweep less its repeat, interpolated to their positions, over what the noise of all rows involved makes it.
+
+    By the cubic through four rows where their positions rise evenly enough, so that the curve's bend is not taken for
+    noise; else by a straight line.
+    """
     order = np.argsort(position[second], kind="stable")
-    x, y = position[second][order], value[second][order]
+    x, y, s = position[second][order], value[second][order], std[second][order]
     inside = (position[first] >= x[0]) & (position[first] <= x[-1])
     at = position[first][inside]
     right = np.clip(np.searchsorted(x, at), 1, len(x) - 1)
     width = x[right] - x[right - 1]
     w = np.where(width > 0, (at - x[right - 1]) / np.where(width > 0, width, 1.0), 0.5)
     other = (1 - w) * y[right - 1] + w * y[right]
-    return (value[first][inside] - other) / np.sqrt(1.0 + w**2 + (1 - w) ** 2)
+    variance = ((1 - w) * s[right - 1]) ** 2 + (w * s[right]) ** 2
+    if len(x) >= 4:
+        places = np.clip(right - 2, 0, len(x) - 4)[:, None] + np.arange(4)
+        near = x[places]
+        gaps = np.diff(near, axis=1)
+        even = gaps.min(axis=1) > 0.2 * gaps.max(axis=1)
+        apart = near[:, :, None] - near[:, None, :]
+        apart[:, np.arange(4), np.arange(4)] = 1.0
+        way = np.repeat((at[:, None] - near)[:, None, :], 4, axis=1)
+        way[:, np.arange(4), np.arange(4)] = 1.0
+        weight = np.prod(way, axis=2) / np.where(even[:, None], np.prod(apart, axis=2), 1.0)
+        other = np.where(even, np.sum(weight * y[places], axis=1), other)
+        variance = np.where(even, np.sum((weight * s[places]) ** 2, axis=1), variance)
+    return (value[first][inside] - other) / np.sqrt(std[first][inside] ** 2 + variance)

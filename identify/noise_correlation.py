@@ -7,6 +7,8 @@ import numpy as np
 
 MOST_MEMORY = 0.995  # phi: noise that remembers longer is drift, which a sweep cannot tell from the curve
 LAGS = 12
+# Residuals, alone and per parameter, below which nothing is said: what a fit takes out of few of them looks like memory.
+FEWEST, PER_PARAMETER = 20, 15
 SIGNIFICANT = 2.5  # fitted share in units of its standard error under white noise, below which noise counts as white
 
 
@@ -33,7 +35,7 @@ def noise_correlation(residual: np.ndarray, sweeps: np.ndarray, parameters: floa
     n = len(residual)
     lags = min(LAGS, max((len(p) for p in pieces), default=1) - 2)
     power = float(np.sum(residual**2))
-    if lags < 1 or power <= 0.0 or n < 20:
+    if lags < 1 or power <= 0.0 or n < max(FEWEST, PER_PARAMETER * parameters):
         return NoiseCorrelation()
     rho = np.empty(lags)
     for lag in range(1, lags + 1):

@@ -1,5 +1,8 @@
 """From the end of a solve to a `FitResult`: error bars, channels beside the model, identifiability and the verdict."""
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.special import stdtrit
 
@@ -11,23 +14,68 @@ from .identifiability import identifiability
 from .legs import sweep_ids
 from .misfit import verdict
 from .noise_correlation import NoiseCorrelation, noise_correlation
+from .profile_intervals import Interval
 from .record import Channel, TestRecord
 from .static_model import channel_slices
 
 
-def fit_result(fitted: Fitted, covariance: Covariance | None = None) -> FitResult:
+@dataclass(frozen=True)
+class Uncertainty:
+    """What the noise of a fit's readings does to its parameters.
+
+    covariance: a sandwich, with the correlation and the excess of the residuals. independent: readings that all are worth.
+    inflation (p,): variance of each parameter over what white noise of the size believed would give; without an error bar
+    of its own, a parameter takes the others' median.
+    """
+
+    covariance: Covariance
+    blocks: dict[Key, Block]
+    independent: float
+    inflation: np.ndarray
+
+    def reach(self, parameters: int) -> float:
+        """Standard errors on either side of a 95 % interval: Student's t for the independent readings."""
+        return float(stdtrit(max(self.independent - parameters, 1.0), 0.975))
+
+
+def uncertainty_of(fitted: Fitted, covariance: Covariance | None = None) -> Uncertainty:
+    """covariance: where the fit already weighed its rows by the correlation of their noise."""
+    slices = channel_slices(fitted.tests)
+    blocks = {key: _block(fitted, key, rows) for key, rows in slices.items()}
+    solution = fitted.solution
+    priors = slice(len(solution.residual) - len(fitted.free), len(solution.residual))
+    independent = sum((rows.stop - rows.start) / blocks[key].correlation.inflation for key, rows in slices.items())
+    made = covariance is None
+    if covariance is None:
+        covariance = covariance_of(solution.jacobian, fitted.free, solution.active, list(blocks.values()), priors)
+    inflation = np.ones(len(fitted.free))
+    if made:
+        white = [Block(b.rows, b.sweeps, NoiseCorrelation(), 1.0) for b in blocks.values()]
+        plain = covariance_of(solution.jacobian, fitted.free, solution.active, white, priors)
+        own, bare = np.diag(covariance.matrix), np.diag(plain.matrix)
+        known = (own > 0.0) & (bare > 0.0)
+        usual = max((b.variance * b.correlation.inflation for b in blocks.values()), default=1.0)
+        inflation[known] = own[known] / bare[known]
+        inflation[~known] = np.median(inflation[known]) if known.any() else usual
+    return Uncertainty(covariance, blocks, float(independent), inflation)
+
+
+def fit_result(
+    fitted: Fitted,
+    covariance: Covariance | None = None,
+    *,
+    uncertainty: Uncertainty | None = None,
+    intervals: Mapping[int, Interval] | None = None,
+) -> FitResult:
     """Put a fit into figures and words; `seconds` is left to the caller.
 
     covariance: where the fit already weighed its rows by the correlation of their noise; else a sandwich is made here.
+    intervals: by index of the free parameter, where the covariance does not hold.
     """
     slices = channel_slices(fitted.tests)
-    blocks = {key: _block(fitted, key, rows) for key, rows in slices.items()}
-    priors = slice(len(fitted.solution.residual) - len(fitted.free), len(fitted.solution.residual))
-    if covariance is None:
-        covariance = covariance_of(
-            fitted.solution.jacobian, fitted.free, fitted.solution.active, list(blocks.values()), priors
-        )
-    channels = tuple(_channel_fit(fitted, key, slices[key], blocks[key], covariance) for key in slices)
+    known = uncertainty_of(fitted, covariance) if uncertainty is None else uncertainty
+    covariance = known.covariance
+    channels = tuple(_channel_fit(fitted, key, slices[key], known.blocks[key], covariance) for key in slices)
     chi2 = sum(float(np.sum(((c.measured - c.predicted) / _noise(fitted, c).std) ** 2)) for c in channels)
     points = sum(len(c.measured) for c in channels)
     freedom = float(max(points - len(fitted.free), 1))
@@ -36,15 +84,17 @@ def fit_result(fitted: Fitted, covariance: Covariance | None = None) -> FitResul
     scales = np.array([fitted.plans[name].info.scale for name in fitted.free])
     words = identifiability(solution.jacobian, scales, fitted.free, correlation, covariance.why)
     notes = [note for test in fitted.tests.values() for note in test.notes]
+    parameters = _estimates(fitted, known, intervals or {})
     return FitResult(
         record=fitted.record,
-        parameters=_estimates(fitted, covariance, _independent(channels)),
+        parameters=parameters,
         free=fitted.free,
         covariance=covariance.matrix,
         correlation=correlation,
         reduced_chi2=chi2 / freedom,
         chi2=chi2,
         degrees_of_freedom=freedom,
+        noise_freedom=_noise_freedom(fitted, points),
         channels=channels,
         identifiability=words,
         rows=sum(test.rows for test in fitted.record.tests.values()),
@@ -55,8 +105,17 @@ def fit_result(fitted: Fitted, covariance: Covariance | None = None) -> FitResul
         starts=fitted.starts,
         notes=tuple(notes),
         warnings=fitted.warnings,
-        verdict=verdict(channels, solution.converged, solution.message),
+        verdict=verdict(channels, solution.converged, solution.message, parameters),
     )
+
+
+def _noise_freedom(fitted: Fitted, points: int) -> float:
+    """Degrees of freedom from which the noise itself was estimated, all channels together; infinite where it was stated."""
+    spread = 0.0
+    for test in fitted.tests.values():
+        for channel in test.channels:
+            spread += (len(channel.value) / points) ** 2 / fitted.noise[test.name, channel.name].freedom
+    return 1.0 / spread if spread > 0.0 else np.inf
 
 
 def _noise(fitted: Fitted, channel: ChannelFit) -> ChannelNoise:
@@ -104,6 +163,8 @@ def _channel_fit(fitted: Fitted, key: Key, rows: slice, block: Block, covariance
         reduced_chi2=float(np.mean((misfit / noise.std) ** 2)),
         autocorrelation=_neighbours(block.correlation),
         effective_size=float(len(misfit) / block.correlation.inflation),
+        noise_known=noise.known,
+        neighbours=noise.neighbours,
     )
 
 
@@ -111,8 +172,9 @@ def _neighbours(correlation: NoiseCorrelation) -> float:
     return correlation.share * correlation.phi
 
 
-def _independent(channels: tuple[ChannelFit, ...]) -> float:
-    return float(sum(c.effective_size for c in channels))
+def _of_two_sides(below: float, above: float) -> float:
+    """Root mean square about the mode of a normal law in two pieces (Wallis, Statistical Science 29, 2014), by its sides."""
+    return float(np.sqrt(below**2 - below * above + above**2))
 
 
 def _correlation(covariance: np.ndarray) -> np.ndarray:
@@ -123,29 +185,46 @@ def _correlation(covariance: np.ndarray) -> np.ndarray:
     return matrix
 
 
-def _estimates(fitted: Fitted, covariance: Covariance, independent: float) -> dict[str, ParameterEstimate]:
-    """Every parameter, free or held, with its 95 % interval by Student's t for the independent readings."""
-    reach = float(stdtrit(max(independent - len(fitted.free), 1.0), 0.975))
+def _estimates(
+    fitted: Fitted, known: Uncertainty, intervals: Mapping[int, Interval]
+) -> dict[str, ParameterEstimate]:
+    """Every parameter, free or held, with its 95 % interval by Student's t for the independent readings.
+
+    Where a profile gave the interval, the standard error is that of a normal law in two pieces with its sides. Else, beside parameters at their
+    limits, both are conditional on these staying there.
+    """
+    covariance, reach = known.covariance, known.reach(len(fitted.free))
+    pressed = tuple(name for name, side in zip(fitted.free, fitted.solution.active, strict=True) if side)
     found: dict[str, ParameterEstimate] = {}
     for name, plan in fitted.plans.items():
         if plan.fixed and name == "heat_retention" and not plan.given:
             continue  # nobody asked for it
         value, std, why, at_bound = plan.start, None, "held fixed", False
+        interval: tuple[float, float] | None = None
+        by_profile = False
         if name in fitted.free:
             i = fitted.free.index(name)
             value, why = float(fitted.solution.p[i]), covariance.why.get(i, "")
             at_bound = bool(fitted.solution.active[i])
-            if not why and fitted.solution.converged:
-                std = float(np.sqrt(covariance.matrix[i, i]))
+            if not fitted.solution.converged:
+                why = why or "the fit did not converge"
+            elif i in intervals:
+                own, by_profile = intervals[i], True
+                interval = (own.low, own.high)
+                if own.open_low and own.open_high:
+                    why = "the data allow every value within its limits"
+                elif not at_bound:
+                    std, why = _of_two_sides(value - own.low, own.high - value) / reach, ""
             elif not why:
-                why = "the fit did not converge"
+                std = float(np.sqrt(covariance.matrix[i, i]))
+                # What lies beyond a bound is known to be false, so the interval ends there.
+                interval = (max(value - reach * std, plan.lower), min(value + reach * std, plan.upper))
         found[name] = ParameterEstimate(
             name=name,
             value=value,
             unit=plan.info.unit,
             std=std,
-            # What lies beyond a bound is known to be false, so the interval ends there.
-            ci95=None if std is None else (max(value - reach * std, plan.lower), min(value + reach * std, plan.upper)),
+            ci95=interval,
             start=plan.start,
             lower=plan.lower,
             upper=plan.upper,
@@ -153,5 +232,7 @@ def _estimates(fitted: Fitted, covariance: Covariance, independent: float) -> di
             fixed=plan.fixed,
             prior_std=None if plan.prior is None else plan.prior.std,
             why_no_error_bar=why,
+            by_profile=by_profile,
+            conditional_on=() if by_profile or std is None else pressed,
         )
     return found

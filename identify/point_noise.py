@@ -6,7 +6,7 @@ import numpy as np
 
 from .abscissa import Abscissa
 from .legs import moving_mean
-from .log_noise import LogCorrelation, log_correlation, log_scatter
+from .log_noise import LogCorrelation, independent_rows, log_correlation, log_scatter, row_scatter
 from .record import Channel
 from .rounding import local_steps, rounding_error, scatter_before_rounding
 
@@ -20,13 +20,14 @@ POOLED_ROWS = 40.0  # a bin of so many rows stands half for itself, half for its
 class Points:
     """The means of one reading over bins, with standard errors; one entry per bin (SI).
 
-    value: at the bin's mean position, corrected for the curve's bend within the bin; std: standard error of it.
+    value: mean of the bin's rows; std: standard error of it; freedom: what that was estimated from (infinite: stated).
     step: rounding step of the log; correlation: of the log's rows; row_std: typical scatter of one row; floored:
     where the rounding counts for more than the noise; sharing: how many neighbouring bins stand on one rounded reading.
     """
 
     value: np.ndarray
     std: np.ndarray
+    freedom: float
     step: np.ndarray
     correlation: LogCorrelation
     row_std: float
@@ -43,25 +44,30 @@ def points_of(channel: Channel, starts: np.ndarray, legs: np.ndarray, abscissa: 
     step = _known_steps(y, starts)
     ramp, slope = _slopes(value, position, leg)
     bin_rows = int(np.median(rows))
-    lag = int(np.clip(np.quantile(rows, 0.1) // 3, 1, 10))
-    seen = np.sqrt(_pooled(mean(log_scatter(y, legs, lag)), rows, leg))
+    scatter = row_scatter(y, legs)
+    independent = independent_rows(y, legs, scatter, 2 * bin_rows)
+    if independent:
+        seen = np.sqrt(mean(scatter.variance))
+    else:
+        lag = int(np.clip(np.quantile(rows, 0.1) // 3, 1, 10))
+        seen = np.sqrt(_pooled(mean(log_scatter(y, legs, lag)), rows, leg))
     before = scatter_before_rounding(np.sqrt(np.maximum(_along(seen**2, rows, leg), 0.0)), step, ramp)
     coarse = before < 0.3 * step  # the log shows its own rounding rather than the noise
     local = np.repeat(np.where(coarse, 0.0, seen**2), rows)
-    correlation = log_correlation(y, local, legs, bin_rows)
+    correlation = LogCorrelation() if independent else log_correlation(y, local, legs, bin_rows)
     square = np.maximum(seen, before) ** 2 * correlation.of_mean(rows)
     if channel.std is not None:  # declared for one row
         square = mean(channel.std**2) / correlation.effective_rows(rows)
     sharing = np.where(coarse, _sharing(y, starts), 1.0)
     rounding = rounding_error(step, before, ramp) * np.sqrt(sharing)
     square_x = slope**2 * (mean(abscissa.scatter**2) / rows + mean(abscissa.rounding**2))
-    bend = _bend(value, rows, leg)
     least = 1e-6 * max(float(np.ptp(y)), float(np.max(np.abs(y), initial=0.0)))
-    total = square + rounding**2 + square_x + (0.15 * bend) ** 2
+    total = square + rounding**2 + square_x
     typical = seen[~coarse] * np.sqrt(correlation.row_variance)
     return Points(
-        value=value - bend,
+        value=value,
         std=np.maximum(np.sqrt(total), least),
+        freedom=np.inf if channel.std is not None else scatter.freedom,
         step=step,
         correlation=correlation,
         row_std=float(np.median(typical)) if len(typical) else 0.0,
@@ -106,28 +112,6 @@ def _slopes(value: np.ndarray, position: np.ndarray, leg: np.ndarray) -> tuple[n
         inside = (leg[low] == leg) & (leg[high] == leg)
         ramp = np.where(inside, np.minimum(ramp, np.abs(value[high] - value[low]) / np.maximum(high - low, 1)), ramp)
     return ramp, np.where(run != 0, rise / np.where(run != 0, run, 1.0), 0.0)
-
-
-def _bend(value: np.ndarray, rows: np.ndarray, leg: np.ndarray) -> np.ndarray:
-    """By how much a bin's mean lies off the curve at the bin's middle: half the curvature times the spread of its rows.
-
-    The curvature is that of a parabola through the bin and two neighbours on either side, over row numbers.
-    """
-    bend = np.zeros(len(value))
-    middle = np.cumsum(rows) - rows / 2.0
-    for one in np.unique(leg):
-        at = np.flatnonzero(leg == one)
-        if len(at) < 5:
-            continue
-        first = np.clip(np.arange(len(at)) - 2, 0, len(at) - 5)
-        group = at[first[:, None] + np.arange(5)]
-        t = (middle[group] - middle[at][:, None]) / rows[at][:, None]
-        within = (rows[group] / rows[at][:, None]) ** 2 / 12.0  # a mean over a bin sees t^2 plus its variance
-        design = np.stack([np.ones_like(t), t, t**2 + within], axis=-1)
-        weight = np.sqrt(rows[group].astype(float))[..., None]
-        curvature = np.linalg.pinv(design * weight)[:, 2, :] * weight[..., 0]
-        bend[at] = np.sum(curvature * value[group], axis=1) * (1.0 - 1.0 / rows[at] ** 2) / 12.0
-    return bend
 
 
 def _known_steps(y: np.ndarray, starts: np.ndarray) -> np.ndarray:

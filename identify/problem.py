@@ -69,7 +69,7 @@ def residual_and_columns(
         found: dict[str, dict[str, Array]] = {}
         for group, tests in groups.items():
             found |= predict_group(with_parameters(args.valve, names, spread[group]), group, tests, data.conditions)
-        return tuple((found[c.test][c.name] - c.value) * c.weight for c in data.channels)
+        return tuple((data.means(c.test, found[c.test][c.name]) - c.value) * c.weight for c in data.channels)
 
     parts, pull = jax.vjp(of_rows, spread)
     columns: dict[int, Array] = {}
@@ -77,10 +77,19 @@ def residual_and_columns(
         ones = tuple(jnp.ones_like(p) if i in layer else jnp.zeros_like(p) for i, p in enumerate(parts))
         slopes = pull(ones)[0]
         for i in layer:
-            columns[i] = rows_of_test(slopes, data.channels[i].test, groups, data)
+            test = data.channels[i].test
+            own = rows_of_test(slopes, test, groups, data)
+            # Every node gave its own share of a mean's slope.
+            columns[i] = own if test not in data.weights else jnp.sum(_by_node(own, data.weights[test]), axis=-1)
     prior = (values - args.prior_value) * args.prior_weight
     blocks = [columns[i] for i in range(len(parts))]
     return jnp.concatenate([*parts, prior]), jnp.concatenate([*blocks, jnp.diag(args.prior_weight)], axis=1)
+
+
+def _by_node(
+    values: Float[Array, "free rows"], weight: Float[Array, "padded nodes"]
+) -> Float[Array, "free padded nodes"]:
+    return values.reshape(values.shape[0], *weight.shape)
 
 
 def channel_layers(data: StaticData) -> list[set[int]]:
@@ -98,7 +107,8 @@ def channel_layers(data: StaticData) -> list[set[int]]:
 
 def rows_of_test(
     slopes: dict[str, Float[Array, "free rows"]], test: str, groups: dict[str, tuple[str, ...]], data: StaticData
-) -> Float[Array, "free padded"]:
+) -> Float[Array, "free own"]:
+    """The columns of one test's rows (or nodes) among those of all groups."""
     for group, tests in groups.items():
         if test in tests:
             first = group_rows(data.conditions, tests[: tests.index(test)])

@@ -56,6 +56,26 @@ class Channel:
     std_source: str = ""
     # The step to which the log rounded each reading (0 where no rounding was seen).
     rounding: np.ndarray | None = None
+    # Degrees of freedom from which `std` was estimated; infinite where it was stated.
+    freedom: float = np.inf
+
+
+@dataclass(frozen=True)
+class Nodes:
+    """Where within the rows of each reduced point the model is evaluated, so that means are compared with means.
+
+    offset (points, nodes): from the point's mean position, or from its mean load pressure where that is swept (SI);
+    time (points, nodes): from its mean time [s]; weight (points, nodes): of the model's readings there, summing to 1.
+    """
+
+    offset: np.ndarray
+    time: np.ndarray
+    weight: np.ndarray
+    axis: str = "spool_position"  # or "load_pressure"
+
+    @property
+    def count(self) -> int:
+        return self.weight.shape[1]
 
 
 @dataclass(frozen=True)
@@ -82,6 +102,7 @@ class TestRecord:
     abscissa: str = "spool_position"  # or "current": what the file had
     table: pd.DataFrame | None = None  # the user's own columns, for `simulate` to write back
     notes: tuple[str, ...] = ()  # what a reader or a reduction did, for the report
+    nodes: Nodes | None = None  # of a reduced log: its readings are means over bins
 
     @property
     def rows(self) -> int:

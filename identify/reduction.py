@@ -1,7 +1,8 @@
 """Turn a raw log of tens of thousands of rows into a few hundred points with honest noise. Plain NumPy.
 
 Bins are stretches of neighbouring rows, so that dither and rounding of the position blur nothing, within one run, one
-leg of the sweep and one set of conditions.
+leg of the sweep and one set of conditions. A point is the mean of its rows, and is compared with the model's mean over
+the same rows: `Nodes` say where to evaluate it. Nothing is assumed about the curve inside a bin.
 """
 
 from dataclasses import replace
@@ -13,10 +14,12 @@ from .bins import bin_starts
 from .display_units import reading_unit, significant
 from .legs import log_legs, piece_bounds, sweep_axis
 from .point_noise import Points, points_of
-from .record import Channel, TestRecord
+from .record import Channel, Nodes, TestRecord
 
 
 LOG_ROWS = 2000
+FULL_LOG, LEAST_SHARE = 20_000, 0.3  # rows of a log that gets all its points; fewer and more by the third root of the rows
+MEMORIES = 1.5  # rows of a bin, at least, in independent readings' worth
 ROWS_PER_LEG = 200  # fewer, and the rows are readings that somebody took one by one
 
 
@@ -31,12 +34,15 @@ def reduce_test(test: TestRecord, *, max_points: int = 600, log_rows: int = LOG_
         return test
     legs, direction = log_legs(test)
     axis = sweep_axis(test)
-    abscissa = smooth_abscissa(axis, legs)
     readings = [channel.value for channel in test.channels]
+    abscissa = smooth_abscissa(axis, legs, readings)
+    # Errors from the bins' finite width, where an edge closes within one, must not outgrow the noise of longer logs.
+    max_points = round(max_points * max(test.rows / FULL_LOG, LEAST_SHARE) ** (1.0 / 3.0))
     starts = bin_starts(abscissa, readings, legs, max_points)
-    # A second pass, now that the first has shown how long the noise remembers.
-    memories = [points_of(channel, starts, legs, abscissa).correlation for channel in test.channels]
-    starts = bin_starts(abscissa, readings, legs, max_points, memories)
+    first = [points_of(channel, starts, legs, abscissa).correlation for channel in test.channels]
+    remembered = max((c.rows_per_reading() for c in first if c.white < 1.0), default=0.0)
+    if remembered > 0.0:
+        starts = bin_starts(abscissa, readings, legs, max_points, MEMORIES * remembered)
     rows = np.diff(np.append(starts, test.rows))
     mean = lambda values: np.add.reduceat(values.astype(float), starts) / rows
     position = mean(abscissa.position)
@@ -50,8 +56,8 @@ def reduce_test(test: TestRecord, *, max_points: int = 600, log_rows: int = LOG_
             continue
         notes.append(_noise_note(test, channel, points, rows))
         declared = channel.std is not None
-        source = "declared noise of a row, averaged over its bin" if declared else "scatter within the bins of the log"
-        channels.append(Channel(channel.name, points.value, points.std, source, points.step))
+        source = "declared noise of a row, averaged over its bin" if declared else "scatter of the log's rows"
+        channels.append(Channel(channel.name, points.value, points.std, source, points.step, points.freedom))
     return replace(
         test,
         spool_position=mean(test.spool_position) if held else position,
@@ -70,7 +76,35 @@ def reduce_test(test: TestRecord, *, max_points: int = 600, log_rows: int = LOG_
         rows_of_log=rows,
         table=None,
         notes=(*test.notes, *notes),
+        nodes=nodes_of(abscissa.position, test.time, starts, "load_pressure" if held else "spool_position"),
     )
+
+
+def nodes_of(axis: np.ndarray, time: np.ndarray | None, starts: np.ndarray, name: str) -> Nodes:
+    """Two nodes per bin whose weighted sum is the mean over its rows of any cubic along `axis` (rows,), in the order of time.
+
+    Gauss's rule for the rows themselves as the measure: the roots of x^2 - (m3/m2) x - m2, of their central moments.
+    """
+    rows = np.diff(np.append(starts, len(axis)))
+    mean = lambda values: np.add.reduceat(values, starts) / rows
+    offset = axis - np.repeat(mean(axis), rows)
+    size = np.maximum(np.repeat(np.maximum.reduceat(np.abs(offset), starts), rows), 1e-300)
+    unit = offset / size  # of order one: moments of micrometres must not vanish in rounding
+    second, third = mean(unit**2), mean(unit**3)
+    flat = second <= 1e-20
+    skew = np.where(flat, 0.0, third / np.where(flat, 1.0, second))
+    root = np.sqrt(skew**2 + 4.0 * second)
+    low, high = (skew - root) / 2.0, (skew + root) / 2.0
+    width = np.where(flat, 1.0, high - low)
+    weight = np.stack([np.where(flat, 0.5, high / width), np.where(flat, 0.5, -low / width)], axis=1)
+    places = np.stack([low, high], axis=1)
+    pace = np.zeros(len(starts))
+    if time is not None:
+        late = time - np.repeat(mean(time), rows)
+        pace = np.where(flat, 0.0, mean(unit * late) / np.where(flat, 1.0, second))
+        falling = pace < 0.0
+        places[falling], weight[falling] = places[falling, ::-1], weight[falling, ::-1]
+    return Nodes(places * size[starts][:, None], places * pace[:, None], weight, name)
 
 
 def is_raw_log(test: TestRecord, *, max_points: int = 600, log_rows: int = LOG_ROWS) -> bool:
@@ -118,11 +152,14 @@ def _noise_note(test: TestRecord, channel: Channel, points: Points, rows: np.nda
         kept = (
             "declared noise"
             if channel.std is not None
-            else f"scatter of {shown(points.row_std)} within bins kept as noise"
+            else f"scatter of {shown(points.row_std)} of the rows kept as noise"
         )
-        parts.append(
-            f"{kept}; a bin of {n:.0f} rows counts as {worth:.1f} independent {'reading' if worth < 1.05 else 'readings'}"
-        )
+        if points.correlation.white == 1.0:
+            parts.append(f"{kept}; rows are independent of each other ({n:.0f} in a typical bin)")
+        else:
+            parts.append(
+                f"{kept}; a bin of {n:.0f} rows counts as {worth:.1f} independent {'reading' if worth < 1.05 else 'readings'}"
+            )
         pause = _memory(test, points)
         if pause:
             parts.append(f"neighbouring rows correlate over {pause}")

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from scipy.special import chdtri
+from scipy.special import chdtri, fdtri
 
 from .display_units import DisplayUnit, beside, decimals_for, display_unit, reading_unit, significant
 from .fit_result import FitResult, ParameterEstimate
@@ -65,17 +65,23 @@ def verdict(result: FitResult) -> list[str]:
     return [s for s in result.verdict if result.converged or not s.startswith("The fit did not converge")]
 
 
-def chi2_band(degrees_of_freedom: float) -> tuple[float, float]:
-    """Where the reduced chi-square of an exact model lies with 95 % probability."""
+def chi2_band(degrees_of_freedom: float, noise_freedom: float = math.inf) -> tuple[float, float]:
+    """Where the reduced chi-square of an exact model lies with 95 % probability.
+
+    noise_freedom: degrees of freedom from which the noise itself was estimated; the law is then Fisher's F.
+    """
     if not degrees_of_freedom > 0.0:
         return math.nan, math.nan
+    if math.isfinite(noise_freedom):
+        found = fdtri(degrees_of_freedom, noise_freedom, [0.025, 0.975])
+        return float(found[0]), float(found[1])
     low, high = chdtri(degrees_of_freedom, 0.975), chdtri(degrees_of_freedom, 0.025)
     return float(low / degrees_of_freedom), float(high / degrees_of_freedom)
 
 
 def statistics(result: FitResult) -> list[tuple[str, str]]:
     """(label, text) of the figures that stand for the whole fit."""
-    low, high = chi2_band(result.degrees_of_freedom)
+    low, high = chi2_band(result.degrees_of_freedom, result.noise_freedom)
     held = sum(estimate.fixed for estimate in result.parameters.values())
     return [
         ("rows logged", f"{result.rows:,}"),
@@ -167,16 +173,26 @@ def parameter_remarks(result: FitResult) -> list[str]:
         if estimate.at_bound:
             nearer_lower = abs(estimate.value - estimate.lower) <= abs(estimate.upper - estimate.value)
             side, bound = ("LOWER", estimate.lower) if nearer_lower else ("UPPER", estimate.upper)
-            remarks.append(
-                f"{estimate.name} is AT ITS {side} BOUND of {_with_unit(bound, unit)}"
-                + (f": {estimate.why_no_error_bar}" if estimate.why_no_error_bar else "")
-            )
+            reason = f": {estimate.why_no_error_bar}" if estimate.why_no_error_bar else ""
+            if estimate.ci95 is not None:
+                low, high = (end * unit.factor for end in estimate.ci95)
+                reason = f": the data allow {low:.4g} to {_with_unit(estimate.ci95[1], unit)}" if high > low else reason
+            remarks.append(f"{estimate.name} is AT ITS {side} BOUND of {_with_unit(bound, unit)}{reason}")
         elif estimate.std is None and not estimate.fixed:
             without.setdefault(estimate.why_no_error_bar or "no reason is known", []).append(estimate.name)
         if estimate.prior_std is not None and not estimate.fixed:
             width = _with_unit(estimate.prior_std, unit)
             remarks.append(f"{estimate.name} carries a prior: {estimate.start * unit.factor:.4g} +/- {width}")
-    return remarks + [f"no error bar for {', '.join(names)}: {reason}" for reason, names in without.items()]
+    remarks += [f"no error bar for {', '.join(names)}: {reason}" for reason, names in without.items()]
+    if any(estimate.by_profile for estimate in result.parameters.values()):
+        remarks.append(
+            "95 % intervals by profiles of chi-square: it does not rise evenly about this optimum (limits, kinks where an edge "
+            "closes at a measured position), so they need not be even either; the standard error is the root mean square of both sides"
+        )
+    pressed = {name for estimate in result.parameters.values() for name in estimate.conditional_on}
+    if pressed:
+        remarks.append(f"errors and intervals are conditional on {', '.join(sorted(pressed))} staying at the bound")
+    return remarks
 
 
 def _with_unit(value: float, unit: DisplayUnit) -> str:

@@ -79,15 +79,15 @@ def rounding_floor(test: TestRecord, channel: Channel) -> np.ndarray:
     The position's step counts with the local slope of the curve. For tests that are fitted row by row.
     """
     sweeps = sweep_ids(test)
-    position_step = _reading_steps(test.spool_position, sweeps)
+    position_step = reading_steps(test.spool_position, sweeps)
     slope = _slopes(test.spool_position, channel.value, sweeps) if position_step.any() else np.zeros(test.rows)
     return np.sqrt((local_steps(channel.value) ** 2 + (slope * position_step) ** 2) / 12.0)
 
 
-def _reading_steps(position: np.ndarray, sweeps: np.ndarray) -> np.ndarray:
-    """Rounding steps of positions that were read; 0 for set points, which lie on a grid because somebody chose them so.
+def reading_steps(position: np.ndarray, sweeps: np.ndarray) -> np.ndarray:
+    """Rounding steps of positions that were read; 0 for set points and even sweeps, which lie on a grid of their own.
 
-    The increments of rounded readings differ by single steps from row to row; those of set points are equal or jump.
+    The increments of rounded readings differ by single steps from row to row; those of a grid are equal or jump.
     """
     step = local_steps(position)
     within = (sweeps[2:] == sweeps[:-2]) & (step[1:-1] > 0)

@@ -33,10 +33,27 @@ class ChannelRows(eqx.Module):
 
 
 class StaticData(eqx.Module):
-    """The conditions of every test and the readings beside them."""
+    """The conditions of every test and the readings beside them.
+
+    weights: of a test whose readings are means over bins, {test: (padded, nodes)}; its conditions then have one entry per
+    node, the nodes of a reading behind one another.
+    """
 
     conditions: dict[str, Conditions]
     channels: tuple[ChannelRows, ...]
+    weights: dict[str, Float[Array, "padded nodes"]]
+
+    def means(self, test: str, values: Float[Array, "*columns rows"]) -> Float[Array, "*columns padded"]:
+        """The model's values at a test's operating points, averaged as its readings are."""
+        weight = self.weights.get(test)
+        return values if weight is None else mean_over_nodes(values, weight)
+
+
+def mean_over_nodes(
+    values: Float[Array, "*columns rows"], weight: Float[Array | np.ndarray, "padded nodes"]
+) -> Float[Array, "*columns padded"]:
+    """Weighted means of the nodes of every reading."""
+    return jnp.sum(values.reshape(*values.shape[:-1], *weight.shape) * weight, axis=-1)
 
 
 def padded_size(rows: int) -> int:
@@ -66,18 +83,37 @@ def pad(values: np.ndarray, fill: float | None = None, size: Size = padded_size)
 
 
 def conditions_of(test: TestRecord, size: Size = padded_size) -> Conditions:
-    """A test's operating points, padded."""
+    """A test's operating points, padded; of a reduced log the nodes of every point behind one another."""
+    nodes = test.nodes
+
+    def column(values: np.ndarray, offset: np.ndarray | None = None) -> Array:
+        if nodes is None:
+            return pad(values, size=size)
+        spread = np.repeat(np.asarray(values, dtype=float)[:, None], nodes.count, axis=1)
+        spread = spread if offset is None else spread + offset
+        missing = size(len(values)) - len(values)
+        return jnp.asarray(np.concatenate([spread, np.repeat(spread[-1:], missing, axis=0)]).ravel())
+
+    along = {} if nodes is None else {nodes.axis: nodes.offset}
     return Conditions(
-        position=pad(test.spool_position, size=size),
-        supply_pressure=pad(test.supply_pressure, size=size),
-        return_pressure=pad(test.return_pressure, size=size),
-        temperature=pad(test.temperature, size=size),
-        load_pressure=None if test.load_pressure is None else pad(test.load_pressure, size=size),
-        time=None if test.time is None else pad(test.time, size=size),
-        direction=pad(test.direction, size=size),
-        run=pad(test.run, size=size),
-        rate=None if test.rate is None else pad(test.rate, size=size),
+        position=column(test.spool_position, along.get("spool_position")),
+        supply_pressure=column(test.supply_pressure),
+        return_pressure=column(test.return_pressure),
+        temperature=column(test.temperature),
+        load_pressure=None if test.load_pressure is None else column(test.load_pressure, along.get("load_pressure")),
+        time=None if test.time is None else column(test.time, None if nodes is None else nodes.time),
+        direction=column(test.direction),
+        run=column(test.run),
+        rate=None if test.rate is None else column(test.rate),
     )
+
+
+def row_weights(test: TestRecord, size: Size = padded_size) -> Array | None:
+    """Weights of a reduced log's nodes, padded; None where every reading is a row."""
+    if test.nodes is None:
+        return None
+    missing = size(test.rows) - test.rows
+    return jnp.asarray(np.concatenate([test.nodes.weight, np.repeat(test.nodes.weight[-1:], missing, axis=0)]))
 
 
 def base_valve(record: BenchRecord, parameters: Mapping[str, float], heat: bool = False) -> Valve:
@@ -130,14 +166,14 @@ def groups_of(conditions: dict[str, Conditions]) -> dict[str, tuple[str, ...]]:
 
 
 def group_rows(conditions: dict[str, Conditions], tests: tuple[str, ...]) -> int:
-    """Padded rows of a group's tests, behind one another."""
+    """Padded rows (or nodes) of a group's tests, behind one another."""
     return sum(conditions[test].position.shape[0] for test in tests)
 
 
 def predict_group(
     valve: Valve, group: str, tests: tuple[str, ...], conditions: dict[str, Conditions]
 ) -> dict[str, dict[str, Float[Array, " padded"]]]:
-    """{test: {channel: readings}} of one group; parameters of the valve may have one entry per row of the group."""
+    """{test: {channel: readings}} of one group, node by node where a test has nodes; parameters of the valve may have one entry per row of the group."""
     if group == "flow_gain":
         return {group: {"flow": control_flow(valve, conditions[group])}}
     if group == "load_flow":
@@ -153,7 +189,7 @@ def predict_group(
 
 
 def predict(valve: Valve, conditions: dict[str, Conditions]) -> dict[str, dict[str, Float[Array, " padded"]]]:
-    """Readings of every test at its padded operating points: {test: {channel: values [SI]}}."""
+    """Readings of every test at its padded operating points, not averaged over nodes: {test: {channel: values [SI]}}."""
     found: dict[str, dict[str, Array]] = {}
     for group, tests in groups_of(conditions).items():
         found |= predict_group(valve, group, tests, conditions)
@@ -164,7 +200,7 @@ def weighted_residuals(
     found: dict[str, dict[str, Float[Array, " padded"]]], data: StaticData
 ) -> Float[Array, " readings"]:
     """(model - reading) / standard deviation, all channels behind one another, in the order of `data.channels`."""
-    parts = [(found[c.test][c.name] - c.value) * c.weight for c in data.channels]
+    parts = [(data.means(c.test, found[c.test][c.name]) - c.value) * c.weight for c in data.channels]
     return jnp.concatenate(parts)
 
 
@@ -182,7 +218,12 @@ def static_data(
         for test in tests.values()
         for channel in test.channels
     )
-    return StaticData({test.name: conditions_of(test, size) for test in tests.values()}, channels)
+    weights = {test.name: row_weights(test, size) for test in tests.values()}
+    return StaticData(
+        {test.name: conditions_of(test, size) for test in tests.values()},
+        channels,
+        {name: weight for name, weight in weights.items() if weight is not None},
+    )
 
 
 def channel_slices(tests: dict[str, TestRecord], size: Size = padded_size) -> dict[tuple[str, str], slice]:

@@ -6,7 +6,7 @@ from thermohyd.effects.registry import EFFECTS, with_effects
 from thermohyd.static_tests import blocked_port_readings
 
 from ..parameters import identified_by_default
-from ..static_model import base_valve, conditions_of
+from ..static_model import base_valve, conditions_of, mean_over_nodes, row_weights
 from .library_fit import LibraryFit, LibraryProblem
 from .library_model import PARAMETERS
 from .projection import Projection
@@ -47,8 +47,10 @@ def _ports(problem: LibraryProblem, values: dict[str, float], fit: LibraryFit) -
     heat = "throttle_heating" in fit.effects
     valve = base_valve(problem.record, {name: values[name] for name in PARAMETERS if name in values}, heat=heat)
     valve = with_effects(valve, {name: values[name] for name in fit.effects if name != "flowmeter_lag"})
-    readings = blocked_port_readings(valve, conditions_of(test))
-    return np.concatenate([np.asarray(readings[channel])[: test.rows] for channel in ("pressure_a", "pressure_b")])
+    readings, weight = blocked_port_readings(valve, conditions_of(test)), row_weights(test)
+    ports = [readings[channel] for channel in ("pressure_a", "pressure_b")]
+    ports = ports if weight is None else [mean_over_nodes(port, weight) for port in ports]
+    return np.concatenate([np.asarray(port)[: test.rows] for port in ports])
 
 
 def _scale(problem: LibraryProblem, name: str) -> float:

@@ -7,6 +7,7 @@ import numpy as np
 from thermohyd.effects.registry import effect_info
 
 from ..fit_result import FitResult
+from ..misfit import doubts
 from .candidates import candidates
 from .case import Case, Progress
 from .confirmation import exchange_fits, held_out_result
@@ -69,8 +70,8 @@ def conclude(
     return DiagnosisResult(
         record=case.fitted.record,
         verdict=verdict,
-        headline=headline(verdict, effects, where, held, gaps, shifts, smooth),
-        sentences=further_sentences(effects, before, smooth),
+        headline=headline(verdict, effects, where, held, gaps, shifts, smooth, judged=after.judged),
+        sentences=(*further_sentences(effects, before, smooth), *doubts(after.channels, after.parameters)),
         where=where,
         where_after=regions(after.channels, case.fitted.tests) if model.disagrees else (),
         effects=effects,
@@ -90,9 +91,13 @@ def conclude(
         critical_level=first.critical,
         seconds=0.0,
         notes=after.notes,
-        warnings=(*after.warnings, *(f"{k[0]}, {k[1]}: {n.warning}" for k, n in case.noise.items() if n.warning)),
+        warnings=(*_unconverged(after), *after.warnings, *(f"{k[0]}, {k[1]}: {n.warning}" for k, n in case.noise.items() if n.warning)),
         learned=(term,) if term else (),
     )
+
+
+def _unconverged(after: FitResult) -> tuple[str, ...]:
+    return () if after.converged else (f"the final fit did not converge: {after.message}",)
 
 
 def _held_out(

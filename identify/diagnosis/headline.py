@@ -20,11 +20,17 @@ def headline(
     gap: tuple[float, float],
     shifts: tuple[ParameterShift, ...],
     smooth: tuple[Variation, ...] = (),
+    judged: bool = True,
 ) -> str:
-    """The first sentence of every report."""
+    """The first sentence of every report. judged: the noise is known, so that agreement with it means something."""
     place = _place(where)
     if verdict == "consistent":
-        return "The ideal valve explains this record within its noise: no effect of the library is needed."
+        if judged:
+            return "The ideal valve explains this record within its noise: no effect of the library is needed."
+        return (
+            "Nothing in the library does better than the ideal valve, but whether that explains the record cannot be judged: "
+            "the noise was estimated from what the fits leave. State it (noise in bench.toml) or run each sweep twice (column run)."
+        )
     names = _and([f"{e.name} ({amount(e.name, e.value, e.unit, e.std)})" for e in effects])
     if verdict == "unexplained":
         first = place or "Model and bench disagree beyond noise"

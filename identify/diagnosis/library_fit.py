@@ -11,7 +11,6 @@ from ..hopping import hop
 from ..least_squares import Both, LeastSquaresResult, solve
 from ..legs import piece_bounds
 from ..noise_correlation import NoiseCorrelation
-from ..optimality import BELIEVE_BELOW
 from ..parameters import ParameterPlan
 from ..problem import prior_rows
 from ..record import BenchRecord, TestRecord
@@ -27,6 +26,8 @@ Key = tuple[str, str]  # test, channel
 
 # A search stops a thousandth of a standard error from its optimum: chi-square is then right to 1e-6.
 CLOSE_ENOUGH = 1e-4
+# An end counts as an optimum up to here: a twentieth of a standard error is nothing to anybody.
+BELIEVE = 0.05
 # Amount from which a search starts where the linearised estimate lies at the neutral value or beyond its limit.
 SMALL_START = 0.05  # of the effect's scale
 START_WITHIN = 3.0  # times the largest usual amount
@@ -120,7 +121,7 @@ class LibraryProblem:
     @property
     def _closeness(self) -> tuple[float, float]:
         """Standard errors from an optimum at which a search stops, and up to which it is believed."""
-        return CLOSE_ENOUGH, BELIEVE_BELOW
+        return CLOSE_ENOUGH, BELIEVE
 
     @property
     def _size(self) -> Size:
@@ -276,7 +277,7 @@ class LibraryProblem:
                 if self.used is not None:
                     weight = weight * pad(self.used[rows[key]].astype(float), fill=0.0, size=coarse_size)
                 channels.append(type(channel)(channel.test, channel.name, channel.value, weight))
-            data = type(data)(data.conditions, tuple(channels))
+            data = type(data)(data.conditions, tuple(channels), data.weights)
             plans = [self.plans[name] for name in PARAMETERS]
             value, weight = prior_rows(plans)
             self._args["args"] = LibraryArgs(
@@ -287,14 +288,15 @@ class LibraryProblem:
     def _row_terms(self, data: StaticData) -> dict[str, RowTerms]:
         found = {}
         for group, tests in groups_of(data.conditions).items():
-            sizes = [coarse_size(self.tests[name].rows) for name in tests]
+            nodes = [1 if (own := self.tests[name].nodes) is None else own.count for name in tests]
+            sizes = [coarse_size(self.tests[name].rows) * k for name, k in zip(tests, nodes, strict=True)]
             factor, shift = np.ones((len(PARAMETERS), sum(sizes))), np.zeros((len(PARAMETERS), sum(sizes)))
             viscosity = np.ones(sum(sizes))
             first = 0
-            for name, size in zip(tests, sizes, strict=True):
-                rows = slice(first, first + self.tests[name].rows)
+            for name, size, k in zip(tests, sizes, nodes, strict=True):
+                rows = slice(first, first + self.tests[name].rows * k)
                 for term in self.terms:
-                    change = term_values(term, self.tests[name], self.record.oil)
+                    change = np.repeat(term_values(term, self.tests[name], self.record.oil), k)
                     if term.quantity == "viscosity":
                         viscosity[rows] *= 1.0 + change
                     elif term.quantity in ABSOLUTE:

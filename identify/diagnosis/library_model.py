@@ -82,7 +82,7 @@ def with_amounts(valve: Valve, names: tuple[str, ...], amounts: Float[Array, "ef
 def readings_of_rows(
     effects: tuple[str, ...], spread: dict[str, Float[Array, "all rows"]], args: LibraryArgs
 ) -> dict[str, dict[str, Float[Array, " padded"]]]:
-    """{test: {channel: reading}} before any flowmeter's lag, from parameters and amounts given row by row."""
+    """{test: {channel: reading}} before any flowmeter's lag and any mean over bins, from parameters and amounts given row by row."""
     rowwise = tuple(name for name in effects if name != LAG)
     found: dict[str, dict[str, Array]] = {}
     for group, tests in groups_of(args.data.conditions).items():
@@ -131,6 +131,7 @@ def residual_and_columns(
         reading, column = readings[i], slopes[i]
         if lag:
             reading, column = _lagged(channel.name, reading, column, p[-1], args.data.conditions[channel.test])
+        reading, column = data.means(channel.test, reading), data.means(channel.test, column)
         parts.append(whiten(args.whitening[i], (reading - channel.value) * channel.weight))
         columns.append(whiten(args.whitening[i], column * channel.weight))
     priors = jnp.zeros((len(p), len(PARAMETERS))).at[: len(PARAMETERS)].set(jnp.diag(args.prior_weight))

@@ -45,8 +45,8 @@ def open_motion(
     for name, test in data.tests.items():
         for channel in test.channels:
             pieces = run_differences(test, channel)
-            std = fitted.noise[name, channel.name].std
-            repeats[name, channel.name] = repeats_in(pieces, std)
+            size = float(np.sqrt(np.mean(fitted.noise[name, channel.name].std ** 2)))
+            repeats[name, channel.name] = repeats_in([piece / size for piece in pieces])
     noise = {
         key: NoiseFound(n.std, problem.noise.correlation[key], n.source, "taken for white", n.known)
         for key, n in fitted.noise.items()

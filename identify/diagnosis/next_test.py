@@ -92,13 +92,17 @@ def _at_temperature(test: TestRecord, temperature: float) -> TestRecord:
 def _at_supply(test: TestRecord, pressure: float) -> TestRecord:
     factor = pressure / np.maximum(test.supply_pressure, 1.0)
     load = None if test.load_pressure is None else test.load_pressure * factor
-    return replace(test, supply_pressure=np.full(test.rows, pressure), load_pressure=load)
+    nodes = test.nodes
+    if nodes is not None and nodes.axis == "load_pressure":
+        nodes = replace(nodes, offset=nodes.offset * factor[:, None])
+    return replace(test, supply_pressure=np.full(test.rows, pressure), load_pressure=load, nodes=nodes)
 
 
 def _at_rate(test: TestRecord, factor: float) -> TestRecord:
     assert test.time is not None
     rate = None if test.rate is None else test.rate * factor
-    return replace(test, time=test.time / factor, rate=rate)
+    nodes = None if test.nodes is None else replace(test.nodes, time=test.nodes.time / factor)
+    return replace(test, time=test.time / factor, rate=rate, nodes=nodes)
 
 
 def _apart(here: LibraryProblem, there: LibraryProblem, true: LibraryFit, other: LibraryFit) -> float:

@@ -42,15 +42,15 @@ class Repeats:
 
 def repeats_of(test: TestRecord, channel: Channel, std: np.ndarray) -> Repeats | None:
     """Variance and correlation of the differences between repeated sweeps; None where there are too few."""
-    return repeats_in(repeat_differences(test, channel), std)
+    return repeats_in(repeat_differences(test, channel, std))
 
 
-def repeats_in(pieces: list[np.ndarray], std: np.ndarray) -> Repeats | None:
-    """The same from the differences themselves, one array per pair."""
+def repeats_in(pieces: list[np.ndarray]) -> Repeats | None:
+    """The same from the differences themselves, one array per pair, in units of the noise believed so far."""
     rows = sum(len(piece) for piece in pieces)
     if rows < ENOUGH_REPEATS:
         return None
-    values = np.concatenate(pieces) / float(np.sqrt(np.mean(std**2)))
+    values = np.concatenate(pieces)
     ids = np.repeat(np.arange(len(pieces)), [len(piece) for piece in pieces])
     return Repeats(float(np.mean(values**2)), noise_correlation(values, ids, 0.0), rows)
 

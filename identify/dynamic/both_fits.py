@@ -34,6 +34,7 @@ def joined(static: FitResult, motion: FitResult) -> FitResult:
         reduced_chi2=chi2 / freedom,
         chi2=chi2,
         degrees_of_freedom=freedom,
+        noise_freedom=_together(static, motion),
         channels=(*static.channels, *motion.channels),
         identifiability=words,
         rows=static.rows + motion.rows,
@@ -44,6 +45,13 @@ def joined(static: FitResult, motion: FitResult) -> FitResult:
         warnings=tuple(dict.fromkeys((*static.warnings, *motion.warnings))),
         verdict=(*static.verdict, *motion.verdict),
     )
+
+
+def _together(static: FitResult, motion: FitResult) -> float:
+    """Degrees of freedom behind the noise of both, each weighing with its readings."""
+    points = static.points + motion.points
+    spread = sum((part.points / points) ** 2 / part.noise_freedom for part in (static, motion))
+    return 1.0 / spread if spread > 0.0 else float("inf")
 
 
 def _beside(a: np.ndarray, b: np.ndarray) -> np.ndarray:

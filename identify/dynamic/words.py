@@ -3,8 +3,8 @@
 import numpy as np
 
 from ..display_units import reading_unit
-from ..fit_result import ChannelFit
-from ..misfit import DISAGREES
+from ..fit_result import DISAGREES, ChannelFit
+from ..misfit import agreement
 
 
 STRETCHES = 12
@@ -15,7 +15,7 @@ def verdict_of_motion(fits: tuple[ChannelFit, ...], converged: bool, message: st
     if not converged:
         first = f"The fit did not converge: {message}. Do not use these values."
     else:
-        missed = [f for f in fits if f.reduced_chi2 >= DISAGREES and "residuals" not in f.noise_source]
+        missed = [f for f in fits if f.reduced_chi2 >= DISAGREES and f.noise_known]
         if missed:
             names = ", ".join(dict.fromkeys(f"{f.test} ({f.channel})" for f in missed))
             worst = max(np.sqrt(f.reduced_chi2) for f in missed)
@@ -24,7 +24,7 @@ def verdict_of_motion(fits: tuple[ChannelFit, ...], converged: bool, message: st
                 "are widened by it; thermohyd diagnose looks for what is missing."
             )
         else:
-            first = "The actuator's model explains the dynamic tests within their noise."
+            first = agreement(fits, "The actuator's model")
     return (first, *(sentence(fit) for fit in fits))
 
 
@@ -33,7 +33,7 @@ def sentence(fit: ChannelFit) -> str:
     shown = reading_unit(fit.channel)
     unit, factor = "" if shown.label == "-" else f" {shown.label}", shown.factor
     what = f"{fit.test}: {fit.channel} is met to {fit.residual_rms * factor:.3g}{unit} RMS"
-    if "residuals" in fit.noise_source:
+    if not fit.noise_known:
         return f"{what}; its noise was taken from these residuals, so this record alone cannot show a misfit there"
     what += f", beside a noise of {fit.noise * factor:.2g}{unit} (reduced chi-square {fit.reduced_chi2:.3g})"
     if fit.reduced_chi2 < DISAGREES:
