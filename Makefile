@@ -11,13 +11,14 @@ SOURCES := pyproject.toml constraints.txt README.md LICENSE \
 	$(shell find thermohyd identify data -type f ! -path '*/__pycache__/*')
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: help demo test lint typecheck pytest bench hidden hidden-dynamic clean
+.PHONY: help demo test lint typecheck pytest bench hidden hidden-dynamic hidden-logs clean
 help:
 	@echo "make demo    fit one sample record, diagnose another, write demo-report/"
 	@echo "make test    ruff, pyright and pytest against the installed package"
 	@echo "make bench   the benchmarks, each with its peer"
 	@echo "make hidden  76 records with a hidden effect, diagnosed and scored (SET=2: other seeds, SET=3: faint effects; half an hour)"
 	@echo "make hidden-dynamic  30 records of an actuator with hidden physics, diagnosed and scored (SET=2: other seeds; half an hour)"
+	@echo "make hidden-logs  raw logs in which nothing is missing: do intervals hold the truth, is nothing named? (an hour)"
 	@echo "make clean   remove what was built (not $(VENV))"
 
 demo: $(VENV)/.installed
@@ -55,6 +56,10 @@ hidden: $(VENV)/.installed-dev
 
 hidden-dynamic: $(VENV)/.installed-dev
 	$(BIN)/python benchmarks/hidden_dynamic_table.py --set $(SET)
+
+hidden-logs: $(VENV)/.installed-dev
+	$(BIN)/python benchmarks/hidden_raw_logs.py fit
+	$(BIN)/python benchmarks/hidden_raw_logs.py diagnose
 
 clean:
 	rm -rf build dist *.egg-info demo-report .pytest_cache .ruff_cache .hypothesis

@@ -12,7 +12,7 @@ from .channel_noise import ChannelNoise, initial_noise, reweighted
 from .errors import BenchInputError
 from .fit_result import FitResult, StartOutcome
 from .fitted import Fitted, Key
-from .hopping import hop, on_a_kink
+from .hopping import hop
 from .least_squares import LeastSquaresResult, multi_start, solve
 from .outcome import fit_result, uncertainty_of
 from .parameters import ParameterPlan, plan_parameters
@@ -58,9 +58,7 @@ def fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | None 
         from .dynamic.both_fits import joined
         from .dynamic.fit_motion import fit_motion
 
-        static = (
-            _with_intervals(run_fit(record, starts=starts, progress=progress), progress) if record.tests else None
-        )
+        static = _with_intervals(run_fit(record, starts=starts, progress=progress), progress) if record.tests else None
         known = None if static is None else {name: found.value for name, found in static.parameters.items()}
         result, _ = fit_motion(record, progress, known)
         result = result if static is None else joined(static, result)
@@ -141,7 +139,7 @@ def _with_intervals(fitted: Fitted, progress: Progress | None) -> FitResult:
         better = problem.hop(problem.solve(args, found.better.p), noise)
         noise = problem.settle(noise, better)
         better = problem.solve(problem.args(noise), better.p)
-        fitted = replace(fitted, noise=noise, solution=better if better.converged else on_a_kink(better))
+        fitted = replace(fitted, noise=noise, solution=better if better.converged else problem.hop(better, noise))
     return fit_result(fitted)
 
 

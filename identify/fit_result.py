@@ -116,7 +116,7 @@ class FitResult:
 
     @property
     def standing(self) -> str:
-        """"good": explained within a known noise; "open": that cannot be judged, or a parameter ends at its limit; "bad"."""
+        """ "good": explained within a known noise; "open": that cannot be judged, or a parameter ends at its limit; "bad"."""
         if not self.converged or any(c.noise_known and c.reduced_chi2 >= DISAGREES for c in self.channels):
             return "bad"
         return "good" if self.judged and not any(p.at_bound for p in self.parameters.values()) else "open"

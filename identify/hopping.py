@@ -37,6 +37,7 @@ def hop(
     if "underlap" not in names:
         return best
     i = names.index("underlap")
+    start = None
     for _ in range(rounds):
         start = best
         for step in hops:
@@ -48,7 +49,10 @@ def hop(
                     best = tried
         if best is start:
             break
-    return best if best.converged else on_a_kink(best)
+    if best.converged:
+        return best
+    # A search that creeps along a kink for ever has ended too, once no hop from there leads lower.
+    return on_a_kink(replace(best, exhausted=True) if best is start else best)
 
 
 def on_a_kink(result: LeastSquaresResult) -> LeastSquaresResult:

@@ -165,9 +165,7 @@ def _pace(test: TestRecord, part: slice) -> float:
     return abs(float(np.median(test.rate[part]))) if test.rate is not None else 0.0
 
 
-def _difference(
-    position: np.ndarray, value: np.ndarray, std: np.ndarray, first: slice, second: slice
-) -> np.ndarray:
+def _difference(position: np.ndarray, value: np.ndarray, std: np.ndarray, first: slice, second: slice) -> np.ndarray:
     """Rows of one sweep less its repeat, interpolated to their positions, over what the noise of all rows involved makes it.
 
     By the cubic through four rows where their positions rise evenly enough, so that the curve's bend is not taken for

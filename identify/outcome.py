@@ -185,9 +185,7 @@ def _correlation(covariance: np.ndarray) -> np.ndarray:
     return matrix
 
 
-def _estimates(
-    fitted: Fitted, known: Uncertainty, intervals: Mapping[int, Interval]
-) -> dict[str, ParameterEstimate]:
+def _estimates(fitted: Fitted, known: Uncertainty, intervals: Mapping[int, Interval]) -> dict[str, ParameterEstimate]:
     """Every parameter, free or held, with its 95 % interval by Student's t for the independent readings.
 
     Where a profile gave the interval, the standard error is that of a normal law in two pieces with its sides. Else, beside parameters at their

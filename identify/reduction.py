@@ -18,7 +18,10 @@ from .record import Channel, Nodes, TestRecord
 
 
 LOG_ROWS = 2000
-FULL_LOG, LEAST_SHARE = 20_000, 0.3  # rows of a log that gets all its points; fewer and more by the third root of the rows
+FULL_LOG, LEAST_SHARE = (
+    20_000,
+    0.3,
+)  # rows of a log that gets all its points; fewer and more by the third root of the rows
 MEMORIES = 1.5  # rows of a bin, at least, in independent readings' worth
 ROWS_PER_LEG = 200  # fewer, and the rows are readings that somebody took one by one
 

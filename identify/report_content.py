@@ -189,10 +189,17 @@ def parameter_remarks(result: FitResult) -> list[str]:
             "95 % intervals by profiles of chi-square: it does not rise evenly about this optimum (limits, kinks where an edge "
             "closes at a measured position), so they need not be even either; the standard error is the root mean square of both sides"
         )
+    open_ = [e.name for e in result.parameters.values() if e.by_profile and e.ci95 and _ends_at_limit(e, e.ci95)]
+    if open_:
+        remarks.append(f"the interval of {', '.join(open_)} ends at a limit of the program's, not of the data's")
     pressed = {name for estimate in result.parameters.values() for name in estimate.conditional_on}
     if pressed:
         remarks.append(f"errors and intervals are conditional on {', '.join(sorted(pressed))} staying at the bound")
     return remarks
+
+
+def _ends_at_limit(estimate: ParameterEstimate, interval: tuple[float, float]) -> bool:
+    return interval[0] <= estimate.lower or interval[1] >= estimate.upper
 
 
 def _with_unit(value: float, unit: DisplayUnit) -> str:

@@ -91,7 +91,11 @@ def conclude(
         critical_level=first.critical,
         seconds=0.0,
         notes=after.notes,
-        warnings=(*_unconverged(after), *after.warnings, *(f"{k[0]}, {k[1]}: {n.warning}" for k, n in case.noise.items() if n.warning)),
+        warnings=(
+            *_unconverged(after),
+            *after.warnings,
+            *(f"{k[0]}, {k[1]}: {n.warning}" for k, n in case.noise.items() if n.warning),
+        ),
         learned=(term,) if term else (),
     )
 
