@@ -17,9 +17,9 @@ class ParameterEstimate:
 
     `std` and `ci95` are None where there is no honest error bar; `why_no_error_bar` then says why
     (held fixed, at its bound, no reading depends on it, a flat direction shared with ...). `by_profile`: the interval is
-    that of the profile of chi-square, and need not lie evenly about the value; `std` is then the root mean square about the
-    value of a normal law in two pieces with these sides, and at a bound there is an interval without a `std`. `conditional_on`: parameters at their bounds, which std and
-    interval take to stay there.
+    that of the profile of chi-square, and need not lie evenly about the value; `std` is then the root mean square about
+    the value of a normal law in two pieces with these sides, and at a bound there is an interval without a `std`.
+    `conditional_on`: parameters at their bounds, which std and interval take to stay there.
     """
 
     name: str

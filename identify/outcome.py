@@ -188,8 +188,8 @@ def _correlation(covariance: np.ndarray) -> np.ndarray:
 def _estimates(fitted: Fitted, known: Uncertainty, intervals: Mapping[int, Interval]) -> dict[str, ParameterEstimate]:
     """Every parameter, free or held, with its 95 % interval by Student's t for the independent readings.
 
-    Where a profile gave the interval, the standard error is that of a normal law in two pieces with its sides. Else, beside parameters at their
-    limits, both are conditional on these staying there.
+    Where a profile gave the interval, the standard error is that of a normal law in two pieces with its sides. Else, beside
+    parameters at their limits, both are conditional on these staying there.
     """
     covariance, reach = known.covariance, known.reach(len(fitted.free))
     pressed = tuple(name for name, side in zip(fitted.free, fitted.solution.active, strict=True) if side)

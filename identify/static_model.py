@@ -173,7 +173,10 @@ def group_rows(conditions: dict[str, Conditions], tests: tuple[str, ...]) -> int
 def predict_group(
     valve: Valve, group: str, tests: tuple[str, ...], conditions: dict[str, Conditions]
 ) -> dict[str, dict[str, Float[Array, " padded"]]]:
-    """{test: {channel: readings}} of one group, node by node where a test has nodes; parameters of the valve may have one entry per row of the group."""
+    """{test: {channel: readings}} of one group, node by node where a test has nodes.
+
+    Parameters of the valve may have one entry per row of the group.
+    """
     if group == "flow_gain":
         return {group: {"flow": control_flow(valve, conditions[group])}}
     if group == "load_flow":

@@ -3,6 +3,8 @@
 from collections.abc import Mapping
 from dataclasses import replace
 
+import numpy as np
+
 from ..dynamic.fit_motion import run_fit_motion
 from ..dynamic.noise import run_differences
 from ..fit_result import FitResult

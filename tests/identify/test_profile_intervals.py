@@ -52,7 +52,8 @@ def test_a_quadratic_chi_square_gives_the_covariances_interval():
     for i in range(2):
         assert found[i].low == pytest.approx(best.p[i] - 1.96 * std[i], rel=0.02)
         assert found[i].high == pytest.approx(best.p[i] + 1.96 * std[i], rel=0.02)
-        assert not (found[i].open_low or found[i].open_high)
+        assert not found[i].open_low
+        assert not found[i].open_high
 
 
 def test_a_lopsided_chi_square_gives_a_lopsided_interval():

@@ -73,12 +73,12 @@ COARSE = {
 def covered(case: dict, seeds: range) -> np.ndarray:
     """Whether the 95 % intervals of the curve's two factors and its shift hold the truth, from points and their std alone."""
     curve = case.get("curve", peak)
+    moved = lambda x: (curve(x - 1e-4) - curve(x + 1e-4)) / 2e-4
     inside = []
     for seed in seeds:
         test = reduce_test(raw_log(seed, rows=12000, **case))
         _, y, s = units(test)
-        h = 1e-4
-        shift = averaged(lambda x: (curve(x - h) - curve(x + h)) / (2 * h), test) @ TRUTH
+        shift = averaged(moved, test) @ TRUTH
         J = np.column_stack([averaged(curve, test), shift]) / s[:, None]
         covariance = np.linalg.inv(J.T @ J)
         deviation = covariance @ J.T @ ((y - averaged(curve, test) @ TRUTH) / s)
