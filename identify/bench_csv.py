@@ -75,7 +75,9 @@ def read_bench_csv(test: StaticTest, valve: ValveData) -> BenchTable:
     lines = np.asarray(cells.source.numbers)
     notes = _notes(test, source, lines[missing], spare)
     shown = [i for i, h in enumerate(source.header) if not split_header(h)[0].endswith(("_predicted", "_predicted_std"))]
-    user = pd.DataFrame({source.header[i]: cells.frame[i].iloc[kept].reset_index(drop=True) for i in shown})
+    user = pd.DataFrame({source.header[i]: cells.frame[i] for i in shown})
+    if len(kept) < len(user):
+        user = user.iloc[kept].reset_index(drop=True)
     values = {name: column[kept] for name, column in values.items()}
     table = BenchTable(
         values=values,

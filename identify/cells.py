@@ -5,7 +5,6 @@ from abc import abstractmethod
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Self
 
 import numpy as np
 import pandas as pd
@@ -39,7 +38,7 @@ class Source:
         """The cells below the headers."""
 
     @abstractmethod
-    def after_first_row(self) -> Self:
+    def after_first_row(self) -> "Source":
         """The same without its first row. Raises BenchInputError where none is left."""
 
     def error(self, message: str, *, number: int | None = None, column: int | None = None) -> BenchInputError:

@@ -43,6 +43,8 @@ def csv_cells(source: CsvLines, texts: tuple[int, ...] = ()) -> Cells:
 def _even_rows(source: CsvLines) -> tuple[CsvLines, tuple[BadCell, ...]]:
     """(the rows with as many cells as there are headers, what is wrong with the others); quoted rows are counted cell by cell."""
     width, separator = len(source.header), source.separator
+    if source.header_text not in source.lines and {line.count(separator) for line in source.lines} == {width - 1}:
+        return source, ()
     bad: dict[int, BadCell] = {}
     for row, (line, number) in enumerate(zip(source.lines, source.numbers, strict=True)):
         found = line.count(separator) + 1

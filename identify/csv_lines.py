@@ -7,12 +7,12 @@ import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Self
 
 from .cells import Source
 from .errors import BenchInputError, quoted
 
 
+PLAIN = frozenset("0123456789+-")  # what begins with one of these is a row
 LARGEST = 400_000_000  # bytes after decompression; keeps a damaged or hostile gzip from filling the memory
 
 
@@ -34,12 +34,12 @@ class CsvLines(Source):
         """The cells below the headers."""
         return [cell.strip() for cell in split_cells(self.lines[0], self.separator, self.path, self.numbers[0])]
 
-    def after_first_row(self) -> Self:
+    def after_first_row(self) -> "CsvLines":
         if len(self.lines) < 2:
             raise BenchInputError("has headers but no rows", file=self.path, line=self.header_line)
         return replace(self, lines=self.lines[1:], numbers=self.numbers[1:])
 
-    def only(self, wanted: Callable[[int], bool]) -> Self:
+    def only(self, wanted: Callable[[int], bool]) -> "CsvLines":
         """The same with some of its rows, told by their places from 0."""
         rows = [row for row in range(len(self.lines)) if wanted(row)]
         return replace(self, lines=[self.lines[i] for i in rows], numbers=[self.numbers[i] for i in rows])
@@ -54,7 +54,7 @@ def read_csv_lines(path: Path, skip_rows: int = 0) -> CsvLines:
     numbered = [
         (number, line)
         for number, line in enumerate(every[skip_rows:], start=skip_rows + 1)
-        if line.strip(" \t,;\"'") and not line.lstrip(" \t\"'").startswith("#")
+        if line[:1] in PLAIN or (line.strip(" \t,;\"'") and not line.lstrip(" \t\"'").startswith("#"))
     ]
     if numbered and re.fullmatch(r'"?sep=.?"?', numbered[0][1].strip()):  # Excel's own first line
         numbered = numbered[1:]

@@ -155,7 +155,7 @@ def _unknown(test: StaticTest, source: Source, columns: dict[str, int], unknown:
         (i,) = unknown
         name = split_header(source.header[i])[0]
         known = suggestion(name, ("run", *test.kinds))
-        way = f"; else write {mapping(test, found)}" if found else ""
+        way = f" Correct the header, or write {mapping(test, found)}" if found else ""
         if found and not known.endswith("?"):
             return source.error(
                 f"unknown column {quoted(name)}; if it is {next(iter(found))}, write {mapping(test, found)} {extra}", column=i

@@ -14,6 +14,7 @@ from .read_dynamic import read_dynamic
 from .record import BenchRecord, Channel, TestRecord
 from .sweeps import first_step_back, sweep_direction, sweep_rate
 from .table_parts import NAME, channels_of, condition, missing, read_tables, runs
+from .units import to_si
 
 
 def read_record(folder: str | Path, *, readings_required: bool = True) -> BenchRecord:
@@ -109,7 +110,10 @@ def _position(table: BenchTable, bench: BenchFile, test: StaticTest) -> tuple[np
         limit, full = "the stroke", f"{valve.stroke * 1e6:.6g} um"
         if name == "current" and valve.rated_current is not None:
             limit, full = "the rated current", f"{valve.rated_current * 1e3:.6g} mA"
-        raise table.error(name, row, f"{cell} is beyond twice {limit} ({full}); is the unit right?")
+        number = float(np.abs(position[far[0]]) / table.units[name].scale) if name == "spool_position" else 0.0
+        fitting = (u for u in ("um", "mm", "inch") if 0.02 * valve.stroke <= to_si(number, u) <= 2.0 * valve.stroke)
+        hint = next((f" In {unit} it would fit" for unit in fitting), "")
+        raise table.error(name, row, f"{cell} is beyond twice {limit} ({full}); is the unit right?{hint}")
     return position, name
 
 

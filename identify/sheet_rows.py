@@ -5,7 +5,7 @@ import zipfile
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import pandas as pd
 
@@ -33,7 +33,7 @@ class SheetRows(Source):
     def first_row(self) -> list[str]:
         return _texts(self.frame.iloc[0])
 
-    def after_first_row(self) -> Self:
+    def after_first_row(self) -> "SheetRows":
         if len(self.frame) < 2:
             raise BenchInputError("has headers but no rows", file=self.path)
         frame = self.frame.iloc[1:].reset_index(drop=True).infer_objects()
