@@ -74,7 +74,9 @@ def read_bench_csv(test: StaticTest, valve: ValveData) -> BenchTable:
         raise source.error('no row is left: missing = "skip" leaves out every one of them')
     lines = np.asarray(cells.source.numbers)
     notes = _notes(test, source, lines[missing], spare)
-    shown = [i for i, h in enumerate(source.header) if not split_header(h)[0].endswith(("_predicted", "_predicted_std"))]
+    shown = [
+        i for i, h in enumerate(source.header) if not split_header(h)[0].endswith(("_predicted", "_predicted_std"))
+    ]
     user = pd.DataFrame({source.header[i]: cells.frame[i] for i in shown})
     if len(kept) < len(user):
         user = user.iloc[kept].reset_index(drop=True)
@@ -135,13 +137,13 @@ def _units(
     test: StaticTest, source: Source, columns: dict[str, int], valve: ValveData
 ) -> tuple[Source, dict[str, Unit], dict[str, str]]:
     """(the source without its row of units, unit and kind of each column that has a unit)"""
-    texts = {name: split_header(source.header[i])[1] for name, i in columns.items() if name != "run"}
+    texts = {name: _written_unit(test, name, source.header[i], valve) for name, i in columns.items() if name != "run"}
     below: dict[str, str] = {}
     if any(text is None for text in texts.values()):
         below = _row_of_units(test, source, {name: columns[name] for name, t in texts.items() if t is None}, valve)
     units, kinds = {}, {}
     for name, text in texts.items():
-        told = split_header(test.columns[name])[1] if name in test.columns else None
+        told = _written_unit(test, name, test.columns[name], valve) if name in test.columns else None
         try:
             if told is not None:
                 units[name], kinds[name] = _unit(test, name, told, valve)
@@ -150,12 +152,25 @@ def _units(
             if name in below:
                 unit, kind = _unit(test, name, below[name], valve)
                 if name in units and unit.to_si(np.ones(1)) != units[name].to_si(np.ones(1)):
-                    raise UnitError(f"{quoted(below[name])} stands below the header, but bench.toml says {quoted(told)}")
+                    raise UnitError(
+                        f"{quoted(below[name])} stands below the header, but bench.toml says {quoted(told)}"
+                    )
                 units[name], kinds[name] = unit, kind
         except UnitError as error:
             number = source.numbers[0] if name in below else None
             raise source.error(str(error), number=number, column=columns[name]) from None
     return (source.after_first_row() if below else source), units, kinds
+
+
+def _written_unit(test: StaticTest, name: str, header: str, valve: ValveData) -> str | None:
+    """What a header gives as its unit. In a user's own header, parentheses may hold something else: "LVDT (left)"."""
+    text = split_header(header)[1]
+    if text is not None and name in test.columns and header.endswith(")"):
+        try:
+            _unit(test, name, text, valve)
+        except UnitError:
+            return None
+    return text
 
 
 def _row_of_units(test: StaticTest, source: Source, columns: dict[str, int], valve: ValveData) -> dict[str, str]:

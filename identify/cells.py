@@ -43,10 +43,9 @@ class Source:
 
     def error(self, message: str, *, number: int | None = None, column: int | None = None) -> BenchInputError:
         """An error about a row (None: that of the headers) and a column."""
-        place = {self.word: self.header_line if number is None else number}
-        return BenchInputError(
-            message, file=self.path, column=None if column is None else self.header[column], **place
-        )
+        found = self.header_line if number is None else number
+        place = {self.word: found} if found else {}  # the headers of a .parquet file stand in no row
+        return BenchInputError(message, file=self.path, column=None if column is None else self.header[column], **place)
 
 
 class Cells:

@@ -120,7 +120,12 @@ def _refuse_preamble(test: StaticTest, source: Source) -> None:
     rows = list(source.top(FROM_TOP))
     for i, (number, cells) in enumerate(rows[:-1]):
         below = rows[i + 1 : i + 3]  # the row below the headers may hold units
-        if len(cells) > 1 and all(cells) and not any(map(_is_number, cells)) and any(_holds_readings(cells, b) for b in below):
+        if (
+            len(cells) > 1
+            and all(cells)
+            and not any(map(_is_number, cells))
+            and any(_holds_readings(cells, b) for b in below)
+        ):
             if i == 0:
                 return
             raise source.error(
@@ -128,9 +133,7 @@ def _refuse_preamble(test: StaticTest, source: Source) -> None:
                 f"{number - 1} in [tests.{test.name}]"
             )
     if any(_is_number(cell) for cell in source.header):
-        raise source.error(
-            "the headers are missing; the first line must name the columns, such as spool_position [um]"
-        )
+        raise source.error("the headers are missing; the first line must name the columns, such as spool_position [um]")
 
 
 def _holds_readings(headers: list[str], row: tuple[int, list[str]]) -> bool:
@@ -158,7 +161,8 @@ def _unknown(test: StaticTest, source: Source, columns: dict[str, int], unknown:
         way = f" Correct the header, or write {mapping(test, found)}" if found else ""
         if found and not known.endswith("?"):
             return source.error(
-                f"unknown column {quoted(name)}; if it is {next(iter(found))}, write {mapping(test, found)} {extra}", column=i
+                f"unknown column {quoted(name)}; if it is {next(iter(found))}, write {mapping(test, found)} {extra}",
+                column=i,
             )
         return source.error(f"unknown column {quoted(name)}; {known}{way} {extra}", column=i)
     names = listed([quoted(source.header[i], 30) for i in unknown], 6)

@@ -60,7 +60,9 @@ def plausible_range(kind: str) -> tuple[float, float]:
 def likely_unit(kind: str, number: float) -> str | None:
     """The unit in which a number would be a usual value of its kind; None where there is none."""
     units, low, high = USUAL.get(kind, ((), 0.0, 0.0))
-    return next((unit for unit in units if low <= to_si(abs(number) if kind == "length" else number, unit) <= high), None)
+    return next(
+        (unit for unit in units if low <= to_si(abs(number) if kind == "length" else number, unit) <= high), None
+    )
 
 
 def meant(kind: str, number: float | None) -> str:

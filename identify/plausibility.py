@@ -21,9 +21,7 @@ def check_supply(table: BenchTable, bench: BenchFile, supply: np.ndarray, back: 
     if not len(low):
         return
     row = int(low[0])
-    what = (
-        f"the supply pressure, {supply[row] / 1e5:.4g} bar, does not exceed the return pressure, {back[row] / 1e5:.4g} bar"
-    )
+    what = f"the supply pressure, {supply[row] / 1e5:.4g} bar, does not exceed the return pressure, {back[row] / 1e5:.4g} bar"
     if "supply_pressure" not in table.values and "return_pressure" not in table.values:
         conditions = bench.source.root.table("conditions")
         assert conditions is not None  # a supply pressure stands there

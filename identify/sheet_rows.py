@@ -2,7 +2,7 @@
 
 import warnings
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -28,10 +28,12 @@ class SheetRows(Source):
     def top(self, most: int) -> Iterator[tuple[int, list[str]]]:
         yield self.header_line, self.header
         for number, (_, row) in zip(self.numbers, self.frame.head(most).iterrows(), strict=False):
-            yield number, _texts(row)
+            cells = _texts(row)
+            filled = [i + 1 for i, cell in enumerate(cells) if cell]
+            yield number, cells[: max(filled, default=0)]
 
     def first_row(self) -> list[str]:
-        return _texts(self.frame.iloc[0])
+        return _texts(self.frame.iloc[0])[: len(self.header)]
 
     def after_first_row(self) -> "SheetRows":
         if len(self.frame) < 2:
@@ -40,7 +42,14 @@ class SheetRows(Source):
         return replace(self, frame=frame, numbers=self.numbers[1:])
 
     def table(self) -> Cells:
-        return Cells(self, self.frame.copy())
+        """Raises BenchInputError where something stands beside the columns that have headers."""
+        width = len(self.header)
+        for column in range(width, self.frame.shape[1]):
+            filled = self.frame[column].notna().to_numpy()
+            if filled.any():
+                message = f"the row has {column + 1} cells, but there are {width} headers"
+                raise self.error(message, number=self.numbers[int(filled.argmax())])
+        return Cells(self, self.frame[list(range(width))].copy())
 
 
 def read_sheet(path: Path, skip_rows: int = 0, sheet: str | None = None) -> SheetRows:
@@ -88,26 +97,20 @@ def _excel(path: Path, skip_rows: int, sheet: str | None) -> SheetRows:
     numbers, cells = [number for number, _ in rows[1:]], [row for _, row in rows[1:]]
     if not cells:
         raise BenchInputError("has headers but no rows", file=path, row=header_line)
-    wide = max(len(row) for row in cells)
-    frame = pd.DataFrame(cells, columns=range(wide), dtype=object)
-    for column in range(width, wide):
-        if frame[column].notna().any():
-            row = int(frame[column].notna().to_numpy().argmax())
-            raise BenchInputError(
-                f"the row has {column + 1} cells, but there are {width} headers", file=path, row=numbers[row]
-            )
-    frame = frame.reindex(columns=range(width)).infer_objects()
+    wide = max(width, *(len(row) for row in cells))
+    padded = [[*row, *[None] * (wide - len(row))] for row in cells]
+    frame = pd.DataFrame(padded, columns=range(wide), dtype=object).infer_objects()
     header = ["" if cell is None else one_line(str(cell)).strip() for cell in first[:width]]
     return SheetRows(path, header, header_line, numbers, frame)
 
 
-def _filled(row: tuple[Any, ...]) -> bool:
+def _filled(row: Sequence[Any]) -> bool:
     """Whether a row is one of the table: not empty, and no comment."""
     first = next((cell for cell in row if cell is not None and (not isinstance(cell, str) or cell.strip())), None)
     return first is not None and not (isinstance(first, str) and first.lstrip().startswith("#") and first != "#N/A")
 
 
-def _sheet_rows(book: Any, path: Path, sheet: str | None) -> list[tuple[int, tuple[Any, ...]]]:
+def _sheet_rows(book: Any, path: Path, sheet: str | None) -> list[tuple[int, Sequence[Any]]]:
     """(number in the sheet, cells) of each row."""
     sheets = {page.title: page for page in book.worksheets}
     if not sheets:
@@ -144,9 +147,9 @@ def _parquet(path: Path) -> SheetRows:
             frame = file.read().to_pandas()
     except BenchInputError:
         raise
-    except OSError as error:
-        raise BenchInputError(f"cannot be read ({one_line(str(error))[:80]})", file=path) from None
-    except Exception:  # pyarrow raises whatever it trips over
+    except Exception as error:  # pyarrow raises whatever it trips over, OSError for a damaged page
+        if isinstance(error, OSError) and error.errno is not None:
+            raise BenchInputError(f"cannot be read ({error.strerror})", file=path) from None
         raise BenchInputError("is no .parquet file, or a damaged one; write it again", file=path) from None
     if any(name is not None for name in frame.index.names):
         frame = frame.reset_index()
