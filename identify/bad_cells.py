@@ -13,6 +13,11 @@ MISSING = frozenset(
 )  # lower case; what loggers and spreadsheets write where there is no reading
 
 
+def line_or_row(word: str, number: int) -> tuple[int | None, int | None]:
+    """(line, row) of a BenchInputError about a place that is called by the word."""
+    return (number, None) if word == "line" else (None, number)
+
+
 @dataclass(frozen=True)
 class BadCell:
     """One cell, or a row as a whole (column None). what: what is wrong; remedy: what would be right, None: it is missing."""
@@ -49,13 +54,12 @@ class BadCellsError(BenchInputError):
         lacking = [test.test for test in tests if any(cell.remedy is None for cell in test.first)]
         if lacking:
             where = " and ".join(f"[tests.{name}]" for name in lacking)
-            row = "the row" if count == 1 else "such rows"
-            remedies.insert(0, f'leave {row} out, or write missing = "skip" in {where}')
+            rows = "the row" if count == 1 else "such rows"
+            remedies.insert(0, f'leave {rows} out, or write missing = "skip" in {where}')
         if count == 1:
             cell = first[0]
-            super().__init__(
-                f"{cell.what}; {remedies[0]}", file=cell.file, column=cell.column, **{cell.word: cell.number}
-            )
+            line, row = line_or_row(cell.word, cell.number)
+            super().__init__(f"{cell.what}; {remedies[0]}", file=cell.file, line=line, row=row, column=cell.column)
             return
         files = list(dict.fromkeys(cell.file for cell in first))
         parts = []

@@ -5,11 +5,12 @@ from abc import abstractmethod
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pandas as pd
 
-from .bad_cells import MISSING, SHOWN, BadCell, BadCellsOfTest
+from .bad_cells import MISSING, SHOWN, BadCell, BadCellsOfTest, line_or_row
 from .clock_times import clock_seconds, is_clock_time
 from .errors import BenchInputError, quoted
 
@@ -44,8 +45,9 @@ class Source:
     def error(self, message: str, *, number: int | None = None, column: int | None = None) -> BenchInputError:
         """An error about a row (None: that of the headers) and a column."""
         found = self.header_line if number is None else number
-        place = {self.word: found} if found else {}  # the headers of a .parquet file stand in no row
-        return BenchInputError(message, file=self.path, column=None if column is None else self.header[column], **place)
+        line, row = line_or_row(self.word, found) if found else (None, None)  # .parquet: headers stand in no row
+        header = None if column is None else self.header[column]
+        return BenchInputError(message, file=self.path, line=line, row=row, column=header)
 
 
 class Cells:
@@ -79,16 +81,19 @@ class Cells:
         """The column as stripped text."""
         return self._text(column).to_numpy(dtype=object)
 
+    def _series(self, column: int) -> pd.Series:
+        return cast(pd.Series, self.frame[column])
+
     def _text(self, column: int) -> pd.Series:
-        series = self.frame[column]
-        return series.astype(str).str.strip().where(series.notna(), "") if len(series) else series.astype(str)
+        series = self._series(column)
+        return cast(pd.Series, series.astype(str).str.strip().where(series.notna(), ""))
 
     def numbers(self, column: int) -> np.ndarray:
         """The column as floats, NaN where a cell is missing or no finite number: `missing` and `bad_cells` tell which.
 
         A column that had to be converted from text stays converted in `frame`.
         """
-        series = self.frame[column]
+        series = self._series(column)
         if series.dtype.kind in "iuf":
             values = np.array(series, dtype=float)
             missing = np.isnan(values)
@@ -107,7 +112,7 @@ class Cells:
 
     def is_clock(self, column: int) -> bool:
         """Whether the column holds dates or times of day: whether its first cell that is not missing does."""
-        series = self.frame[column]
+        series = self._series(column)
         if series.dtype.kind in "iuf":
             return False
         if series.dtype.kind in "mM":
@@ -121,7 +126,7 @@ class Cells:
         missing = text.str.lower().isin(MISSING).to_numpy(dtype=bool)
         self._clocks.add(column)
         try:
-            return self._noted(column, clock_seconds(self.frame[column], text), missing)
+            return self._noted(column, clock_seconds(self._series(column), text), missing)
         except ValueError as error:
             raise self.error(column, int(np.flatnonzero(~missing)[0]), str(error)) from None
 
@@ -152,7 +157,7 @@ class Cells:
 
     def _complaint(self, column: int, row: int) -> tuple[str, str | None]:
         """(what is wrong with a cell, what would be right; None: it is missing)"""
-        cell = self.frame[column].iloc[row]
+        cell = self._series(column).iloc[row]
         text = "" if pd.isna(cell) else str(cell).strip()
         shown = quoted(text, 30)
         if not text:

@@ -1,6 +1,7 @@
 """Dates and times of day in a log as seconds since its first row: ISO 8601, 31.12.2026, 12/31/2026, or a time alone."""
 
 import re
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -57,26 +58,23 @@ def _first(values: np.ndarray) -> float:
     return float(finite[0]) if len(finite) else 0.0
 
 
-def _numbers(column: pd.Series) -> np.ndarray:
+def _numbers(column: Any) -> np.ndarray:
     return np.array(pd.to_numeric(column, errors="coerce"), dtype=float)
 
 
 def _zone(column: pd.Series) -> np.ndarray:
     """Seconds by which each row's clock is ahead of UTC; 0 where none is given."""
-    signs = column.str.replace(":", "", regex=False).where(column != "Z")
-    number = np.nan_to_num(_numbers(signs))
+    number = np.nan_to_num(_numbers(column.str.replace(":", "", regex=False)))  # "Z" becomes 0
     return np.sign(number) * (np.abs(number) // 100 * 3600.0 + np.abs(number) % 100 * 60.0)
 
 
 def _days(parts: pd.DataFrame) -> np.ndarray:
     """Days since 1970 of each row, NaN where the date is none."""
     a, b, c = (_numbers(parts[name]) for name in "abc")
-    year_first = a > 31.0
-    if year_first.any():
+    if (a > 31.0).any():  # the year stands first
         return _day_numbers(a, b, c)
-    dotted = parts["mark"] == "."
     day, month = a, b
-    if not dotted.any():
+    if "." not in set(parts["mark"]):  # with dots, the day stands first everywhere
         if (a > 12.0).any() and (b > 12.0).any():
             return np.full(len(parts), np.nan)
         if (b > 12.0).any():

@@ -38,7 +38,7 @@ class SheetRows(Source):
     def after_first_row(self) -> "SheetRows":
         if len(self.frame) < 2:
             raise BenchInputError("has headers but no rows", file=self.path)
-        frame = self.frame.iloc[1:].reset_index(drop=True).infer_objects()
+        frame = pd.DataFrame(self.frame.iloc[1:].reset_index(drop=True).infer_objects())
         return replace(self, frame=frame, numbers=self.numbers[1:])
 
     def table(self) -> Cells:
@@ -49,7 +49,7 @@ class SheetRows(Source):
             if filled.any():
                 message = f"the row has {column + 1} cells, but there are {width} headers"
                 raise self.error(message, number=self.numbers[int(filled.argmax())])
-        return Cells(self, self.frame[list(range(width))].copy())
+        return Cells(self, self.frame.iloc[:, :width].copy())
 
 
 def read_sheet(path: Path, skip_rows: int = 0, sheet: str | None = None) -> SheetRows:
@@ -98,6 +98,8 @@ def _excel(path: Path, skip_rows: int, sheet: str | None) -> SheetRows:
     if not cells:
         raise BenchInputError("has headers but no rows", file=path, row=header_line)
     wide = max(width, *(len(row) for row in cells))
+    if wide * len(cells) > MOST_CELLS:  # one far cell, and every row is as wide
+        raise BenchInputError(f"has more than {MOST_CELLS:,} cells; save the log as CSV", file=path)
     padded = [[*row, *[None] * (wide - len(row))] for row in cells]
     frame = pd.DataFrame(padded, columns=range(wide), dtype=object).infer_objects()
     header = ["" if cell is None else one_line(str(cell)).strip() for cell in first[:width]]

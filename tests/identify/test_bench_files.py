@@ -4,6 +4,7 @@
 import sys
 import zipfile
 from datetime import datetime, timedelta
+from typing import Any
 
 import numpy as np
 import openpyxl
@@ -304,7 +305,9 @@ def test_a_row_without_a_time_is_a_missing_reading(tmp_path):
 
 SHEET = TOML.replace("leakage.csv", "leakage.xlsx")
 PARQUET = TOML.replace("leakage.csv", "leakage.parquet")
-ROWS = [[float(c) if i != 1 else c for i, c in enumerate(line.split(","))] for line in SOUND.strip().split("\n")[1:]]
+ROWS: list[list[Any]] = [
+    [float(c) if i != 1 else c for i, c in enumerate(line.split(","))] for line in SOUND.strip().split("\n")[1:]
+]
 
 
 def write_sheet(folder, rows, toml=SHEET, **others):
@@ -418,7 +421,7 @@ def test_a_parquet_file_reads_as_its_csv_does(tmp_path):
     parquet_frame().to_parquet(folder / "leakage.parquet")
     same_rows(leakage(folder))
     frame = parquet_frame().rename(columns={"time [s]": "time"})
-    frame["time"] = pd.Timestamp(2026, 3, 1) + pd.to_timedelta(frame["time"], unit="s")
+    frame["time"] = pd.Timestamp(2026, 3, 1) + pd.to_timedelta(frame["time"].to_numpy(), unit="s")
     frame.set_index("time").to_parquet(folder / "leakage.parquet")
     same_rows(leakage(folder))
     frame["time"] -= frame["time"].iloc[0]
