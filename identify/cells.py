@@ -117,7 +117,8 @@ class Cells:
             return False
         if series.dtype.kind in "mM":
             return True
-        first = next((cell for cell in series.astype(str).str.strip() if cell.lower() not in MISSING), "")
+        texts = ("" if pd.isna(cell) else str(cell).strip() for cell in series)
+        first = next((text for text in texts if text.lower() not in MISSING), "")
         return is_clock_time(first)
 
     def seconds(self, column: int) -> np.ndarray:
