@@ -15,6 +15,7 @@ from .errors import BenchInputError, listed, one_line, quoted
 
 LARGEST = 200_000_000  # bytes after decompression
 MOST_CELLS = 20_000_000
+MOST_ROWS = 1_048_576  # Excel's own limit; a file may claim any number
 ENDINGS = (".xlsx", ".parquet")
 
 
@@ -82,14 +83,13 @@ def _excel(path: Path, skip_rows: int, sheet: str | None) -> SheetRows:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # about styles and extensions, which hold no readings
                 book = openpyxl.load_workbook(file, read_only=True, data_only=True, keep_links=False)
-                rows = _sheet_rows(book, path, sheet)
+                rows = _sheet_rows(book, path, skip_rows, sheet)
     except BenchInputError:
         raise
     except OSError as error:
         raise BenchInputError(f"cannot be read ({error.strerror or error})", file=path) from None
     except Exception:  # openpyxl raises whatever it trips over in a damaged or hostile archive
         raise BenchInputError("is no .xlsx file, or a damaged one; save it again, or as CSV", file=path) from None
-    rows = [(number, row) for number, row in rows if number > skip_rows and _filled(row)]
     if not rows:
         raise BenchInputError("is empty; expected a row of headers and at least one row", file=path)
     header_line, first = rows[0]
@@ -112,8 +112,8 @@ def _filled(row: Sequence[Any]) -> bool:
     return first is not None and not (isinstance(first, str) and first.lstrip().startswith("#") and first != "#N/A")
 
 
-def _sheet_rows(book: Any, path: Path, sheet: str | None) -> list[tuple[int, Sequence[Any]]]:
-    """(number in the sheet, cells) of each row."""
+def _sheet_rows(book: Any, path: Path, skip_rows: int, sheet: str | None) -> list[tuple[int, Sequence[Any]]]:
+    """(number in the sheet, cells) of each row that holds some."""
     sheets = {page.title: page for page in book.worksheets}
     if not sheets:
         raise BenchInputError("holds no sheet with cells", file=path)
@@ -125,9 +125,12 @@ def _sheet_rows(book: Any, path: Path, sheet: str | None) -> list[tuple[int, Seq
     found, cells = [], 0
     for number, row in enumerate(page.iter_rows(values_only=True), start=1):
         cells += len(row) + 1
-        if cells > MOST_CELLS:
-            raise BenchInputError(f"has more than {MOST_CELLS:,} cells; save the log as CSV", file=path)
-        found.append((number, row))
+        if cells > MOST_CELLS or number > MOST_ROWS:
+            raise BenchInputError(
+                f"has more than {MOST_CELLS:,} cells or {MOST_ROWS:,} rows; save the log as CSV", file=path
+            )
+        if row and number > skip_rows and _filled(row):
+            found.append((number, row))
     return found
 
 

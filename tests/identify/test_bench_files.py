@@ -405,6 +405,26 @@ def test_an_archive_that_unpacks_without_end_is_not_unpacked(tmp_path):
     assert message(folder) == "leakage.xlsx: unpacks to more than 200,000,000 bytes; save the log as CSV"
 
 
+FAR = {
+    "a row that Excel does not have": (b'<row r="3"', b'<row r="999999999"', "20,000,000 cells or 1,048,576 rows"),
+    "far columns in many rows": (b"</sheetData>", b'<row><c r="ZZZ9"><v>1</v></c></row>' * 1200 + b"</sheetData>", "20,000,000 cells or 1,048,576 rows"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", FAR)
+def test_a_small_sheet_that_claims_to_be_huge(tmp_path, name):
+    old, new, expected = FAR[name]
+    folder = write_sheet(tmp_path, [HEADERS.split(","), *ROWS])
+    with zipfile.ZipFile(folder / "leakage.xlsx") as sound:
+        parts = {part: sound.read(part) for part in sound.namelist()}
+    assert old in parts["xl/worksheets/sheet1.xml"]
+    parts["xl/worksheets/sheet1.xml"] = parts["xl/worksheets/sheet1.xml"].replace(old, new)
+    with zipfile.ZipFile(folder / "leakage.xlsx", "w", zipfile.ZIP_DEFLATED) as spoiled:
+        for part, content in parts.items():
+            spoiled.writestr(part, content)
+    assert message(folder) == f"leakage.xlsx: has more than {expected}; save the log as CSV"
+
+
 def test_a_sheet_under_the_name_of_a_csv(tmp_path):
     folder = write_sheet(tmp_path, [HEADERS.split(","), *ROWS])
     (folder / "leakage.xlsx").rename(folder / "leakage.csv")
