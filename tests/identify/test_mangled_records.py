@@ -4,6 +4,7 @@ import contextlib
 import gzip
 import io
 import zipfile
+from collections.abc import Sequence
 
 import numpy as np
 import openpyxl
@@ -135,13 +136,13 @@ def test_mangled_semicolons_and_gzip(tmp_path_factory, content, cut):
     read_or_refuse(tmp_path_factory.mktemp("gzip"), leakage_csv=gzip.compress(content, mtime=0)[: cut or None])
 
 
-def sheet(cells: list[list[object]]) -> bytes:
+def sheet(cells: Sequence[Sequence[object]]) -> bytes:
     """An .xlsx file, every part of it stored as it is, so that a changed byte reaches the parser of the sheet."""
     book, made, stored = openpyxl.Workbook(), io.BytesIO(), io.BytesIO()
     page = book.active
     assert page is not None
     for row in cells:
-        page.append(row)
+        page.append(list(row))
     book.save(made)
     with zipfile.ZipFile(made) as packed, zipfile.ZipFile(stored, "w", zipfile.ZIP_STORED) as plain:
         for name in packed.namelist():
