@@ -1,23 +1,24 @@
-"""A test's CSV file as standard columns in SI units: headers recognised, units converted, what cannot be refused."""
+"""A test's file as standard columns in SI units: headers recognised, units converted, what cannot be refused."""
 
 import re
-from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 
+from .bad_cells import BadCellsError
 from .bench_tests import StaticTest
-from .columns_of_tests import CONDITIONS, standard_columns
-from .csv_cells import CsvCells
+from .cells import NUMBER, Cells, Source
+from .clock_times import is_clock_time
+from .columns_of_tests import CONDITIONS
+from .csv_cells import csv_cells
 from .csv_lines import CsvLines, read_csv_lines
-from .errors import BenchInputError, quoted, suggestion
+from .errors import BenchInputError, listed, quoted
+from .headers import mapping, recognise, split_header
 from .physical_limits import impossible, plausible_range
 from .record import ValveData
+from .sheet_rows import ENDINGS, SheetRows, read_sheet
 from .units import Unit, UnitError, expected, parse_unit
-
-
-HEADER = re.compile(r"(.*?)\s*\[([^\[\]]*)\]")
 
 
 @dataclass(frozen=True)
@@ -30,147 +31,218 @@ class BenchTable:
     lines: np.ndarray
     table: pd.DataFrame
     notes: tuple[str, ...]
-    cells: CsvCells
     columns: dict[str, int]  # standard name -> place in the file
     kinds: dict[str, str]  # standard name -> kind of quantity that its unit turned out to be of
+    units: dict[str, Unit]  # standard name -> its unit
+    source: Source
+    unused: tuple[str, ...]  # headers that give no standard column
+    _cells: Cells
+    _kept: np.ndarray  # rows of the file that are rows of the table
 
     def error(self, name: str | None, row: int | None, message: str) -> BenchInputError:
         """An error about a standard column (None: the file as a whole) and one of its rows."""
-        if name in self.columns:
-            return self.cells.error(self.columns[name], row, message)
-        line = self.cells.source.header_line if row is None else int(self.lines[row])
-        return BenchInputError(message, file=self.cells.source.path, line=line)
+        number = None if row is None else int(self.lines[row])
+        return self.source.error(message, number=number, column=self.columns.get(name or ""))
+
+    def text(self, name: str, row: int) -> str:
+        """A cell of a standard column as the user wrote it."""
+        return str(self._cells.texts(self.columns[name])[self._kept[row]])
 
 
 def read_bench_csv(test: StaticTest, valve: ValveData) -> BenchTable:
-    """Raises BenchInputError with file, line and column."""
-    source = read_csv_lines(test.file)
-    names = [_split_header(header) for header in source.header]
-    columns, spare = _recognise(test, source, names)
-    found = {n: _unit(test, source, n, names[i], i, valve) for n, i in columns.items() if n != "run"}
-    units, kinds = {n: unit for n, (unit, _) in found.items()}, {n: kind for n, (_, kind) in found.items()}
+    """Raises BenchInputError with file, line and column, BadCellsError where that is all that is wrong."""
+    source = _source(test)
+    columns, spare = recognise(test, source)
+    source, units, kinds = _units(test, source, columns, valve)
     run = columns.get("run")
-    cells = CsvCells(source, () if run is None else (run,))
-    values = {name: unit.to_si(cells.numbers(columns[name])) for name, unit in units.items()}
-    for name in CONDITIONS:
-        if name in values:
-            _check_range(cells, columns[name], values[name], kinds[name])
-    for name in values:
-        if name.endswith("_std") and not (values[name] > 0.0).all():
-            row = int(np.flatnonzero(~(values[name] > 0.0))[0])
-            raise cells.error(columns[name], row, "a standard deviation must be above zero")
-    kept = [i for i, (name, _) in enumerate(names) if not name.endswith(("_predicted", "_predicted_std"))]
-    table = pd.DataFrame({source.header[i]: cells.frame[i] for i in kept})
-    unused = [names[i][0] for i in spare]
-    notes = (f"columns that this test does not use: {', '.join(unused)}",) if unused else ()
-    lines = np.asarray(source.numbers)
-    return BenchTable(
-        values, None if run is None else cells.texts(run), len(lines), lines, table, notes, cells, columns, kinds
+    texts = () if run is None else (run,)
+    cells = csv_cells(source, texts) if isinstance(source, CsvLines) else _sheet_cells(source)
+    values = {}
+    for name, place in columns.items():
+        if name == "time" and cells.is_clock(place):
+            values[name], units[name], kinds[name] = cells.seconds(place), Unit("s", 1.0, 0.0), "time"
+        elif name in units:
+            values[name] = units[name].to_si(cells.numbers(place))
+        elif name != "run":
+            raise _without_unit(test, source, columns, name)
+    bad = cells.bad_cells(test.name, skip_missing=test.skip_missing)
+    if bad is not None:
+        raise BadCellsError((bad,), test.table.source.path.parent)
+    missing = cells.missing()
+    kept = np.flatnonzero(~missing)
+    if not len(kept):
+        raise source.error('no row is left: missing = "skip" leaves out every one of them')
+    lines = np.asarray(cells.source.numbers)
+    notes = _notes(test, source, lines[missing], spare)
+    shown = [
+        i for i, h in enumerate(source.header) if not split_header(h)[0].endswith(("_predicted", "_predicted_std"))
+    ]
+    user = pd.DataFrame({source.header[i]: cells.frame[i] for i in shown})
+    if len(kept) < len(user):
+        user = user.iloc[kept].reset_index(drop=True)
+    values = {name: column[kept] for name, column in values.items()}
+    table = BenchTable(
+        values=values,
+        run=None if run is None else cells.texts(run)[kept],
+        rows=len(kept),
+        lines=lines[kept],
+        table=user,
+        notes=notes,
+        columns=columns,
+        kinds=kinds,
+        units=units,
+        source=source,
+        unused=tuple(header for i, header in enumerate(source.header) if i not in columns.values()),
+        _cells=cells,
+        _kept=kept,
+    )
+    _check_values(table)
+    return table
+
+
+def _source(test: StaticTest) -> Source:
+    ending = test.file.suffix.lower()
+    if ending in ENDINGS:
+        return read_sheet(test.file, test.skip_rows, test.sheet)
+    if ending == ".xls":
+        raise BenchInputError("has the format of Excel before 2007; save it as .xlsx or CSV", file=test.file)
+    return read_csv_lines(test.file, test.skip_rows)
+
+
+def _sheet_cells(source: Source) -> Cells:
+    assert isinstance(source, SheetRows)
+    return source.table()
+
+
+def _notes(test: StaticTest, source: Source, left_out: np.ndarray, spare: list[int]) -> tuple[str, ...]:
+    notes = []
+    if spare:
+        unused = [split_header(source.header[i])[0] for i in spare]
+        notes.append(f"columns that this test does not use: {', '.join(unused)}")
+    if len(left_out):
+        places = listed(_ranges(left_out), 6)
+        rows = f"{len(left_out):,} {'row' if len(left_out) == 1 else 'rows'}"
+        where = f"{source.word}{'' if len(left_out) == 1 else 's'} {places}"
+        notes.append(f'{test.file.name}: {rows} with a missing reading left out, as missing = "skip" asks: {where}')
+    return tuple(notes)
+
+
+def _ranges(numbers: np.ndarray) -> list[str]:
+    """[3, 4, 5, 9] as "3-5", "9"."""
+    pieces = np.split(numbers, np.flatnonzero(np.diff(numbers) != 1) + 1)
+    return [str(piece[0]) if len(piece) == 1 else f"{piece[0]}-{piece[-1]}" for piece in pieces]
+
+
+def _units(
+    test: StaticTest, source: Source, columns: dict[str, int], valve: ValveData
+) -> tuple[Source, dict[str, Unit], dict[str, str]]:
+    """(the source without its row of units, unit and kind of each column that has a unit)"""
+    texts = {name: _written_unit(test, name, source.header[i], valve) for name, i in columns.items() if name != "run"}
+    below: dict[str, str] = {}
+    if any(text is None for text in texts.values()):
+        below = _row_of_units(test, source, {name: columns[name] for name, t in texts.items() if t is None}, valve)
+    units, kinds = {}, {}
+    for name, text in texts.items():
+        told = _written_unit(test, name, test.columns[name], valve) if name in test.columns else None
+        try:
+            if told is not None:
+                units[name], kinds[name] = _unit(test, name, told, valve)
+            elif text is not None and not (name == "time" and _is_clock_column(source, columns[name])):
+                units[name], kinds[name] = _unit(test, name, text, valve)
+            if name in below:
+                unit, kind = _unit(test, name, below[name], valve)
+                if name in units and unit.to_si(np.ones(1)) != units[name].to_si(np.ones(1)):
+                    raise UnitError(
+                        f"{quoted(below[name])} stands below the header, but bench.toml says {quoted(told)}"
+                    )
+                units[name], kinds[name] = unit, kind
+        except UnitError as error:
+            number = source.numbers[0] if name in below else None
+            raise source.error(str(error), number=number, column=columns[name]) from None
+    return (source.after_first_row() if below else source), units, kinds
+
+
+def _written_unit(test: StaticTest, name: str, header: str, valve: ValveData) -> str | None:
+    """What a header gives as its unit. In a user's own header, parentheses may hold something else: "LVDT (left)"."""
+    text = split_header(header)[1]
+    if text is not None and name in test.columns and header.endswith(")"):
+        try:
+            _unit(test, name, text, valve)
+        except UnitError:
+            return None
+    return text
+
+
+def _row_of_units(test: StaticTest, source: Source, columns: dict[str, int], valve: ValveData) -> dict[str, str]:
+    """{column: unit} where the row below the headers holds the units of the columns without one; empty where it does not."""
+    row = source.first_row()
+    if len(row) != len(source.header):
+        return {}
+    cells = {name: re.sub(r"^[\[(](.*)[\])]$", r"\1", row[i]).strip() for name, i in columns.items()}
+    if not any(cell and re.fullmatch(NUMBER, cell.replace(",", ".")) is None for cell in cells.values()):
+        return {}
+    if any(is_clock_time(cell) for cell in cells.values()):
+        return {}
+    units = {}
+    for name, cell in cells.items():
+        try:
+            _unit(test, name, cell, valve)
+            units[name] = cell
+        except UnitError:
+            continue
+    # A word in place of a number makes no row of units; most of its cells must be some.
+    readable = len(units) + ("time" in cells and "time" not in units)  # "hh:mm:ss" above times of day
+    if not units or 2 * readable < len(cells):
+        return {}
+    return units if readable == len(cells) else {n: cell for n, cell in cells.items() if n != "time" or n in units}
+
+
+def _is_clock_column(source: Source, place: int) -> bool:
+    row = source.first_row()
+    return place < len(row) and is_clock_time(row[place])
+
+
+def _without_unit(test: StaticTest, source: Source, columns: dict[str, int], first: str) -> BenchInputError:
+    lacking = {
+        name: source.header[i]
+        for name, i in columns.items()
+        if name != "run" and split_header(source.header[i])[1] is None and name not in test.columns
+    } | {first: source.header[columns[first]]}
+    more = f"; {len(lacking) - 1} more have none" if len(lacking) > 1 else ""
+    example = expected(test.kinds[first][0]).split(" such as ")[1]
+    return source.error(
+        f"the unit is missing; write for example {first} [{example}], or {mapping(test, lacking)}{more}",
+        column=columns[first],
     )
 
 
-def _split_header(header: str) -> tuple[str, str | None]:
-    match = HEADER.fullmatch(header)
-    return (header, None) if match is None else (match[1], match[2].strip())
-
-
-def _recognise(
-    test: StaticTest, source: CsvLines, names: list[tuple[str, str | None]]
-) -> tuple[dict[str, int], list[int]]:
-    """({standard column: place}, places of standard columns that belong to other tests)."""
-
-    def error(i: int | None, message: str) -> BenchInputError:
-        column = None if i is None else source.header[i]
-        return BenchInputError(message, file=source.path, line=source.header_line, column=column)
-
-    columns: dict[str, int] = {}
-    for standard, header in test.columns.items():
-        places = _places(header, source.header, names)
-        if not places:
-            raise test.table.error(
-                f"{standard} is to be {quoted(header)}, but {source.path.name} has no such header; "
-                + suggestion(header, source.header),
-                "columns",
-            )
-        if len(places) > 1:
-            raise error(places[1], "duplicate header; each column needs a name of its own")
-        columns[standard] = places[0]
-    taken = set(columns.values())
-    used, known = ("run", *test.kinds), standard_columns()
-    spare = []
-    seen: set[str] = set()
-    for i, (name, _) in enumerate(names):
-        if not source.header[i]:
-            raise error(None, f"column {i + 1} has no header; name it, or start its name with _ to leave it out")
-        if source.header[i] in seen:
-            raise error(i, "duplicate header; each column needs a name of its own")
-        seen.add(source.header[i])
-        if i in taken or _left_out(name, source.header[i], test.ignore):
-            continue
-        if name in columns:
-            first = quoted(source.header[columns[name]])
-            raise error(i, f"duplicate header: {first} already gives {name}; remove one, or list it in ignore")
-        if name in used:
-            columns[name] = i
-        elif name in known:
-            spare.append(i)
-        else:
-            extra = "(extra columns: start the name with _ or list it in ignore)"
-            raise error(i, f"unknown column {quoted(name)}; {suggestion(name, used)} {extra}")
-    if "spool_position" in columns and "current" in columns:
-        spare.append(columns.pop("current"))
-    return columns, spare
-
-
-def _places(header: str, headers: list[str], names: list[tuple[str, str | None]]) -> list[int]:
-    """Where a user's header stands: written in full, or without the unit on either side."""
-    exact = [i for i, found in enumerate(headers) if found == header]
-    if exact:
-        return exact
-    name, unit = _split_header(header)
-    return [i for i, (n, u) in enumerate(names) if n == name and (u is None or unit is None)]
-
-
-def _left_out(name: str, header: str, ignore: tuple[str, ...]) -> bool:
-    predicted = name.endswith(("_predicted", "_predicted_std"))
-    return predicted or name.startswith("_") or name in ignore or header in ignore
-
-
-def _unit(
-    test: StaticTest,
-    source: CsvLines,
-    name: str,
-    header: tuple[str, str | None],
-    place: int,
-    valve: ValveData,
-) -> tuple[Unit, str]:
-    """The unit of a column, and which of the kinds that the column may be of it is."""
+def _unit(test: StaticTest, name: str, text: str, valve: ValveData) -> tuple[Unit, str]:
+    """The unit of a column, and which of the kinds that the column may be of it is. Raises UnitError."""
     kinds = test.kinds[name]
-    text = header[1]
-    if text is None and name in test.columns:
-        text = _split_header(test.columns[name])[1]
     full_scale = valve.stroke if name in test.percent_of_stroke else None
+    for kind in kinds[1:]:
+        try:
+            return parse_unit(text, kind), kind
+        except UnitError:
+            continue
     try:
-        if text is None:
-            raise UnitError(f"the unit is missing; write for example {name} [{_example(kinds[0])}]")
-        for kind in kinds[1:]:
-            with suppress(UnitError):
-                return parse_unit(text, kind), kind
         return parse_unit(text, kinds[0], full_scale), kinds[0]
     except UnitError as error:
         also = "".join(f", or {expected(kind)}" for kind in kinds[1:])
-        raise BenchInputError(
-            f"{error}{also}", file=source.path, line=source.header_line, column=source.header[place]
-        ) from None
+        raise UnitError(f"{error}{also}") from None
 
 
-def _example(kind: str) -> str:
-    return expected(kind).split(" such as ")[1]
-
-
-def _check_range(cells: CsvCells, column: int, values: np.ndarray, kind: str) -> None:
-    lowest, highest = plausible_range(kind)
-    bad = np.flatnonzero((values < lowest) | (values > highest))
-    if len(bad):
-        row = int(bad[0])
-        raise cells.error(column, row, f"{cells.texts(column)[row]} {impossible(kind, float(values[row]))}")
+def _check_values(table: BenchTable) -> None:
+    """Raise BenchInputError where a column holds what no bench has."""
+    for name, values in table.values.items():
+        kind = table.kinds[name] if name in CONDITIONS else f"{table.kinds[name]} reading"
+        lowest, highest = plausible_range(kind)
+        bad = np.flatnonzero((values < lowest) | (values > highest))
+        if len(bad):
+            row = int(bad[0])
+            value, unit = float(values[row]), table.units[name]
+            number = (value - unit.offset) / unit.scale
+            raise table.error(name, row, f"{table.text(name, row)} {impossible(kind, value, number)}")
+        if name.endswith("_std") and not (values > 0.0).all():
+            row = int(np.flatnonzero(~(values > 0.0))[0])
+            raise table.error(name, row, "a standard deviation must be above zero")

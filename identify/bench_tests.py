@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from .actuator_table import check_word
 from .columns_of_tests import ABSOLUTE_RATIO, READINGS, columns_of, columns_of_frequency, columns_of_step
@@ -11,7 +12,7 @@ from .record import DYNAMIC_TESTS, STATIC_TESTS, ActuatorData
 from .toml_source import TomlTable
 
 
-KEYS = ("file", "noise", "columns", "ignore")
+KEYS = ("file", "noise", "columns", "ignore", "missing", "skip_rows", "sheet")
 OUTPUTS = ("spool_position", "piston_velocity", "piston_position")
 
 
@@ -25,6 +26,9 @@ class StaticTest:
     columns: dict[str, str]  # {standard column: the user's header}
     ignore: tuple[str, ...]
     table: TomlTable  # for messages
+    skip_missing: bool = False  # leave out rows with an empty cell or NaN, instead of refusing them
+    skip_rows: int = 0  # lines above the headers
+    sheet: str | None = None  # of an .xlsx file; None: its first
 
     @property
     def kinds(self) -> dict[str, tuple[str, ...]]:
@@ -82,7 +86,9 @@ def read_tests(table: TomlTable, actuator: ActuatorData) -> tuple[dict[str, Stat
             dynamic[name] = _dynamic(name, path, test, actuator.closed_loop)
         else:
             known = tuple(columns_of(name))
-            static[name] = StaticTest(name, path, read_noise(test), _mapping(test, known), _ignored(test), test)
+            static[name] = StaticTest(
+                name, path, read_noise(test), _mapping(test, known), _ignored(test), test, **_layout(test)
+            )
     return static, dynamic
 
 
@@ -95,12 +101,13 @@ def _dynamic(name: str, path: Path, test: TomlTable, closed: bool) -> DynamicTes
             "the controller that closes the loop",
             "output" if "output" in test else None,
         )
-    plain = DynamicTestTable(name, path, {}, {}, (), test, closed, output, absolute)
+    told: dict[str, Any] = {"closed_loop": closed, "output": output, "absolute": absolute}
+    plain = DynamicTestTable(name, path, {}, {}, (), test, **told)
     readings = {reading: plain.kinds[reading][0] for reading in READINGS[name]}
+    columns = _mapping(test, tuple(plain.kinds))
     return DynamicTestTable(
-        name, path, read_noise(test, readings), _mapping(test, tuple(plain.kinds)), _ignored(test), test, closed, output,
-        absolute,
-    )  # fmt: skip
+        name, path, read_noise(test, readings), columns, _ignored(test), test, **_layout(test), **told
+    )
 
 
 def _mapping(test: TomlTable, columns: tuple[str, ...]) -> dict[str, str]:
@@ -123,3 +130,18 @@ def _ignored(test: TomlTable) -> tuple[str, ...]:
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
         raise test.error('must be a list of headers, such as ignore = ["remarks"]', "ignore")
     return tuple(name.strip() for name in names)
+
+
+def _layout(test: TomlTable) -> dict[str, Any]:
+    """What the user says of the file itself, as keyword arguments of a test."""
+    if "missing" in test and test.data["missing"] != "skip":
+        raise test.error(
+            'must be "skip", which leaves out rows with an empty cell or NaN (without it they are refused)', "missing"
+        )
+    skip_rows = test.data.get("skip_rows", 0)
+    if isinstance(skip_rows, bool) or not isinstance(skip_rows, int) or skip_rows < 0:
+        raise test.error(f"{quoted(skip_rows)} must be the number of lines above the headers, such as 3", "skip_rows")
+    sheet = test.text("sheet")
+    if sheet is not None and not str(test.data.get("file")).lower().endswith(".xlsx"):
+        raise test.error("only an .xlsx file has sheets", "sheet")
+    return {"skip_missing": "missing" in test, "skip_rows": skip_rows, "sheet": sheet}

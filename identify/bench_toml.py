@@ -8,16 +8,24 @@ from .actuator_table import read_actuator
 from .bench_tests import DynamicTestTable, StaticTest, read_tests
 from .columns_of_tests import CONDITIONS
 from .errors import quoted
-from .oil_table import read_oil
-from .physical_limits import impossible
+from .oil_table import read_oil, viscosity_range
+from .physical_limits import impossible, wrong_size
 from .record import ActuatorData, StartValue, ValveData
 from .start_table import read_start
 from .toml_source import TomlSource, TomlTable
+from .units import number_of
 
 
 TABLES = ("valve", "oil", "conditions", "tests", "actuator", "start")
-RATED = ("rated_flow", "rated_pressure_drop", "rated_current")
-VALVE = ("name", "stroke", "slot_width", "land_diameter", *RATED, "polarity")
+SIZED = {
+    "stroke": "length",
+    "slot_width": "length",
+    "land_diameter": "length",
+    "rated_flow": "flow",
+    "rated_pressure_drop": "pressure",
+    "rated_current": "current",
+}
+VALVE = ("name", *SIZED, "polarity")
 
 
 @dataclass(frozen=True)
@@ -33,6 +41,7 @@ class BenchFile:
     actuator: ActuatorData | None
     actuator_given: bool
     start: dict[str, StartValue] = field(default_factory=dict)
+    viscosity_range: tuple[float, float] | None = None  # K: between the oil's points; None for a preset
 
 
 def read_bench_toml(path: Path) -> BenchFile:
@@ -40,7 +49,8 @@ def read_bench_toml(path: Path) -> BenchFile:
     root = TomlSource(path).root
     root.refuse_unknown(TABLES, "table")
     valve = _valve(_needed(root, "valve"), path)
-    oil = read_oil(_needed(root, "oil"))
+    oil_table = _needed(root, "oil")
+    oil = read_oil(oil_table)
     conditions = _conditions(root.table("conditions"))
     table = root.table("actuator")
     actuator = read_actuator(TomlTable(root.source, ("actuator",), {}) if table is None else table, valve)
@@ -48,7 +58,10 @@ def read_bench_toml(path: Path) -> BenchFile:
     start = root.table("start")
     used = actuator if dynamic else None
     starts = {} if start is None else read_start(start, valve, used)
-    return BenchFile(root.source, valve, oil, conditions, tests, dynamic, used, table is not None, starts)
+    return BenchFile(
+        root.source, valve, oil, conditions, tests, dynamic, used, table is not None, starts,
+        viscosity_range(oil_table),
+    )  # fmt: skip
 
 
 def _needed(root: TomlTable, name: str) -> TomlTable:
@@ -65,8 +78,8 @@ def _needed(root: TomlTable, name: str) -> TomlTable:
 
 def _valve(table: TomlTable, path: Path) -> ValveData:
     table.refuse_unknown(VALVE)
-    lengths = {key: table.quantity(key, "length", sign="positive") for key in ("stroke", "slot_width", "land_diameter")}
-    stroke, slot_width = lengths["stroke"], lengths["slot_width"]
+    sizes = {key: _size(table, key, kind) for key, kind in SIZED.items()}
+    stroke, slot_width = sizes["stroke"], sizes["slot_width"]
     if stroke is None or slot_width is None:
         key, example = ("stroke", "213 um") if stroke is None else ("slot_width", "12 mm")
         raise table.error(f'{key} is missing; write for example {key} = "{example}"')
@@ -79,12 +92,19 @@ def _valve(table: TomlTable, path: Path) -> ValveData:
         name=table.text("name") or path.absolute().parent.name,
         stroke=stroke,
         slot_width=slot_width,
-        land_diameter=lengths["land_diameter"],
-        rated_flow=table.quantity("rated_flow", "flow", sign="positive"),
-        rated_pressure_drop=table.quantity("rated_pressure_drop", "pressure", sign="positive"),
-        rated_current=table.quantity("rated_current", "current", sign="positive"),
+        land_diameter=sizes["land_diameter"],
+        rated_flow=sizes["rated_flow"],
+        rated_pressure_drop=sizes["rated_pressure_drop"],
+        rated_current=sizes["rated_current"],
         polarity=int(polarity),
     )
+
+
+def _size(table: TomlTable, key: str, kind: str) -> float | None:
+    value = table.quantity(key, kind, sign="positive")
+    if value is not None and (problem := wrong_size(key, value, number_of(table.data[key]))):
+        raise table.error(f"{quoted(table.data[key])} {problem}", key)
+    return value
 
 
 def _conditions(table: TomlTable | None) -> dict[str, float]:
@@ -96,7 +116,7 @@ def _conditions(table: TomlTable | None) -> dict[str, float]:
         value = table.quantity(key, kind)
         if value is None:
             continue
-        if problem := impossible(kind, value):
+        if problem := impossible(kind, value, number_of(table.data[key])):
             raise table.error(f"{quoted(table.data[key])} {problem}", key)
         found[key] = value
     return found

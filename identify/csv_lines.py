@@ -4,34 +4,57 @@ import csv
 import gzip
 import re
 import zlib
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+from .cells import Source
 from .errors import BenchInputError, quoted
 
 
+PLAIN = frozenset("0123456789+-")  # what begins with one of these is a row
 LARGEST = 400_000_000  # bytes after decompression; keeps a damaged or hostile gzip from filling the memory
 
 
 @dataclass(frozen=True)
-class CsvLines:
+class CsvLines(Source):
     """The header's cells and the data lines of a file, with their line numbers (from 1, comments included)."""
 
-    path: Path
     separator: str
-    header: list[str]
-    header_line: int
+    header_text: str
     lines: list[str]
-    numbers: list[int]
+
+    def top(self, most: int) -> Iterator[tuple[int, list[str]]]:
+        """Each line split by the separator that it uses itself: lines above the headers often use another."""
+        rows = zip((self.header_line, *self.numbers[:most]), (self.header_text, *self.lines[:most]), strict=True)
+        for number, line in rows:
+            yield number, [cell.strip(" \t\"'") for cell in line.split(_separator(line))]
+
+    def first_row(self) -> list[str]:
+        """The cells below the headers."""
+        return [cell.strip() for cell in split_cells(self.lines[0], self.separator, self.path, self.numbers[0])]
+
+    def after_first_row(self) -> "CsvLines":
+        if len(self.lines) < 2:
+            raise BenchInputError("has headers but no rows", file=self.path, line=self.header_line)
+        return replace(self, lines=self.lines[1:], numbers=self.numbers[1:])
+
+    def only(self, wanted: Callable[[int], bool]) -> "CsvLines":
+        """The same with some of its rows, told by their places from 0."""
+        rows = [row for row in range(len(self.lines)) if wanted(row)]
+        return replace(self, lines=[self.lines[i] for i in rows], numbers=[self.numbers[i] for i in rows])
 
 
-def read_csv_lines(path: Path) -> CsvLines:
-    """Raises BenchInputError where the file cannot be read, is empty, or has rows of the wrong length."""
-    text = _decode(_bytes(path), path)
+def read_csv_lines(path: Path, skip_rows: int = 0) -> CsvLines:
+    """`skip_rows`: lines above the headers. Raises BenchInputError where the file cannot be read or is empty."""
+    text = decode(read_bytes(path), path)
+    every = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    if skip_rows and skip_rows >= len(every):
+        raise BenchInputError(f"has {len(every)} lines, but skip_rows leaves out {skip_rows}", file=path)
     numbered = [
         (number, line)
-        for number, line in enumerate(text.replace("\r\n", "\n").replace("\r", "\n").split("\n"), start=1)
-        if line.strip(" \t,;\"'") and not line.lstrip(" \t\"'").startswith("#")
+        for number, line in enumerate(every[skip_rows:], start=skip_rows + 1)
+        if line[:1] in PLAIN or (line.strip(" \t,;\"'") and not line.lstrip(" \t\"'").startswith("#"))
     ]
     if numbered and re.fullmatch(r'"?sep=.?"?', numbered[0][1].strip()):  # Excel's own first line
         numbered = numbered[1:]
@@ -40,17 +63,25 @@ def read_csv_lines(path: Path) -> CsvLines:
     header_line, first = numbered[0]
     separator = _separator(first)
     header = [cell.strip() for cell in split_cells(first, separator, path, header_line)]
-    if any(_is_number(cell) for cell in header):
-        raise BenchInputError(
-            "the headers are missing; the first line must name the columns, such as spool_position [um]",
-            file=path,
-            line=header_line,
-        )
     lines = [line for _, line in numbered[1:]]
     numbers = [number for number, _ in numbered[1:]]
     if not lines:
         raise BenchInputError("has headers but no rows", file=path, line=header_line)
-    return CsvLines(path, separator, header, header_line, lines, numbers)
+    header, lines = _without_last_separator(header, lines, separator)
+    return CsvLines(path, header, header_line, numbers, separator, first, lines)
+
+
+def _without_last_separator(header: list[str], lines: list[str], separator: str) -> tuple[list[str], list[str]]:
+    """Many loggers end every row with a separator, and some the headers too: no column stands behind it."""
+    wide = lines[0].count(separator) + 1
+    if len(header) > 1 and not header[-1]:
+        if all(line.endswith(separator) for line in lines):
+            return header[:-1], [line[:-1] for line in lines]
+        if wide == len(header) - 1:
+            return header[:-1], lines
+    elif wide == len(header) + 1 and all(line.endswith(separator) for line in lines):
+        return header, [line[:-1] for line in lines]
+    return header, lines
 
 
 def split_cells(line: str, separator: str, path: Path, number: int) -> list[str]:
@@ -61,7 +92,7 @@ def split_cells(line: str, separator: str, path: Path, number: int) -> list[str]
         raise BenchInputError(f"a quote is not closed in {quoted(line)}", file=path, line=number) from None
 
 
-def _bytes(path: Path) -> bytes:
+def read_bytes(path: Path) -> bytes:
     try:
         with path.open("rb") as file:
             packed = file.read(2) == b"\x1f\x8b"
@@ -83,12 +114,14 @@ def _bytes(path: Path) -> bytes:
     return raw
 
 
-def _decode(raw: bytes, path: Path) -> str:
+def decode(raw: bytes, path: Path) -> str:
     if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
         try:
             return raw.decode("utf-16")
         except UnicodeDecodeError:
             raise BenchInputError("is not text; expected a CSV file", file=path) from None
+    if raw.startswith(b"PK\x03\x04"):
+        raise BenchInputError("is no CSV file but an .xlsx or zip file; give it its own ending", file=path)
     if b"\0" in raw:
         line = raw[: raw.index(b"\0")].count(b"\n") + 1
         raise BenchInputError("is not text; expected a CSV file", file=path, line=line)
@@ -102,11 +135,3 @@ def _separator(header: str) -> str:
     """The separator that the header uses outside quotes; a comma where it uses none."""
     bare = re.sub(r'"[^"]*"', "", header)
     return next((mark for mark in (";", "\t", ",") if mark in bare), ",")
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell.replace(",", "."))
-    except ValueError:
-        return False
-    return True

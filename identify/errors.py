@@ -12,8 +12,9 @@ LONGEST_QUOTE = 60
 class BenchInputError(Exception):
     """A record, model file or option that cannot be used. `str()` is one line, ready for the terminal (exit status 2).
 
-    file: the file (or folder) at fault; line: its line, counted from 1, comment lines included; column: the CSV header;
-    key: the TOML key, such as "[valve] stroke". Any of them may be None.
+    file: the file (or folder) at fault; line: its line, counted from 1, comment lines included; row: instead of a line,
+    the row of a file that has no lines (a spreadsheet's own number); column: the header; key: the TOML key, such as
+    "[valve] stroke". Any of them may be None.
     """
 
     def __init__(
@@ -22,6 +23,7 @@ class BenchInputError(Exception):
         *,
         file: str | Path | None = None,
         line: int | None = None,
+        row: int | None = None,
         column: str | None = None,
         key: str | None = None,
     ) -> None:
@@ -29,6 +31,7 @@ class BenchInputError(Exception):
         self.message = one_line(message)
         self.file = None if file is None else Path(file)
         self.line = line
+        self.row = row
         self.column = column
         self.key = key
 
@@ -36,6 +39,8 @@ class BenchInputError(Exception):
         place = [] if self.file is None else [one_line(str(self.file))]
         if self.line is not None:
             place.append(f"line {self.line}")
+        if self.row is not None:
+            place.append(f"row {self.row}")
         if self.column is not None:
             place.append(f"column {quoted(self.column)}")
         if self.key is not None:
@@ -48,13 +53,20 @@ def one_line(text: str) -> str:
     return "".join(c if c.isprintable() else " " if c.isspace() else c.encode("unicode_escape").decode() for c in text)
 
 
-def quoted(text: object) -> str:
+def quoted(text: object, longest: int = LONGEST_QUOTE) -> str:
     """What a user wrote, in double quotes, cut to a readable length."""
     try:
         plain = one_line(str(text))
     except ValueError:  # Python refuses to print integers of thousands of digits
         plain = "a number of thousands of digits"
-    return f'"{plain}"' if len(plain) <= LONGEST_QUOTE else f'"{plain[:LONGEST_QUOTE]}..."'
+    return f'"{plain}"' if len(plain) <= longest else f'"{plain[:longest]}..."'
+
+
+def listed(parts: Iterable[str], most: int) -> str:
+    """The parts with commas between them; where there are more than `most`, how many were left out."""
+    every = list(parts)
+    more = len(every) - most
+    return ", ".join(every) if more <= 0 else f"{', '.join(every[:most])} and {more} more"
 
 
 def suggestion(name: str, known: Iterable[str]) -> str:

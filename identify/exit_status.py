@@ -12,6 +12,7 @@ from .errors import BenchInputError, one_line
 
 FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130
 LONGEST_REASON = 300
+LONGEST_MESSAGE = 2000  # about bad input: it may hold a line to copy into bench.toml
 DEBUG = "THERMOHYD_DEBUG"
 
 
@@ -23,7 +24,7 @@ def plain_failures() -> Iterator[None]:
     except typer.Exit:
         raise
     except BenchInputError as error:
-        _end(str(error), BAD_INPUT)
+        _end(str(error), BAD_INPUT, LONGEST_MESSAGE)
     except KeyboardInterrupt:
         _end("interrupted; nothing was written", INTERRUPTED)
     except BrokenPipeError:
@@ -62,8 +63,8 @@ def fail(message: str) -> None:
     _end(message, FAILED)
 
 
-def _end(message: str, status: int) -> None:
+def _end(message: str, status: int, longest: int = LONGEST_REASON) -> None:
     if wants_the_whole_story() and sys.exc_info()[0] is not None:
         raise
-    typer.echo(f"thermohyd: {one_line(message)[:LONGEST_REASON]}", err=True)
+    typer.echo(f"thermohyd: {one_line(message)[:longest]}", err=True)
     raise typer.Exit(status) from None

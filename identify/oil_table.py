@@ -40,6 +40,15 @@ def read_oil(table: TomlTable) -> OilDefinition:
     return oil if name is None else replace(oil, name=name)
 
 
+def viscosity_range(table: TomlTable) -> tuple[float, float] | None:
+    """The coldest and the hottest temperature [K] of an oil's viscosity points; None for a preset."""
+    points = table.data.get("viscosity")
+    if not isinstance(points, list):
+        return None
+    temperatures = [table.as_quantity("viscosity", p[0], "temperature") for p in points]
+    return min(temperatures), max(temperatures)
+
+
 def _viscosity_law(table: TomlTable) -> tuple[float, float]:
     example = 'viscosity = [["-40 degC", "4000 cSt"], ["70 degC", "30 cSt"]]'
     if "viscosity" not in table:

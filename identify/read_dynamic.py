@@ -6,20 +6,20 @@ from .bench_csv import BenchTable
 from .bench_tests import DynamicTestTable
 from .bench_toml import BenchFile
 from .columns_of_tests import CONDITIONS, READINGS
+from .plausibility import check_supply
 from .record import DynamicData, DynamicTest
-from .table_parts import channels_of, condition, missing, read_table, runs
+from .table_parts import channels_of, condition, missing, runs
 
 
-def read_dynamic(bench: BenchFile, *, readings_required: bool) -> DynamicData | None:
+def read_dynamic(bench: BenchFile, tables: dict[str, BenchTable], *, readings_required: bool) -> DynamicData | None:
     """The dynamic tests with their actuator; None where the record has none. Raises BenchInputError."""
     if bench.actuator is None:
         return None
-    tests = {name: _read(test, bench, readings_required) for name, test in bench.dynamic.items()}
+    tests = {name: _read(test, tables[name], bench, readings_required) for name, test in bench.dynamic.items()}
     return DynamicData(bench.actuator, tests, bench.actuator_given)
 
 
-def _read(test: DynamicTestTable, bench: BenchFile, required: bool) -> DynamicTest:
-    table = read_table(test, bench)
+def _read(test: DynamicTestTable, table: BenchTable, bench: BenchFile, required: bool) -> DynamicTest:
     run, run_names = runs(table)
     step = test.name == "step"
     time = _time(table, test, run) if step else None
@@ -27,15 +27,11 @@ def _read(test: DynamicTestTable, bench: BenchFile, required: bool) -> DynamicTe
     command, kind = _command(table, test, bench)
     found = tuple(reading for reading in READINGS[test.name] if reading in table.values)
     if required and not found:
-        raise missing(table, test, f"{' or '.join(_examples(test))}, a reading,")
+        raise missing(table, test, f"{' or '.join(_examples(test))}, a reading")
     for reading in found:
         _check_reading(table, bench, test, reading)
     given = {name: condition(table, bench, test, name) for name in CONDITIONS}
-    low = np.flatnonzero(given["supply_pressure"] <= given["return_pressure"])
-    if len(low):
-        raise table.error(
-            "supply_pressure", int(low[0]), "the supply pressure must exceed the return pressure; is the unit right?"
-        )
+    check_supply(table, bench, given["supply_pressure"], given["return_pressure"])
     zeros = np.zeros(table.rows)
     return DynamicTest(
         name=test.name,
@@ -102,7 +98,7 @@ def _command(table: BenchTable, test: DynamicTestTable, bench: BenchFile) -> tup
     closed = bench.actuator.closed_loop
     if "command" not in table.values:
         if test.name == "step":
-            example = "command [mm], a setpoint of the piston," if closed else "command [um] or command [mA]"
+            example = "command [mm], a setpoint of the piston" if closed else "command [um] or command [mA]"
             raise missing(table, test, example)
         by_current = table.kinds.get("amplitude_ratio", "").endswith("per current")
         return np.zeros(table.rows), "setpoint" if closed else "current" if by_current else "spool_position"
@@ -138,6 +134,6 @@ def _check_size(table: BenchTable, name: str, values: np.ndarray, limit: float, 
     far = np.flatnonzero(np.abs(values) > limit * (1.0 + 1e-9))
     if len(far):
         row = int(far[0])
-        cell = table.cells.texts(table.columns[name])[row]
+        cell = table.text(name, row)
         shown = f"{limit * 1e3:.6g} {'mA' if 'current' in words else 'mm'}"
         raise table.error(name, row, f"{cell} is beyond {words} ({shown}); is the unit right?")

@@ -9,10 +9,12 @@ from .bench_tests import StaticTest
 from .bench_toml import BenchFile, read_bench_toml
 from .columns_of_tests import CONDITIONS, READINGS
 from .errors import BenchInputError
+from .plausibility import check_supply, condition_warnings, static_warnings
 from .read_dynamic import read_dynamic
 from .record import BenchRecord, Channel, TestRecord
 from .sweeps import first_step_back, sweep_direction, sweep_rate
-from .table_parts import NAME, channels_of, condition, missing, read_table, runs
+from .table_parts import NAME, channels_of, condition, missing, read_tables, runs
+from .units import to_si
 
 
 def read_record(folder: str | Path, *, readings_required: bool = True) -> BenchRecord:
@@ -31,7 +33,12 @@ def read_record(folder: str | Path, *, readings_required: bool = True) -> BenchR
     except (OSError, ValueError) as error:  # a name that no file system takes
         raise BenchInputError(f"cannot be read ({error})", file=folder) from None
     bench = read_bench_toml(folder / NAME)
-    tests = {test.name: _read_test(test, bench, readings_required) for test in bench.tests.values()}
+    tables = read_tables(bench)
+    tests = {test.name: _read_test(test, tables[test.name], bench, readings_required) for test in bench.tests.values()}
+    dynamic = read_dynamic(bench, tables, readings_required=readings_required)
+    warnings = [w for name, test in tests.items() for w in static_warnings(test, tables[name], bench)]
+    for name, test in ({} if dynamic is None else dynamic.tests).items():
+        warnings += condition_warnings(test, tables[name], bench)
     return BenchRecord(
         folder,
         bench.valve.name,
@@ -39,19 +46,20 @@ def read_record(folder: str | Path, *, readings_required: bool = True) -> BenchR
         bench.oil,
         tests,
         bench.start,
-        dynamic=read_dynamic(bench, readings_required=readings_required),
+        warnings=tuple(warnings),
+        dynamic=dynamic,
     )
 
 
-def _read_test(test: StaticTest, bench: BenchFile, readings_required: bool) -> TestRecord:
-    table = read_table(test, bench)
+def _read_test(test: StaticTest, table: BenchTable, bench: BenchFile, readings_required: bool) -> TestRecord:
     position, abscissa = _position(table, bench, test)
     given = {name: condition(table, bench, test, name) for name in CONDITIONS}
+    check_supply(table, bench, given["supply_pressure"], given["return_pressure"])
     load_pressure = None
     if test.name == "load_flow":
         load_pressure = table.values.get("load_pressure")
         if load_pressure is None:
-            raise missing(table, test, "load_pressure [bar], the imposed load pressure,")
+            raise missing(table, test, "load_pressure [bar], the imposed load pressure")
     channels = _channels(table, test, readings_required)
     run, run_names = runs(table)
     time = table.values.get("time")
@@ -94,15 +102,18 @@ def _position(table: BenchTable, bench: BenchFile, test: StaticTest) -> tuple[np
             )
         position = valve.stroke * table.values["current"] / valve.rated_current * valve.polarity
     else:
-        raise missing(table, test, "spool_position [um] or current [mA],")
+        raise missing(table, test, "spool_position [um] or current [mA]")
     far = np.flatnonzero(np.abs(position) > 2.0 * valve.stroke)
     if len(far):
         row = int(far[0])
-        cell = table.cells.texts(table.columns[name])[row]
+        cell = table.text(name, row)
         limit, full = "the stroke", f"{valve.stroke * 1e6:.6g} um"
         if name == "current" and valve.rated_current is not None:
             limit, full = "the rated current", f"{valve.rated_current * 1e3:.6g} mA"
-        raise table.error(name, row, f"{cell} is beyond twice {limit} ({full}); is the unit right?")
+        number = float(np.abs(position[far[0]]) / table.units[name].scale) if name == "spool_position" else 0.0
+        fitting = (u for u in ("um", "mm", "inch") if 0.02 * valve.stroke <= to_si(number, u) <= 2.0 * valve.stroke)
+        hint = next((f" In {unit} it would fit" for unit in fitting), "")
+        raise table.error(name, row, f"{cell} is beyond twice {limit} ({full}); is the unit right?{hint}")
     return position, name
 
 
@@ -110,11 +121,11 @@ def _channels(table: BenchTable, test: StaticTest, required: bool) -> tuple[Chan
     found = [reading for reading in READINGS[test.name] if reading in table.values]
     if required:
         if not found:
-            what = {"pressure_gain": "load_pressure [bar], or pressure_a and pressure_b,"}
+            what = {"pressure_gain": "load_pressure [bar], or pressure_a and pressure_b"}
             reading, kind = next(iter(READINGS[test.name].items()))
             example = "l/min" if kind == "flow" else "bar"
-            raise missing(table, test, what.get(test.name, f"{reading} [{example}],"))
+            raise missing(table, test, what.get(test.name, f"{reading} [{example}]"))
         if len(found) == 1 and found[0] in ("pressure_a", "pressure_b"):
             other = {"pressure_a": "pressure_b", "pressure_b": "pressure_a"}[found[0]]
-            raise missing(table, test, f"{other} [bar] beside {found[0]},")
+            raise missing(table, test, f"{other} [bar] beside {found[0]}")
     return channels_of(table, test, tuple(found))

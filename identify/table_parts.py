@@ -5,20 +5,36 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from .bad_cells import BadCellsError, BadCellsOfTest
 from .bench_csv import BenchTable, read_bench_csv
 from .bench_tests import StaticTest
 from .bench_toml import BenchFile
-from .errors import BenchInputError, quoted, suggestion
+from .errors import BenchInputError, listed, quoted, suggestion
+from .headers import likely_header, mapping
 from .record import Channel
 
 
 NAME = "bench.toml"
 
 
-def read_table(test: StaticTest, bench: BenchFile) -> BenchTable:
-    """The test's file as columns. Raises BenchInputError."""
+def read_tables(bench: BenchFile) -> dict[str, BenchTable]:
+    """The files of all tests as columns, by test. Raises BenchInputError; about bad cells one for all files."""
+    tables: dict[str, BenchTable] = {}
+    bad: list[BadCellsOfTest] = []
+    for test in (*bench.tests.values(), *bench.dynamic.values()):
+        try:
+            tables[test.name] = _read_table(test, bench)
+        except BadCellsError as error:
+            bad += error.tests
+    if bad:
+        raise BadCellsError(bad, bench.source.path.parent)
+    return tables
+
+
+def _read_table(test: StaticTest, bench: BenchFile) -> BenchTable:
     if not _is_file(test.file):
-        found = sorted(path.name for path in bench.source.path.parent.iterdir() if ".csv" in path.name)
+        endings = (".csv", ".csv.gz", ".xlsx", ".parquet")
+        found = sorted(p.name for p in bench.source.path.parent.iterdir() if p.name.lower().endswith(endings))
         hint = suggestion(test.file.name, found) if found else "the folder holds no CSV file"
         raise test.table.error(f"there is no file {quoted(test.table.data['file'])}; {hint}", "file")
     return read_bench_csv(test, bench.valve)
@@ -32,9 +48,12 @@ def _is_file(path: Path) -> bool:
 
 
 def missing(table: BenchTable, test: StaticTest, what: str) -> BenchInputError:
-    """An error: the test lacks a column, `what` says which in words."""
-    has = ", ".join(quoted(header) for header in table.cells.source.header)
-    return table.error(None, None, f"the {test.name} test needs a column {what} but the file has {has}")
+    """An error: the test lacks a column. what: its name first, then what else there is to say of it."""
+    has = listed([quoted(header) for header in table.source.header], 8)
+    standard = what.split()[0]
+    likely = likely_header(test, standard, table.unused)
+    way = f"; if that is {quoted(likely)}, write {mapping(test, {standard: likely})}" if likely else ""
+    return table.error(None, None, f"the {test.name} test needs a column {what}, but the file has {has}{way}")
 
 
 def condition(table: BenchTable, bench: BenchFile, test: StaticTest, name: str) -> np.ndarray:
@@ -44,9 +63,11 @@ def condition(table: BenchTable, bench: BenchFile, test: StaticTest, name: str) 
     if name in bench.conditions:
         return np.full(table.rows, bench.conditions[name])
     example = {"supply_pressure": "70 bar", "temperature": "40 degC"}[name]
+    likely = likely_header(test, name, table.unused)
+    way = f"; or, if it is {quoted(likely)}, {mapping(test, {name: likely})}" if likely else ""
     raise bench.source.root.table_error(
         "conditions",
-        f'{name} is missing: {test.file.name} has no such column; write {name} = "{example}" in [conditions]',
+        f'{name} is missing: {test.file.name} has no such column; write {name} = "{example}" in [conditions]{way}',
     )
 
 

@@ -42,7 +42,32 @@ KINDS = {
 }
 # What engineers write and pint does not know. Gauge pressures: all pressures of a record are gauge.
 DEFINITIONS = ("gpm = gallon / minute", "lpm = liter / minute", "barg = bar", "psig = psi", "psid = psi", "cc = cm**3")
-ABSOLUTE = {"psia", "bara", "bar_a", "psi_a"}  # refused: a record's pressures are gauge
+ABSOLUTE = {"psia", "bara", "bar_a", "psi_a", "bar(a)", "psi(a)"}  # refused: a record's pressures are gauge
+# Units of a bench that loggers also write in other letter case ("PSI", "Bar", "L/MIN"). Within one kind no two of them
+# differ by case alone: millipascals and megametres are on no bench.
+WRITTEN = {
+    "length": ("um", "mm", "cm", "m", "nm", "in", "inch", "mil", "thou"),
+    "flow": ("l/min", "ml/min", "cc/min", "cm^3/min", "cm^3/s", "l/s", "l/h", "m^3/s", "m^3/min", "m^3/h", "gpm", "lpm",
+             "gal/min", "in^3/min", "in^3/s"),
+    "pressure": ("bar", "mbar", "Pa", "hPa", "kPa", "MPa", "psi", "psig", "psid", "barg", "kgf/cm^2"),
+    "temperature": ("degC", "degF", "K", "°C", "°F", "kelvin"),
+    "current": ("mA", "uA", "A"),
+    "time": ("s", "ms", "us", "min", "h", "sec", "second", "seconds"),
+    "force": ("N", "kN", "lbf"),
+    "velocity": ("mm/s", "m/s", "um/s", "in/s"),
+    "frequency": ("Hz", "kHz", "rad/s"),
+    "angle": ("deg", "rad"),
+    "kinematic viscosity": ("cSt", "mm^2/s"),
+    "density": ("kg/m^3", "g/cm^3", "kg/l"),
+}  # fmt: skip
+# Short names that pint takes for something else (C is its coulomb, F its farad): read by the kind of the column only.
+SHORT = {
+    "temperature": {"c": "degC", "f": "degF", "celsius": "degC", "fahrenheit": "degF"}
+    | {"gradc": "degC", "deg.c": "degC", "deg.f": "degF", "degk": "K"},
+    "pressure": {"bar(g)": "bar", "psi(g)": "psi", "kpa(g)": "kPa", "mpa(g)": "MPa", "kpag": "kPa", "mpag": "MPa"},
+    "flow": {"usgpm": "gal/min", "ccm": "cm^3/min", "ltr/min": "l/min", "lit/min": "l/min"},
+    "length": {"micron": "um", "microns": "um", "mils": "mil"},
+}
 COMMON = tuple(
     [
         "um",
@@ -70,7 +95,7 @@ SAFE = re.compile(
     r"(?:1(?=\s*/)|[^\W\d]\w*|[°%]|(?:\^|\*\*)\s*-?\d(?!\s*(?:[\d.^]|\*\*))|(?<=[\w)%])\*(?=[\s\w(])|[/()]|\s)+"
 )
 NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)(?![\d.,])\s*(.*)", re.DOTALL)
-SUPERSCRIPTS = {"²": "^2", "³": "^3", "⁻¹": "^-1", "·": "*", "⋅": "*", "×": "*"}
+SIGNS = {"²": "^2", "³": "^3", "⁻¹": "^-1", "·": "*", "⋅": "*", "×": "*", "º": "°", "℃": "°C", "℉": "°F"}
 
 
 class UnitError(ValueError):
@@ -112,11 +137,11 @@ def _registry() -> Any:
 def _linear(text: str) -> tuple[float, float, frozenset]:
     """(scale, offset, dimension) of a unit against coherent SI."""
     plain = text.strip()
-    for sign, meaning in SUPERSCRIPTS.items():
+    for sign, meaning in SIGNS.items():
         plain = plain.replace(sign, meaning)
     plain = re.sub(r"\s*(\*\*|[*/^])\s*", r"\1", plain)
     plain = re.sub(r"(?<=[A-Za-z])([23])(?![\w^])", r"^\1", plain)  # cm2 as loggers write it
-    if plain in ABSOLUTE:
+    if re.sub(r"\s", "", plain).casefold() in ABSOLUTE:
         raise UnitError(f"{quoted(text)} is an absolute pressure, but the pressures of a record are gauge")
     if plain in ("1", "-"):
         return 1.0, 0.0, frozenset()
@@ -149,13 +174,32 @@ def parse_unit(text: str, kind: str, full_scale: float | None = None) -> Unit:
         raise UnitError(f"the unit is missing; expected {expected(kind)}")
     try:
         scale, offset, dimension = _linear(text)
+        if dimension != _linear(KINDS[kind])[2] and (written := _as_written(text, kind)):
+            scale, offset, dimension = _linear(written)
     except UnitError as error:
+        if written := _as_written(text, kind):
+            return Unit(text, *_linear(written)[:2])
         close = suggestion(text, COMMON)
         raise UnitError(f"{error}; {close if close.endswith('?') else f'expected {expected(kind)}'}") from None
     if dimension != _linear(KINDS[kind])[2]:
         same = (_article(name) for name, example in KINDS.items() if _linear(example)[2] == dimension)
         raise UnitError(f"{quoted(text)} is {next(same, 'of another dimension')}; expected {expected(kind)}")
     return Unit(text, scale, offset)
+
+
+@functools.cache
+def _spellings(kind: str) -> dict[str, str]:
+    return {unit.casefold(): unit for unit in WRITTEN.get(kind, ())} | SHORT.get(kind, {})
+
+
+def _as_written(text: str, kind: str) -> str | None:
+    """The unit that a text means in a column of this kind, whatever its letter case and blanks; None if it is none."""
+    plain = text
+    for sign, meaning in SIGNS.items():
+        plain = plain.replace(sign, meaning)
+    plain = re.sub(r"\s+", "", plain).replace("**", "^").casefold()
+    known = _spellings(kind)
+    return known.get(plain) or known.get(re.sub(r"(?<=[a-z])([23])", r"^\1", plain))
 
 
 def parse_quantity(text: str, kind: str, full_scale: float | None = None) -> float:
@@ -169,6 +213,13 @@ def parse_quantity(text: str, kind: str, full_scale: float | None = None) -> flo
     if not math.isfinite(value):
         raise UnitError(f"{quoted(text)} is not finite")
     return value
+
+
+def number_of(text: str) -> float:
+    """213.0 of "213 um", a text that `parse_quantity` takes."""
+    match = NUMBER.match(text)
+    assert match is not None
+    return float(match[1])
 
 
 @overload

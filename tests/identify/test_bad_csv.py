@@ -27,7 +27,7 @@ SPOILED = {
     "no unit": (
         HEADERS,
         "time [s],run,spool_position,leakage_flow [l/min]",
-        'leakage.csv, line 2, column "spool_position": the unit is missing; write for example spool_position [um]',
+        'leakage.csv, line 2, column "spool_position": the unit is missing; write for example spool_position [um], or columns = { spool_position = "spool_position [um]" } in [tests.leakage]',
     ),
     "empty unit": (
         HEADERS,
@@ -37,7 +37,7 @@ SPOILED = {
     "unknown column": (
         HEADERS,
         "time [s],run,spool_position [um],leackage_flow [l/min]",
-        'leakage.csv, line 2, column "leackage_flow [l/min]": unknown column "leackage_flow"; did you mean "leakage_flow"? (extra columns: start the name with _ or list it in ignore)',
+        'leakage.csv, line 2, column "leackage_flow [l/min]": unknown column "leackage_flow"; did you mean "leakage_flow"? Correct the header, or write columns = { leakage_flow = "leackage_flow [l/min]" } in [tests.leakage] (extra columns: start the name with _ or list it in ignore)',
     ),
     "unknown column far": (
         HEADERS,
@@ -47,12 +47,12 @@ SPOILED = {
     "missing reading": (
         HEADERS,
         "time [s],run,spool_position [um],_leakage_flow [l/min]",
-        'leakage.csv, line 2: the leakage test needs a column leakage_flow [l/min], but the file has "time [s]", "run", "spool_position [um]", "_leakage_flow [l/min]"',
+        'leakage.csv, line 2: the leakage test needs a column leakage_flow [l/min], but the file has "time [s]", "run", "spool_position [um]", "_leakage_flow [l/min]"; if that is "_leakage_flow [l/min]", write columns = { leakage_flow = "_leakage_flow [l/min]" } in [tests.leakage]',
     ),
     "missing position": (
         HEADERS,
         "time [s],run,_x [um],leakage_flow [l/min]",
-        'leakage.csv, line 2: the leakage test needs a column spool_position [um] or current [mA], but the file has "time [s]", "run", "_x [um]", "leakage_flow [l/min]"',
+        'leakage.csv, line 2: the leakage test needs a column spool_position [um] or current [mA], but the file has "time [s]", "run", "_x [um]", "leakage_flow [l/min]"; if that is "_x [um]", write columns = { spool_position = "_x [um]" } in [tests.leakage]',
     ),
     "text": (
         "1,up,0,0.3",
@@ -62,7 +62,7 @@ SPOILED = {
     "nan": (
         "1,up,0,0.3",
         "1,up,0,NaN",
-        'leakage.csv, line 4, column "leakage_flow [l/min]": "NaN" is not a finite number; leave the row out',
+        'leakage.csv, line 4, column "leakage_flow [l/min]": "NaN" is not a number; leave the row out, or write missing = "skip" in [tests.leakage]',
     ),
     "inf": (
         "1,up,0,0.3",
@@ -72,7 +72,7 @@ SPOILED = {
     "empty cell": (
         "1,up,0,0.3",
         "1,up,0,",
-        'leakage.csv, line 4, column "leakage_flow [l/min]": the cell is empty; expected a number (leave out rows without a reading)',
+        'leakage.csv, line 4, column "leakage_flow [l/min]": the cell is empty; leave the row out, or write missing = "skip" in [tests.leakage]',
     ),
     "true": (
         "1,up,0,0.3",
@@ -107,7 +107,7 @@ SPOILED = {
     "too high": (
         HEADERS,
         "supply_pressure [GPa],run,spool_position [um],leakage_flow [l/min]",
-        'leakage.csv, line 4, column "supply_pressure [GPa]": 1 is above 5000 bar; is the unit right?',
+        'leakage.csv, line 4, column "supply_pressure [GPa]": 1 is above 700 bar, more than a servovalve bears; is the unit right?',
     ),
     "duplicate": (
         HEADERS,

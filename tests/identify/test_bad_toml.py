@@ -243,7 +243,7 @@ SPOILED = {
     "only dynamic": (
         "[tests.leakage]",
         "[tests.step]",
-        'leakage.csv, line 2: the step test needs a column command [um] or command [mA] but the file has "time [s]", "run", "spool_position [um]", "leakage_flow [l/min]"',
+        'leakage.csv, line 2: the step test needs a column command [um] or command [mA], but the file has "time [s]", "run", "spool_position [um]", "leakage_flow [l/min]"',
     ),
     "chamber": (
         'file = "leakage.csv"\n',
@@ -283,7 +283,7 @@ SPOILED = {
     "step output": (
         'file = "leakage.csv"\n',
         'file = "leakage.csv"\n[tests.step]\nfile="f"\noutput="flow"\n',
-        'bench.toml, line 19, [tests.step] output: unknown key "output"; known: file, noise, columns, ignore',
+        'bench.toml, line 19, [tests.step] output: unknown key "output"; known: file, noise, columns, ignore, missing, skip_rows, sheet',
     ),
     "step noise": (
         'file = "leakage.csv"\n',

@@ -42,6 +42,25 @@ from thermohyd.identify.units import UnitError, from_si, parse_quantity, parse_u
         ("1.2e3 m s^-1", "velocity", 1200.0),
         ("0.7", "plain number", 0.7),
         ("70 %", "plain number", 0.7),
+        # letter case, and short names that only the kind of the quantity gives a meaning
+        ("40 C", "temperature", 313.15),
+        ("40 deg C", "temperature", 313.15),
+        ("40 ºC", "temperature", 313.15),
+        ("40 ℃", "temperature", 313.15),
+        ("104 F", "temperature", 313.15),
+        ("104 °F", "temperature", 313.15),
+        ("300 k", "temperature", 300.0),
+        ("2980 PSI", "pressure", 2980.0 * 6894.757293168361),
+        ("70 Bar", "pressure", 70e5),
+        ("70 bar(g)", "pressure", 70e5),
+        ("7 MPA", "pressure", 7e6),
+        ("1 GPM", "flow", 3.785411784e-3 / 60.0),
+        ("9.8 LPM", "flow", 9.8e-3 / 60.0),
+        ("9.8 L/MIN", "flow", 9.8e-3 / 60.0),
+        ("3 ML/MIN", "flow", 3e-6 / 60.0),
+        ("3 S", "time", 3.0),
+        ("3 ma", "current", 3e-3),
+        ("5 UM", "length", 5e-6),
     ],
 )
 def test_quantity(text, kind, expected):
@@ -52,10 +71,19 @@ def test_quantity(text, kind, expected):
     ("text", "kind", "message"),
     [
         ("3 bar", "flow", '"bar" is a pressure; expected a flow such as l/min'),
-        ("40 C", "temperature", '"C" is of another dimension; expected a temperature such as degC'),
+        ("40 C", "flow", '"C" is of another dimension; expected a flow such as l/min'),
         ("3", "length", "the unit is missing; expected a length such as um"),
         ("3 l/mn", "flow", '"l/mn" is not a unit; did you mean "l/min"?'),
-        ("3 PSI", "pressure", '"PSI" is not a unit; did you mean "psi"?'),
+        (
+            "3 PSIA",
+            "pressure",
+            '"PSIA" is an absolute pressure, but the pressures of a record are gauge; did you mean "psi"?',
+        ),
+        (
+            "3 bar(a)",
+            "pressure",
+            '"bar(a)" is an absolute pressure, but the pressures of a record are gauge; did you mean "bar"?',
+        ),
         (
             "3 psia",
             "pressure",

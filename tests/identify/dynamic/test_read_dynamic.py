@@ -74,7 +74,7 @@ SPOILED = {
     "one row": ({"step": STEP.replace("0.6,b", "0.6,c")}, 'step.csv, line 4, column "time [s]": a run of a step test needs at least two rows'),
     "far setpoint": ({"step": STEP.replace("0.1,a,1", "0.1,a,60")}, 'step.csv, line 3, column "command [mm]": 60 is beyond half the piston\'s stroke (25 mm); is the unit right?'),
     "far piston": ({"step": STEP.replace("1,1,0.2,21\n0.5", "1,1,200.5,21\n0.5")}, 'step.csv, line 3, column "piston_position [mm]": 200.5 is beyond the piston\'s stroke (50 mm); is the unit right?'),
-    "no command": ({"step": STEP.replace("command [mm]", "_command")}, 'step.csv, line 1: the step test needs a column command [mm], a setpoint of the piston, but the file has "time [s]", "run", "_command", "external_force [kN]", "piston_position [mm]", "pressure_a [bar]"'),
+    "no command": ({"step": STEP.replace("command [mm]", "_command")}, 'step.csv, line 1: the step test needs a column command [mm], a setpoint of the piston, but the file has "time [s]", "run", "_command", "external_force [kN]", "piston_position [mm]", "pressure_a [bar]"; if that is "_command", write columns = { command = "_command [um]" } in [tests.step]'),
     "no reading": ({"f": "frequency [Hz]\n1\n"}, 'f.csv, line 1: the frequency test needs a column amplitude_ratio [1] or phase [deg], a reading, but the file has "frequency [Hz]"'),
     "decibels": ({"f": RESPONSE.replace("0.9", "-3")}, 'f.csv, line 3, column "amplitude_ratio [1]": an amplitude ratio must be above zero; it is a ratio, not dB'),
     "zero": ({"f": RESPONSE.replace("\n1,1", "\n0,1")}, 'f.csv, line 2, column "frequency [Hz]": a frequency must be above zero'),
