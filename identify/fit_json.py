@@ -2,6 +2,7 @@
 
 import json
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -57,6 +58,14 @@ def fit_json(result: FitResult) -> dict[str, Any]:
         "units": "SI: m, Pa (gauge), K, m3/s",
     }
     return plain(content)
+
+
+def fits_json(results: Mapping[str, FitResult], failed: Mapping[str, str]) -> dict[str, Any]:
+    """Several fits by the name of the record's folder, and why the others failed."""
+    return {
+        "records": [{"folder": name, **fit_json(result)} for name, result in results.items()],
+        "failed": [{"folder": name, "reason": reason} for name, reason in failed.items()],
+    }
 
 
 def json_text(content: dict[str, Any]) -> str:

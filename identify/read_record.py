@@ -1,5 +1,6 @@
 """Read a bench record: a folder with bench.toml and one CSV per test, checked, in SI units. No JAX here."""
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -15,16 +16,22 @@ from .sweeps import first_step_back, sweep_direction, sweep_rate
 from .table_parts import NAME, channels_of, condition, missing, read_table, runs
 
 
+def record_folder(path: str | Path) -> Path:
+    """The folder of a record that is named by itself or by its bench.toml."""
+    path = Path(path)
+    return path.parent if path.name == NAME and not os.path.isdir(path) else path
+
+
 def read_record(folder: str | Path, *, readings_required: bool = True) -> BenchRecord:
-    """The record in a folder (BENCH_FORMAT). With `readings_required=False` (predictions) readings may be missing:
-    a test without any then has no channels.
+    """The record in a folder (BENCH_FORMAT), or the one whose bench.toml is named. With `readings_required=False`
+    (predictions) readings may be missing: a test without any then has no channels.
 
     Raises BenchInputError, and nothing else, for whatever is wrong with the folder or its files.
     """
-    folder = Path(folder)
+    folder = record_folder(folder)
     try:
         if not folder.is_dir():
-            what = "is a file; give the folder that holds it" if folder.exists() else "no such folder"
+            what = f"is a file; give the folder of the record or its {NAME}" if folder.exists() else "no such folder"
             raise BenchInputError(what, file=folder)
         if not (folder / NAME).is_file():
             raise BenchInputError(f"holds no {NAME}; `thermohyd new` writes a template", file=folder)
