@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from .fit_result import ChannelFit, FitResult, ParameterEstimate
+from .provenance import record_json
 from .report_content import chi2_band
 
 
@@ -16,7 +17,7 @@ def fit_json(result: FitResult) -> dict[str, Any]:
     tests = list(dict.fromkeys(fit.test for fit in result.channels))
     free = list(result.free)
     content = {
-        "record": result.record.name,
+        **record_json(result.record),
         "converged": result.converged,
         "message": result.message,
         "verdict": list(result.verdict),

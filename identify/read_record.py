@@ -10,6 +10,7 @@ from .bench_tests import StaticTest
 from .bench_toml import BenchFile, read_bench_toml
 from .columns_of_tests import CONDITIONS, READINGS
 from .errors import BenchInputError
+from .provenance import provenance_of
 from .read_dynamic import read_dynamic
 from .record import BenchRecord, Channel, TestRecord
 from .sweeps import first_step_back, sweep_direction, sweep_rate
@@ -39,6 +40,12 @@ def read_record(folder: str | Path, *, readings_required: bool = True) -> BenchR
         raise BenchInputError(f"cannot be read ({error})", file=folder) from None
     bench = read_bench_toml(folder / NAME)
     tests = {test.name: _read_test(test, bench, readings_required) for test in bench.tests.values()}
+    dynamic = read_dynamic(bench, readings_required=readings_required)
+    every = (*tests.values(), *(() if dynamic is None else dynamic.tests.values()))
+    try:
+        provenance = provenance_of(folder, folder / NAME, every)
+    except OSError as error:  # gone since it was read
+        raise BenchInputError(f"cannot be read ({error.strerror})", file=error.filename) from None
     return BenchRecord(
         folder,
         bench.valve.name,
@@ -46,7 +53,8 @@ def read_record(folder: str | Path, *, readings_required: bool = True) -> BenchR
         bench.oil,
         tests,
         bench.start,
-        dynamic=read_dynamic(bench, readings_required=readings_required),
+        dynamic=dynamic,
+        provenance=provenance,
     )
 
 
