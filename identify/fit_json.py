@@ -48,6 +48,7 @@ def fit_json(result: FitResult) -> dict[str, Any]:
                 "converged": start.converged,
                 "message": start.message,
                 "steps": start.steps,
+                "restart": start.restart,
             }
             for start in result.starts
         ],

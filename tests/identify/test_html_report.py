@@ -3,7 +3,7 @@
 import re
 from html.parser import HTMLParser
 
-from helpers.fake_fit import fake_fit
+from helpers.fake_fit import fake_fit, with_files
 
 from thermohyd.identify.html_report import html_report
 
@@ -48,6 +48,20 @@ def test_says_what_the_terminal_says():
         "scatter of the rows within each bin",
         "3 of 5 starts",
         "50,000 rows became 480 points",
+    ):
+        assert expected in words
+
+
+def test_names_the_record_with_its_files():
+    page = html_report(fake_fit(record=with_files(fake_fit().record)), {}, "0.1.0")
+    words = re.sub(r"\s+", " ", " ".join(Tags(page).words))
+    for expected in (
+        "record /bench/mine",
+        "read 2026-03-04 05:06:07+01:00 by thermohyd 0.1.0",
+        "valve seed valve, made by hand: stroke 213 um, slot width 12 mm, land diameter 6.9 mm, rated flow 9.8 l/min, at 70 bar",
+        "oil seed oil:",
+        "870 kg/m3 at 15 degC",
+        f"leakage.csv 800 790 {'cd' * 32}",
     ):
         assert expected in words
 
