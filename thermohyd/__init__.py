@@ -104,7 +104,8 @@ __all__ = [*_HOME]  # pyright: ignore[reportUnsupportedDunderAll]
 
 def __getattr__(name: str) -> Any:
     if name == "__version__":
-        from importlib.metadata import version  # a fifth of what `thermohyd --help` takes: not before Ctrl-C is listened to
+        # here: the commands import this file before they can listen to Ctrl-C, and metadata takes its time
+        from importlib.metadata import version
 
         return version("thermohyd")
     if name in _HOME:

@@ -80,3 +80,11 @@ def test_user_text_is_escaped():
 def test_a_fit_that_did_not_converge_shouts():
     assert 'role="alert">THE FIT DID NOT CONVERGE' in html_report(fake_fit(converged=False), {}, "0.1.0")
     assert 'role="alert"' not in html_report(fake_fit(), {}, "0.1.0")
+
+
+def test_paper_neither_scrolls_nor_keeps_a_table_on_one_page():
+    page = html_report(fake_fit(), {}, "0.1.0")
+    printed = page[page.index("@media print {") : page.index("</style>")]
+    assert ".scroll { overflow: visible; }" in printed
+    whole = re.findall(r"([^{}]*)\{[^{}]*break-inside: avoid", printed)
+    assert [set(re.split(r"[,\s]+", selectors.strip())) for selectors in whole] == [{"tr", "li", "figure"}]
