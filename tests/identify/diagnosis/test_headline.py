@@ -131,7 +131,7 @@ def test_the_parameter_that_would_have_been_spoiled_most():
     )
     assert said("named", (pilot(),), shifts=shifts).endswith("; ignoring it would have inflated clearance by 0.600 um.")
     lowered = (shift("clearance", 1.4e-6, 2.0e-6, 0.05e-6),)
-    assert "lowered clearance by 0.6 um" in said("named", (pilot(),), shifts=lowered)
+    assert "lowered clearance by 0.600 um" in said("named", (pilot(),), shifts=lowered)
 
 
 @pytest.mark.parametrize("shifts", [(), (shift("clearance", 2.05e-6, 2.0e-6, 0.05e-6),)])
