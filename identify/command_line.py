@@ -10,9 +10,14 @@ from .exit_status import fail, plain_failures
 
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from rich.console import Console
 
-    from .diagnosis.diagnose_records import Outcome
+    from .consoles import Consoles
+    from .diagnosis.result import DiagnosisResult
+    from .fit_result import FitResult
+    from .several_records import Outcome
 
 
 app = typer.Typer(
@@ -25,8 +30,14 @@ app = typer.Typer(
 )
 
 Bench = Annotated[Path, typer.Argument(metavar="BENCH", help="Folder of the bench record, or its bench.toml.")]
-Out = Annotated[
-    Path | None, typer.Option("--out", "-o", metavar="DIR", help="Folder for the results; made if need be.")
+Benches = Annotated[
+    list[Path],
+    typer.Argument(
+        metavar="BENCH", help="Folders of one or more bench records, or their bench.toml.", show_default=False
+    ),
+]
+Out = Annotated[  # text: of an empty one a Path would make the working directory
+    str | None, typer.Option("--out", "-o", metavar="DIR", help="Folder for the results; made if need be.")
 ]
 Source = Annotated[
     Path | None,
@@ -63,48 +74,60 @@ def options(
 
 
 @app.command("fit")
-def fit_command(bench: Bench, out: Out = None, json: Json = False) -> None:
+def fit_command(benches: Benches, out: Out = None, json: Json = False) -> None:
     """Find edge radius, clearance, underlap, discharge coefficient, transition number and null bias, with error bars.
 
-    With --out: fit.json, model.json (for simulate), report.html and one plot per test as PNG and SVG.
+    With --out: fit.json, model.json (for simulate), report.html and one plot per test as PNG and SVG; several records get a
+    folder each, DIR/<name of the record's folder>.
     """
     with plain_failures():
         from .progress import progress_on
-        from .read_record import read_record
-        from .terminal_report import print_report
+        from .several_records import compute_all, read_records
 
-        console = _console()
-        with progress_on(console) as progress:
-            progress(f"reading {bench}")
-            record = read_record(bench)
+        folder, consoles = _begin(out, json)
+        with progress_on(consoles.notes) as progress:
+            records = read_records(benches, folder, progress)
             progress("starting JAX")
             _set_up_jax()
             from .fit import fit
 
-            result = fit(record, progress=progress)
-            if out is not None:
-                from .fit_files import fit_files
-                from .write_files import write_all
-
-                progress("drawing")
-                files = fit_files(result)
-                write_all(out, files)
-        print_report(result, console)
-        if out is not None:
-            _say_where(console, out, "report.html")
+            outcome = compute_all(
+                records, lambda record, say: fit(record, progress=say), _files_of_fit, folder, progress, "fit"
+            )
+        _print_fits(outcome, len(records), consoles)
         if json:
-            from .fit_json import fit_json
+            from .fit_json import fit_json, fits_json
 
-            _print_json(fit_json(result))
-        if not result.converged:
-            fail(f"the fit did not converge: {result.message}")
+            (first,) = outcome.results.values() if len(records) == 1 else (None,)
+            _print_json(fits_json(outcome.results, outcome.failed) if first is None else fit_json(first))
+        from .summary_of_fits import unsettled
+
+        trouble = unsettled(outcome)
+        if trouble:
+            fail(trouble)
+
+
+def _files_of_fit(result: "FitResult") -> dict[str, bytes | str]:
+    from .fit_files import fit_files  # brings matplotlib: not for a fit without --out
+
+    return fit_files(result)
+
+
+def _print_fits(outcome: "Outcome[FitResult]", count: int, consoles: "Consoles") -> None:
+    from .summary_of_fits import print_summary_of_fits
+    from .terminal_report import print_report
+
+    if count > 1:
+        print_summary_of_fits(outcome.results, consoles.results)
+    else:
+        for result in outcome.results.values():
+            print_report(result, consoles.results)
+    _after_records(outcome.folders, {name: r.warnings for name, r in outcome.results.items()}, count, consoles)
 
 
 @app.command("diagnose")
 def diagnose_command(
-    benches: Annotated[
-        list[Path], typer.Argument(metavar="BENCH", help="Folders of one or more bench records.", show_default=False)
-    ],
+    benches: Benches,
     out: Out = None,
     json: Json = False,
     learn: Annotated[
@@ -120,26 +143,28 @@ def diagnose_command(
     a folder each, DIR/<name of the record's folder>.
     """
     with plain_failures():
-        from .diagnosis.diagnose_records import diagnose_all, read_records, unsettled
+        from .diagnosis.diagnose_records import unsettled
         from .progress import progress_on
+        from .several_records import compute_all, read_records
 
-        console = _console()
-        with progress_on(console) as progress:
-            records = read_records(benches, out, progress)
+        folder, consoles = _begin(out, json)
+        with progress_on(consoles.notes) as progress:
+            records = read_records(benches, folder, progress)
             progress("starting JAX")
             _set_up_jax()
             from .diagnosis.diagnose import diagnose
             from .diagnosis.diagnosis_files import diagnosis_files
             from .diagnosis.model_of_diagnosis import model_content
 
-            outcome = diagnose_all(
+            outcome = compute_all(
                 records,
                 lambda record, say: diagnose(record, learn=learn, progress=say),
                 lambda result: diagnosis_files(result, model_content(result)),
-                out,
+                folder,
                 progress,
+                "diagnose",
             )
-        _print_diagnoses(outcome, len(records), console)
+        _print_diagnoses(outcome, len(records), consoles)
         if json:
             from .diagnosis.diagnosis_json import diagnoses_json, diagnosis_json
 
@@ -150,17 +175,25 @@ def diagnose_command(
             fail(trouble)
 
 
-def _print_diagnoses(outcome: "Outcome", count: int, console: "Console") -> None:
+def _print_diagnoses(outcome: "Outcome[DiagnosisResult]", count: int, consoles: "Consoles") -> None:
     from .diagnosis.summary_of_many import print_summary_of_many
     from .diagnosis.terminal_summary import print_summary
 
     if count > 1:
-        print_summary_of_many(outcome.results, console)
+        print_summary_of_many(outcome.results, consoles.results)
     else:
         for result in outcome.results.values():
-            print_summary(result, console)
-    for folder in outcome.folders.values():
-        _say_where(console, folder, "report.html")
+            print_summary(result, consoles.results)
+    _after_records(outcome.folders, {name: r.warnings for name, r in outcome.results.items()}, count, consoles)
+
+
+def _after_records(
+    folders: "Mapping[str, Path]", warnings: "Mapping[str, tuple[str, ...]]", count: int, consoles: "Consoles"
+) -> None:
+    for folder in folders.values():
+        _say_where(consoles.results, folder, "report.html")
+    for name, words in warnings.items():
+        consoles.warn(words, name if count > 1 else "")
 
 
 @app.command("simulate")
@@ -184,24 +217,26 @@ def simulate_command(
         from .progress import progress_on
         from .read_record import read_record
 
-        console = _console()
-        with progress_on(console) as progress:
+        folder, consoles = _begin(out, json)
+        with progress_on(consoles.notes) as progress:
             progress(f"reading {bench}")
             record = read_record(bench, readings_required=False)
+            from .simulation_output import simulation_files, simulation_json, simulation_table, spare_the_record
+
+            spare_the_record(record, folder)
             progress("starting JAX")
             _set_up_jax()  # first: effects in a model file are checked against the library of effects, which brings JAX
             chosen = nominal_model(record) if model is None else load_model(model)
             from .predict import simulate_record
-            from .simulation_output import simulation_files, simulation_json, simulation_table
 
             tables = simulate_record(record, chosen, progress=progress)
-            if out is not None:
-                from .write_files import write_all
+            if folder is not None:
+                from .write_files import Writer, write_all
 
-                write_all(out, simulation_files(tables))
-        console.print(simulation_table(tables))
-        if out is not None:
-            _say_where(console, out, *(f"{test}.csv" for test in tables))
+                write_all(folder, simulation_files(tables), Writer("simulate", str(record.folder.resolve())))
+        consoles.results.print(simulation_table(tables))
+        if folder is not None:
+            _say_where(consoles.results, folder, *(f"{test}.csv" for test in tables))
         if json:
             _print_json(simulation_json(tables))
 
@@ -215,23 +250,23 @@ def seed_command(out: Out = None, json: Json = False) -> None:
     with plain_failures():
         from .progress import progress_on
 
-        console = _console()
-        with progress_on(console) as progress:
+        folder, consoles = _begin(out, json)
+        with progress_on(consoles.notes) as progress:
             progress("starting JAX")
             _set_up_jax()
             from .seed.seed_study import seed_study
             from .seed.seed_terminal import print_seed
 
             study = seed_study(progress)
-            if out is not None:
+            if folder is not None:
                 from .seed.seed_files import seed_files
-                from .write_files import write_all
+                from .write_files import Writer, write_all
 
                 progress("drawing")
-                write_all(out, seed_files(study))
-        print_seed(study, console)
-        if out is not None:
-            _say_where(console, out, "seed.html")
+                write_all(folder, seed_files(study), Writer("seed"))
+        print_seed(study, consoles.results)
+        if folder is not None:
+            _say_where(consoles.results, folder, "seed.html")
         if json:
             from .seed.seed_json import seed_json
 
@@ -262,8 +297,8 @@ def sensitivity_command(
         from .progress import progress_on
         from .sensitivity.sources import actuator_of, read_source
 
-        console = _console()
-        with progress_on(console) as progress:
+        folder, consoles = _begin(out, json)
+        with progress_on(consoles.notes) as progress:
             given = read_source(source, model, settings, progress)
             progress("starting JAX")
             _set_up_jax()
@@ -277,17 +312,17 @@ def sensitivity_command(
                 evaluations=evaluations,
                 progress=progress,
             )
-            if out is not None:
+            if folder is not None:
                 from .sensitivity.sensitivity_files import sensitivity_files
-                from .write_files import write_all
+                from .write_files import Writer, write_all
 
                 progress("drawing")
-                write_all(out, sensitivity_files(result))
+                write_all(folder, sensitivity_files(result), Writer("sensitivity"))
         from .sensitivity.terminal_table import print_sensitivity
 
-        print_sensitivity(result, console)
-        if out is not None:
-            _say_where(console, out, "report.html")
+        print_sensitivity(result, consoles.results)
+        if folder is not None:
+            _say_where(consoles.results, folder, "report.html")
         if json:
             from .sensitivity.sensitivity_json import sensitivity_json
 
@@ -332,8 +367,8 @@ def servo_command(
         from .sensitivity.sources import read_source
         from .servo.request import read_request
 
-        console = _console()
-        with progress_on(console) as progress:
+        folder, consoles = _begin(out, json)
+        with progress_on(consoles.notes) as progress:
             given = read_source(source, model, settings, progress)
             request = read_request(temperatures, step, supply, gain, given.settings)
             progress("starting JAX")
@@ -342,17 +377,17 @@ def servo_command(
             from .servo.subject import subject_of
 
             study = servo_study(subject_of(given, request, progress), progress=progress)
-            if out is not None:
+            if folder is not None:
                 from .servo.servo_files import servo_files
-                from .write_files import write_all
+                from .write_files import Writer, write_all
 
                 progress("drawing")
-                write_all(out, servo_files(study))
+                write_all(folder, servo_files(study), Writer("servo"))
         from .servo.terminal import print_servo
 
-        print_servo(study, console)
-        if out is not None:
-            _say_where(console, out, "report.html")
+        print_servo(study, consoles.results)
+        if folder is not None:
+            _say_where(consoles.results, folder, "report.html")
         if json:
             from .servo.servo_json import servo_json
 
@@ -368,13 +403,15 @@ def new_command(
         from .new_record import write_template
 
         write_template(folder)
-        _say_where(_console(), folder, "bench.toml")
+        _say_where(_begin(None, False)[1].results, folder, "bench.toml")
 
 
-def _console() -> "Console":
-    from rich.console import Console
+def _begin(out: str | None, json: bool) -> "tuple[Path | None, Consoles]":
+    """(the folder of --out, checked before any work is done for it; where words go)"""
+    from .consoles import consoles
+    from .write_files import checked_folder
 
-    return Console(stderr=True, highlight=False)
+    return checked_folder(out), consoles(json)
 
 
 def _print_json(content: dict[str, Any]) -> None:

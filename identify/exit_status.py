@@ -8,9 +8,10 @@ from contextlib import contextmanager
 import typer
 
 from .errors import BenchInputError, one_line
+from .interruption import INTERRUPTED, begin, what_was_written
 
 
-FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130
+FAILED, BAD_INPUT = 1, 2
 LONGEST_REASON = 300
 LONGEST_MESSAGE = 2000  # about bad input: it may hold a line to copy into bench.toml
 DEBUG = "THERMOHYD_DEBUG"
@@ -19,14 +20,15 @@ DEBUG = "THERMOHYD_DEBUG"
 @contextmanager
 def plain_failures() -> Iterator[None]:
     """Turn whatever a command raises into one line on stderr and an exit status."""
+    begin()
     try:
         yield
     except typer.Exit:
         raise
     except BenchInputError as error:
         _end(str(error), BAD_INPUT, LONGEST_MESSAGE)
-    except KeyboardInterrupt:
-        _end("interrupted; nothing was written", INTERRUPTED)
+    except KeyboardInterrupt:  # where the command runs inside another program, which owns the signals
+        _end(f"interrupted; {what_was_written()}", INTERRUPTED)
     except BrokenPipeError:
         # the reader of our output has gone (`thermohyd ... | head`): stop quietly, also at Python's own flush
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -51,11 +53,6 @@ def in_words(error: Exception) -> str:
 def wants_the_whole_story() -> bool:
     """Whether a failure is to be raised with its traceback."""
     return bool(os.environ.get(DEBUG))
-
-
-def interrupted(message: str) -> None:
-    """End a command that was interrupted after it had written some of its results."""
-    _end(message, INTERRUPTED)
 
 
 def fail(message: str) -> None:

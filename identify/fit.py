@@ -103,8 +103,10 @@ def run_fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | N
         believe=BELIEVE_BELOW,
         progress=say,
     )
+    say("restarts beside the best of them")
     solution = problem.hop(outcomes[0], noise)
-    told = [problem.outcome(o) for o in (outcomes if solution is outcomes[0] else [solution, *outcomes])]
+    lower = solution.cost < outcomes[0].cost
+    told = [problem.outcome(solution, restart=lower), *map(problem.outcome, outcomes if lower else outcomes[1:])]
     for _ in range(MOST_ROUNDS):
         settled = problem.settle(noise, solution)
         change = max(_change(noise[key], settled[key]) for key in noise)
@@ -200,9 +202,9 @@ class Problem:
         args = self.args(noise)
         return hop(best, self.free, lambda start: self.solve(args, start))
 
-    def outcome(self, result: LeastSquaresResult) -> StartOutcome:
+    def outcome(self, result: LeastSquaresResult, restart: bool = False) -> StartOutcome:
         start = dict(zip(self.free, (float(v) for v in result.start), strict=True))
-        return StartOutcome(start, result.cost, result.converged, result.message, result.steps)
+        return StartOutcome(start, result.cost, result.converged, result.message, result.steps, restart)
 
 
 def _leverage(jacobian: np.ndarray) -> np.ndarray:

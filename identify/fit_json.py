@@ -2,11 +2,13 @@
 
 import json
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from .fit_result import ChannelFit, FitResult, ParameterEstimate
+from .provenance import record_json
 from .report_content import chi2_band
 
 
@@ -15,7 +17,7 @@ def fit_json(result: FitResult) -> dict[str, Any]:
     tests = list(dict.fromkeys(fit.test for fit in result.channels))
     free = list(result.free)
     content = {
-        "record": result.record.name,
+        **record_json(result.record),
         "converged": result.converged,
         "message": result.message,
         "verdict": list(result.verdict),
@@ -47,6 +49,7 @@ def fit_json(result: FitResult) -> dict[str, Any]:
                 "converged": start.converged,
                 "message": start.message,
                 "steps": start.steps,
+                "restart": start.restart,
             }
             for start in result.starts
         ],
@@ -58,6 +61,14 @@ def fit_json(result: FitResult) -> dict[str, Any]:
         "units": "SI: m, Pa (gauge), K, m3/s",
     }
     return plain(content)
+
+
+def fits_json(results: Mapping[str, FitResult], failed: Mapping[str, str]) -> dict[str, Any]:
+    """Several fits by the name of the record's folder, and why the others failed."""
+    return {
+        "records": [{"folder": name, **fit_json(result)} for name, result in results.items()],
+        "failed": [{"folder": name, "reason": reason} for name, reason in failed.items()],
+    }
 
 
 def json_text(content: dict[str, Any]) -> str:

@@ -72,6 +72,7 @@ class StartOutcome:
     converged: bool
     message: str
     steps: int
+    restart: bool = False  # no start of its own: from beside the best end of the others, and lower than all of them
 
 
 @dataclass(frozen=True)

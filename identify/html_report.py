@@ -3,6 +3,7 @@
 from . import report_content as content
 from .fit_result import FitResult
 from .page import page
+from .provenance import file_rows, record_rows
 
 
 def html_report(result: FitResult, figures: dict[str, bytes], version: str) -> str:
@@ -11,6 +12,8 @@ def html_report(result: FitResult, figures: dict[str, bytes], version: str) -> s
         "report.html",
         figures,
         record=result.record,
+        record_rows=record_rows(result.record),
+        record_files=file_rows(result.record),
         result=result,
         version=version,
         model=content.model_words(result.record),

@@ -2,14 +2,19 @@
 
 import contextlib
 import os
+import time
 import warnings
 from pathlib import Path
 
 from platformdirs import user_cache_dir
 
+from .interruption import always_when_interrupted
+
 
 # Compiled programs of old versions pile up; beyond this the oldest go.
 LARGEST_CACHE = 512 * 1024**2  # bytes
+# An entry this young may still be in the writing when the process is interrupted.
+UNFINISHED = 2.0  # s
 
 
 def set_up_jax() -> None:
@@ -27,6 +32,7 @@ def set_up_jax() -> None:
         return  # the user's own choice
     folder = compilation_cache()
     if folder is not None:
+        always_when_interrupted(lambda: drop_unfinished(folder))
         jax.config.update("jax_compilation_cache_dir", str(folder))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
         jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
@@ -47,6 +53,14 @@ def compilation_cache() -> Path | None:
         return None
     _prune(folder)
     return folder
+
+
+def drop_unfinished(folder: Path) -> None:
+    """Remove the entries that may be cut short: JAX never writes an entry again that exists, nor can it read such a one."""
+    for file in folder.iterdir():
+        with contextlib.suppress(OSError):
+            if time.time() - file.stat().st_mtime < UNFINISHED:
+                file.unlink()
 
 
 def _prune(folder: Path) -> None:

@@ -7,6 +7,8 @@ from contextlib import contextmanager
 from rich.console import Console
 from rich.text import Text
 
+from .interruption import when_interrupted
+
 
 # Where stderr is a file, only a run that takes long says that it is alive.
 SILENT_SECONDS = 10.0
@@ -16,7 +18,7 @@ SILENT_SECONDS = 10.0
 def progress_on(console: Console) -> Iterator[Callable[[str], None]]:
     """A function that takes a sentence about what is going on now; the live line vanishes at the end."""
     if console.is_terminal:
-        with console.status(Text("starting")) as status:
+        with console.status(Text("starting")) as status, when_interrupted(status.stop):
             yield lambda words: status.update(Text(words))
         return
     began = time.monotonic()

@@ -1,5 +1,6 @@
 """Read a bench record: a folder with bench.toml and one CSV per test, checked, in SI units. No JAX here."""
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from .bench_toml import BenchFile, read_bench_toml
 from .columns_of_tests import CONDITIONS, READINGS
 from .errors import BenchInputError
 from .plausibility import check_supply, condition_warnings, static_warnings
+from .provenance import provenance_of
 from .read_dynamic import read_dynamic
 from .record import BenchRecord, Channel, TestRecord
 from .sweeps import first_step_back, sweep_direction, sweep_rate
@@ -17,16 +19,22 @@ from .table_parts import NAME, channels_of, condition, missing, read_tables, run
 from .units import to_si
 
 
+def record_folder(path: str | Path) -> Path:
+    """The folder of a record that is named by itself or by its bench.toml."""
+    path = Path(path)
+    return path.parent if path.name == NAME and not os.path.isdir(path) else path
+
+
 def read_record(folder: str | Path, *, readings_required: bool = True) -> BenchRecord:
-    """The record in a folder (BENCH_FORMAT). With `readings_required=False` (predictions) readings may be missing:
-    a test without any then has no channels.
+    """The record in a folder (BENCH_FORMAT), or the one whose bench.toml is named. With `readings_required=False`
+    (predictions) readings may be missing: a test without any then has no channels.
 
     Raises BenchInputError, and nothing else, for whatever is wrong with the folder or its files.
     """
-    folder = Path(folder)
+    folder = record_folder(folder)
     try:
         if not folder.is_dir():
-            what = "is a file; give the folder that holds it" if folder.exists() else "no such folder"
+            what = f"is a file; give the folder of the record or its {NAME}" if folder.exists() else "no such folder"
             raise BenchInputError(what, file=folder)
         if not (folder / NAME).is_file():
             raise BenchInputError(f"holds no {NAME}; `thermohyd new` writes a template", file=folder)
@@ -36,9 +44,14 @@ def read_record(folder: str | Path, *, readings_required: bool = True) -> BenchR
     tables = read_tables(bench)
     tests = {test.name: _read_test(test, tables[test.name], bench, readings_required) for test in bench.tests.values()}
     dynamic = read_dynamic(bench, tables, readings_required=readings_required)
+    moving = {} if dynamic is None else dynamic.tests
     warnings = [w for name, test in tests.items() for w in static_warnings(test, tables[name], bench)]
-    for name, test in ({} if dynamic is None else dynamic.tests).items():
+    for name, test in moving.items():
         warnings += condition_warnings(test, tables[name], bench)
+    try:
+        provenance = provenance_of(folder, folder / NAME, (*tests.values(), *moving.values()))
+    except OSError as error:  # gone since it was read
+        raise BenchInputError(f"cannot be read ({error.strerror})", file=error.filename) from None
     return BenchRecord(
         folder,
         bench.valve.name,
@@ -48,6 +61,7 @@ def read_record(folder: str | Path, *, readings_required: bool = True) -> BenchR
         bench.start,
         warnings=tuple(warnings),
         dynamic=dynamic,
+        provenance=provenance,
     )
 
 

@@ -169,6 +169,26 @@ class DynamicData:
 
 
 @dataclass(frozen=True)
+class RecordFile:
+    """A file of a record as it was read. rows: in the file; used: those that can take part; None: it is no table."""
+
+    name: str
+    sha256: str
+    rows: int | None
+    used: int | None
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """Where a record was read from, when (ISO 8601, local time with its offset), and by which version of the program."""
+
+    path: str
+    files: tuple[RecordFile, ...]
+    date: str
+    version: str
+
+
+@dataclass(frozen=True)
 class BenchRecord:
     """A folder with `bench.toml`, read and checked."""
 
@@ -180,6 +200,7 @@ class BenchRecord:
     start: dict[str, StartValue] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     dynamic: DynamicData | None = None
+    provenance: Provenance | None = None  # None: not read from files
 
     @property
     def all_tests(self) -> dict[str, TestRecord]:

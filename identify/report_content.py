@@ -231,17 +231,17 @@ def identifiability(result: FitResult) -> list[str]:
 
 
 def multi_start(result: FitResult) -> list[str]:
-    """How many of the starts agree, and where the others went."""
-    if not result.starts:
+    """How many of the starts agree, what that means, and where the others went."""
+    starts = [start for start in result.starts if not start.restart]
+    if not starts:
         return []
     if len(result.starts) == 1:
-        return [f"One start, {result.starts[0].steps} steps."]
+        return [f"One start, {starts[0].steps} steps."]
     best = min((start.cost for start in result.starts if math.isfinite(start.cost)), default=math.nan)
     # a chi-square within 0.1 % (or 0.1) of the best is the same minimum: far less than one standard error of anything
-    near = [start for start in result.starts if start.cost - best <= max(1e-3 * best, 0.1)]
-    count = len(result.starts)
-    sentences = [f"{len(near)} of {count} starts reached the same best fit."]
-    others = [start for start in result.starts if not start.cost - best <= max(1e-3 * best, 0.1)]
+    near = [start for start in starts if start.cost - best <= max(1e-3 * best, 0.1)]
+    others = [start for start in starts if not start.cost - best <= max(1e-3 * best, 0.1)]
+    sentences = [_agreement(len(near), len(starts))]
     for start in sorted(others, key=lambda start: start.cost)[:3]:
         how = "another minimum" if start.converged else f"not converged ({start.message})"
         sentences.append(
@@ -250,3 +250,18 @@ def multi_start(result: FitResult) -> list[str]:
     if len(others) > 3:
         sentences.append(f"{len(others) - 3} more ended higher still.")
     return sentences
+
+
+def _agreement(near: int, count: int) -> str:
+    reached = f"{near} of {count} starts reached the same best fit"
+    if near > 1:
+        return f"{reached}: that several ways lead there speaks for it."
+    if near == 1:
+        return (
+            f"1 of {count} starts reached the best fit, the others ended higher. That is no failure, but nothing confirms it: "
+            "values of your own in [start] would."
+        )
+    return (
+        f"None of the {count} starts ended at the best fit: a restart beside the best of them, its underlap moved, found it. "
+        "Nothing else confirms it: values of your own in [start] would."
+    )

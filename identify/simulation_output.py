@@ -1,5 +1,6 @@
 """What `simulate` shows and writes: a CSV per test, JSON of the same columns, and a summary for the terminal."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,8 @@ from rich.table import Table
 from rich.text import Text
 
 from .display_units import significant
+from .errors import BenchInputError
+from .record import BenchRecord
 
 
 def simulation_files(tables: dict[str, pd.DataFrame]) -> dict[str, bytes | str]:
@@ -40,3 +43,13 @@ def simulation_table(tables: dict[str, pd.DataFrame]) -> Table:
                 shown = [significant(float(f(v))) if v.size else "" for f, v in figures]
                 summary.add_row(*[Text(cell) for cell in (test, reading, unit.rstrip("]"), f"{len(table):,}", *shown)])
     return summary
+
+
+def spare_the_record(record: BenchRecord, folder: Path | None) -> None:
+    """Raises BenchInputError where the predictions, CSVs named after their tests, would overwrite files of the record."""
+    own = {test.path.resolve() for test in record.all_tests.values()}
+    for test in record.all_tests:
+        if folder is not None and (folder / f"{test}.csv").resolve() in own:
+            raise BenchInputError(
+                f"--out would overwrite the record's own {test}.csv; name another folder", file=folder
+            )

@@ -11,11 +11,13 @@ from rich.text import Text
 
 from . import report_content as content
 from .fit_result import FitResult
+from .provenance import record_line
 
 
 def print_report(result: FitResult, console: Console) -> None:
     """Write the whole report to a console; user text is never read as markup."""
     _heading(console, f"Fit of {result.record.name}")
+    console.print(Padding(Text(record_line(result.record), style="dim"), (0, 0, 0, 2)))
     shout = content.shout(result)
     if shout:
         console.print(

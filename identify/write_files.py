@@ -1,51 +1,110 @@
-"""Write several files whole or not at all: no half-written report is ever taken for a result."""
+"""Write several files whole or not at all: no half-written report is ever taken for a result, and no old one for a new one."""
 
 import contextlib
 import errno
 import os
 import tempfile
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
+from .errors import BenchInputError
+from .interruption import unbroken, whole_files
+from .written_before import MANIFEST, manifest, outdated
 
-def write_all(folder: Path | str, files: Mapping[str, bytes | str]) -> list[Path]:
-    """Write {name: content} into a folder, which is made where it is missing; names may contain subfolders.
 
-    Everything is first written to a temporary folder inside and then renamed. Whatever fails on the way,
-    Ctrl-C included, leaves the folder as it was: new files are removed, replaced files put back. Text is UTF-8 with
-    \\n line ends. Returns the paths, in order. Raises OSError.
+@dataclass(frozen=True)
+class Writer:
+    """Who writes: the command, and the record that its results are of (empty: of none)."""
+
+    command: str
+    of: str = ""
+
+
+def checked_folder(out: str | None) -> Path | None:
+    """The folder that --out names, before any work is done for it; None where none is named. Leaves nothing behind.
+
+    Raises BenchInputError where it is empty, a file, or cannot be written.
     """
-    folder = Path(folder)
+    if out is None:
+        return None
+    if not out.strip():
+        raise BenchInputError("--out is empty; name a folder for the results")
+    folder = Path(out)
     made: list[Path] = []
     try:
+        there = folder
+        while not os.path.lexists(there) and there != there.parent:
+            there = there.parent
+        if not there.is_dir():
+            what = "is a file" if there.is_file() else "is no folder"
+            raise BenchInputError(f"{what}; --out {'takes' if there == folder else 'lies in'} a folder", file=there)
+        with unbroken():
+            try:
+                _make_folder(folder, made)
+                with tempfile.TemporaryDirectory(prefix=".writing-", dir=folder):
+                    pass
+            finally:
+                _remove_folders(made)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise BenchInputError(f"--out cannot be written ({reason})", file=folder) from None
+    return folder
+
+
+def write_all(folder: Path | str, files: Mapping[str, bytes | str], writer: Writer | None = None) -> list[Path]:
+    """Write {name: content} into a folder, which is made where it is missing; names may contain subfolders.
+
+    Everything is first written to a temporary folder inside and then renamed. Whatever fails on the way leaves the folder
+    as it was: new files are removed, replaced files put back; Ctrl-C waits until all are there. Text is UTF-8 with \\n line
+    ends. With a `writer`, a list of what was written stays in the folder, and files of earlier runs that would pass for this
+    one's are removed: see `written_before`. Returns the paths, in order. Raises OSError.
+    """
+    folder = Path(folder)
+    with whole_files(folder):
+        return _write_all(folder, files, writer)
+
+
+def _write_all(folder: Path, files: Mapping[str, bytes | str], writer: Writer | None) -> list[Path]:
+    made: list[Path] = []
+    raw = {name: content.encode() if isinstance(content, str) else content for name, content in files.items()}
+    old: list[Path] = []
+    listed = raw
+    try:
         _make_folder(folder, made)
+        if writer is not None:
+            old = outdated(folder, writer.command, writer.of, set(raw))
+            listed = raw | {MANIFEST: manifest(folder, writer.command, writer.of, raw)}
         # inside the folder, so that a rename never crosses file systems
         with tempfile.TemporaryDirectory(prefix=".writing-", dir=folder) as staging:
             moves = []
-            for number, (name, content) in enumerate(files.items()):
+            for number, (name, content) in enumerate(listed.items()):
                 target, new = folder / name, Path(staging, f"{number}.new")
                 if target.is_dir():
                     raise IsADirectoryError(errno.EISDIR, "is a folder, not a file", str(target))
                 _make_folder(target.parent, made)
-                new.write_bytes(content.encode() if isinstance(content, str) else content)
+                new.write_bytes(content)
                 moves.append((target, new, new.with_suffix(".former")))
-            _move_all(moves)
+            _move_all(moves, [(path, Path(staging, f"{number}.old")) for number, path in enumerate(old)])
     except BaseException:
-        for path in reversed(made):
-            with contextlib.suppress(OSError):
-                path.rmdir()
+        _remove_folders(made)
         raise
-    return [target for target, _, _ in moves]
+    return [folder / name for name in raw]
 
 
-def _move_all(moves: list[tuple[Path, Path, Path]]) -> None:
+def _move_all(moves: list[tuple[Path, Path, Path]], removals: list[tuple[Path, Path]]) -> None:
     """Put every new file in its place, or none: (target, new, where the former content waits meanwhile)."""
     try:
         for target, new, former in moves:
             if target.exists():
                 os.replace(target, former)
             os.replace(new, target)
+        for target, former in removals:
+            os.replace(target, former)
     except BaseException:
+        for target, former in removals:
+            with contextlib.suppress(OSError):
+                former.replace(target)
         for target, new, former in moves:
             with contextlib.suppress(OSError):
                 if former.exists():
@@ -63,3 +122,9 @@ def _make_folder(path: Path, made: list[Path]) -> None:
     for folder in reversed(missing):
         folder.mkdir()
         made.append(folder)
+
+
+def _remove_folders(made: list[Path]) -> None:
+    for path in reversed(made):
+        with contextlib.suppress(OSError):
+            path.rmdir()

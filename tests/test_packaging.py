@@ -39,7 +39,7 @@ def test_nothing_outside_the_namespace():
 
 def test_the_command_is_installed():
     (script,) = [entry for entry in distribution("thermohyd").entry_points if entry.group == "console_scripts"]
-    assert (script.name, script.value) == ("thermohyd", "thermohyd.identify.command_line:main")
+    assert (script.name, script.value) == ("thermohyd", "thermohyd.identify.__main__:main")
 
 
 def test_import_is_silent_and_changes_nothing():

@@ -4,7 +4,7 @@ The names below are loaded on first use (PEP 562), so that `import thermohyd` an
 The simulator lives here; records, fits and reports in `thermohyd.identify`; oil presets and samples in `thermohyd.data`.
 """
 
-from importlib import import_module, metadata
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 
@@ -104,7 +104,10 @@ __all__ = [*_HOME]  # pyright: ignore[reportUnsupportedDunderAll]
 
 def __getattr__(name: str) -> Any:
     if name == "__version__":
-        return metadata.version("thermohyd")
+        # here: the commands import this file before they can listen to Ctrl-C, and metadata takes its time
+        from importlib.metadata import version
+
+        return version("thermohyd")
     if name in _HOME:
         return getattr(import_module(f".{_HOME[name]}", __name__), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

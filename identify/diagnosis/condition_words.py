@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from ..display_units import significant
+from ..display_units import reading_unit, significant
 
 
 # {column: (unit, factor, offset)}: shown = factor * SI + offset
@@ -37,6 +37,15 @@ def region_words(limits: Mapping[str, tuple[float, float]], run_names: tuple[str
     columns = sorted(limits, key=lambda column: column not in ("spool_position", "time", "frequency"))
     words = [_range(column, *limits[column], run_names) for column in columns]
     return ", ".join(word for word in words if word) or "everywhere"
+
+
+def miss_words(channel: str, mean: float, rms: float) -> tuple[str, str]:
+    """(size with its unit, side) of a misfit: its mean, "high" or "low"; where both signs outweigh it, its RMS, "off"."""
+    unit = reading_unit(channel)
+    size, side = abs(mean), "high" if mean > 0 else "low"
+    if rms > 2.0 * size:
+        size, side = rms, "off"
+    return f"{significant(size * unit.factor, 2)} {unit.label}", side
 
 
 def _range(column: str, low: float, high: float, run_names: tuple[str, ...]) -> str:

@@ -3,15 +3,16 @@
 import math
 from dataclasses import dataclass
 
-from ..display_units import DisplayUnit, beside, display_unit, reading_unit, significant
+from ..display_units import DisplayUnit, beside, display_unit, significant
 from ..effect_units import amount, effect_unit
 from ..record import DYNAMIC_TESTS
-from .condition_words import region_words
+from .condition_words import miss_words, region_words
 from .result import Candidate, DiagnosisResult, NamedEffect, Region
 
 
 # p-values below are all the same to a reader, and the far tail of any noise model is a guess.
 SMALLEST_P = 1e-6
+MISSES = {"high": "above the model", "low": "below the model", "off": "off the model, both ways"}
 VERDICTS = {
     "consistent": "no disagreement beyond noise",
     "named": "named: no rival explains the data as well",
@@ -118,8 +119,7 @@ def where_rows(result: DiagnosisResult, regions: tuple[Region, ...]) -> list[Whe
     """Regions in the order given: the largest share first."""
     rows = []
     for region in regions:
-        unit = reading_unit(region.channel)
-        side = "above" if region.mean > 0 else "below"
+        size, side = miss_words(region.channel, region.mean, region.rms)
         record = result.record.all_tests.get(region.test)
         rows.append(
             WhereRow(
@@ -128,7 +128,7 @@ def where_rows(result: DiagnosisResult, regions: tuple[Region, ...]) -> list[Whe
                 share=percent(region.share),
                 excess=f"{region.excess_chi2:,.0f}",
                 rows=f"{region.rows:,}",
-                miss=f"{significant(abs(region.mean) * unit.factor, 2)} {unit.label} {side} the model",
+                miss=f"{size} {MISSES[side]}",
             )
         )
     return rows

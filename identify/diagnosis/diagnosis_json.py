@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from ..fit_json import fit_json, plain
+from ..provenance import record_json
 from .result import Candidate, DiagnosisResult, Evidence, HeldOut, NamedEffect, Region, Variation
 
 
@@ -16,7 +17,7 @@ def diagnosis_json(result: DiagnosisResult) -> dict[str, Any]:
     """
     rivals = {rival.name for effect in result.effects for rival in effect.alternatives}
     content = {
-        "record": result.record.name,
+        **record_json(result.record),
         "verdict": result.verdict,
         "headline": result.headline,
         "sentences": list(result.sentences),

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from .. import report_content
 from ..display_units import reading_unit, significant
 from ..page import page
+from ..provenance import file_rows, record_rows
 from . import diagnosis_content as content, diagnosis_sentences as words
 from .result import DiagnosisResult
 
@@ -31,6 +32,8 @@ def diagnosis_page(result: DiagnosisResult, figures: dict[str, bytes], version: 
         "diagnosis.html",
         figures,
         record=result.record,
+        record_rows=record_rows(result.record),
+        record_files=file_rows(result.record),
         result=result,
         version=version,
         verdict=content.VERDICTS[result.verdict],

@@ -2,10 +2,11 @@
 
 import numpy as np
 
-from ..display_units import display_unit, reading_unit
+from ..display_units import beside, decimals_for, display_unit
 from ..effect_units import amount
 from ..fit_result import FitResult
-from .condition_words import region_words
+from .condition_words import miss_words, region_words
+from .diagnosis_content import excess, percent
 from .result import HeldOut, NamedEffect, ParameterShift, Region, Variation, Verdict
 
 
@@ -35,11 +36,11 @@ def headline(
     if verdict == "unexplained":
         first = place or "Model and bench disagree beyond noise"
         if not effects:
-            return f"{first}, and nothing in the library explains it{_curve(smooth)} (reduced chi-square {gap[0]:.3g})."
+            return f"{first}, and nothing in the library explains it{_curve(smooth)} (reduced chi-square {excess(gap[0])})."
         names = _and([f"{e.name} ({_with_rivals(e)})" for e in effects])
         share = _closed(held)
         closes = f"{_verb(effects, 'closes', 'close')} {share}" if share else _verb(effects, "helps", "help")
-        rest = f"but nothing in the library explains the rest{_curve(smooth)} (reduced chi-square {gap[0]:.3g} to {gap[1]:.3g})"
+        rest = f"but nothing in the library explains the rest{_curve(smooth)} (reduced chi-square {excess(gap[0])} to {excess(gap[1])})"
         return f"{first}: {names} {closes}, {rest}."
     closes = _closes(held, gap, "it" if len(effects) == 1 else "them")
     lead = f"{place}: " if place else ""
@@ -57,7 +58,7 @@ def _curve(smooth: tuple[Variation, ...]) -> str:
     if not smooth or not smooth[0].gap_closed > MOST_OF_THE_GAP:
         return ""
     best = smooth[0]
-    what, closes = f"{best.quantity.replace('_', ' ')}", f"{100 * best.gap_closed:.0f} %"
+    what, closes = f"{best.quantity.replace('_', ' ')}", percent(best.gap_closed)
     closing = f"closes {closes}" if best.learned else f"would close {closes}"
     return f"; {what} varying smoothly with {best.variable.replace('_', ' ')} {closing}, a fitted curve, not a cause"
 
@@ -69,7 +70,7 @@ def _with_rivals(effect: NamedEffect) -> str:
 
 def _closed(held: HeldOut | None) -> str:
     return (
-        f"{100 * max(held.gap_closed, 0.0):.0f} % of the gap on rows held out"
+        f"{percent(max(held.gap_closed, 0.0))} of the gap on rows held out"
         if held is not None and held.before > 0.0
         else ""
     )
@@ -79,13 +80,9 @@ def _place(where: tuple[Region, ...]) -> str:
     if not where:
         return ""
     worst = where[0]
-    unit = reading_unit(worst.channel)
-    off = "too high" if worst.mean > 0 else "too low"
-    size = abs(worst.mean)
-    if worst.rms > 2.0 * size:  # of both signs
-        off, size = "off", worst.rms
+    size, side = miss_words(worst.channel, worst.mean, worst.rms)
     what = worst.channel.replace("_", " ").capitalize()
-    miss = f"{size * unit.factor:.2g} {unit.label} {off}"
+    miss = f"{size} {side if side == 'off' else f'too {side}'}"
     return f"{what} is {miss}{_at(region_words({k: v for k, v in worst.limits.items() if k != 'run'}))} in {worst.test}"
 
 
@@ -95,8 +92,8 @@ def _at(place: str) -> str:
 
 def _closes(held: HeldOut | None, gap: tuple[float, float], it: str) -> str:
     if held is not None and held.before > 0.0:
-        return f"with {it} {100 * max(held.gap_closed, 0.0):.0f} % of the gap closes on rows held out"
-    return f"reduced chi-square falls from {gap[0]:.3g} to {gap[1]:.3g}"
+        return f"with {it} {percent(max(held.gap_closed, 0.0))} of the gap closes on rows held out"
+    return f"reduced chi-square falls from {excess(gap[0])} to {excess(gap[1])}"
 
 
 def _bias(shifts: tuple[ParameterShift, ...]) -> str:
@@ -111,7 +108,10 @@ def _bias(shifts: tuple[ParameterShift, ...]) -> str:
     unit = display_unit(worst.unit)
     word = "inflated" if off > 0 else "lowered"
     label = "" if unit.label in ("", "-") else f" {unit.label}"
-    return f"; ignoring it would have {word} {worst.name} by {abs(off) * unit.factor:.2g}{label}"
+    std = (worst.std_after or np.inf) * unit.factor
+    # the difference of the two values as the table of parameters shows them
+    before, after = (round(value * unit.factor, decimals_for(std)) for value in (worst.before, worst.after))
+    return f"; ignoring it would have {word} {worst.name} by {beside(abs(before - after), std)}{label}"
 
 
 def further_sentences(

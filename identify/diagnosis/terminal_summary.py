@@ -6,6 +6,7 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
+from ..provenance import record_line
 from . import diagnosis_content as content, diagnosis_sentences as words
 from .result import DiagnosisResult
 
@@ -30,6 +31,7 @@ def _screen(result: DiagnosisResult, console: Console, rows: int) -> Group:
         parts.append(Text(shout, style="bold red"))
     facts = f"{result.record.name}: {content.VERDICTS[result.verdict]} ({result.before.points:,} readings, "
     parts.append(Text(f"{facts}{result.seconds:.1f} s)", style=COLOURS[result.verdict]))
+    parts.append(Text(record_line(result.record), style="dim"))
     parts += [Text(f"warning: {warning}", style="yellow") for warning in result.warnings[: max(1, rows - 3)]]
     if result.where:
         parts += [_heading(f"Where the {result.plain_model} misses"), _where(result, rows)]

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from thermohyd.identify.fit_result import ChannelFit, FitResult, Identifiability, ParameterEstimate, StartOutcome
-from thermohyd.identify.record import BenchRecord, ValveData
+from thermohyd.identify.record import BenchRecord, Provenance, RecordFile, ValveData
 from thermohyd.oil_definition import OilDefinition
 
 
@@ -142,3 +142,9 @@ def fake_fit(name: str = "seed valve, made by hand", folder: Path = Path("seed_v
         ),
     )
     return replace(result, **changes)
+
+
+def with_files(record: BenchRecord) -> BenchRecord:
+    """The record as if it had been read from two files."""
+    files = (RecordFile("bench.toml", "ab" * 32, None, None), RecordFile("leakage.csv", "cd" * 32, 800, 790))
+    return replace(record, provenance=Provenance("/bench/mine", files, "2026-03-04T05:06:07+01:00", "0.1.0"))

@@ -342,4 +342,4 @@ def test_folders_that_hold_no_record(tmp_path):
     assert message(tmp_path / "none") == f"{tmp_path}/none: no such folder"
     assert message(tmp_path) == f"{tmp_path}: holds no bench.toml; `thermohyd new` writes a template"
     (tmp_path / "file").write_text("")
-    assert message(tmp_path / "file") == f"{tmp_path}/file: is a file; give the folder that holds it"
+    assert message(tmp_path / "file") == f"{tmp_path}/file: is a file; give the folder of the record or its bench.toml"

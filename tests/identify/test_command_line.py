@@ -23,6 +23,12 @@ def stand_in(monkeypatch, name: str, **functions) -> None:
     monkeypatch.setitem(sys.modules, module.__name__, module)
 
 
+def reader(monkeypatch, read) -> None:
+    """Records come from `read`."""
+    monkeypatch.setattr("thermohyd.identify.read_record.read_record", read)
+    monkeypatch.setattr("thermohyd.identify.several_records.read_record", read)
+
+
 def raising(error: BaseException):
     def function(*args, **kwargs):
         raise error
@@ -37,7 +43,7 @@ def bench(monkeypatch):
     monkeypatch.setenv("COLUMNS", "100")
     monkeypatch.delenv("THERMOHYD_DEBUG", raising=False)
     result = fake_fit()
-    stand_in(monkeypatch, "read_record", read_record=lambda folder, readings_required=True: result.record)
+    reader(monkeypatch, lambda folder, readings_required=True: result.record)
     stand_in(monkeypatch, "fit", fit=lambda record, progress=None: result)
     return lambda *arguments: CliRunner().invoke(app, [str(a) for a in arguments])
 
@@ -46,22 +52,119 @@ def test_fit_writes_every_file(bench, tmp_path):
     ran = bench("fit", "bench", "--out", tmp_path / "out")
     assert ran.exit_code == 0, ran.stderr
     tests = ("leakage", "pressure_gain", "flow_gain", "parameters")
-    expected = {"fit.json", "model.json", "report.html"} | {f"{t}.{kind}" for t in tests for kind in ("png", "svg")}
+    expected = {".thermohyd.json", "fit.json", "model.json", "report.html"} | {
+        f"{t}.{kind}" for t in tests for kind in ("png", "svg")
+    }
     assert {file.name for file in (tmp_path / "out").iterdir()} == expected
     assert json.loads((tmp_path / "out" / "fit.json").read_text())["converged"] is True
     assert "data:image/svg+xml" in (tmp_path / "out" / "report.html").read_text()
 
 
-def test_report_goes_to_stderr_and_nothing_to_stdout(bench):
-    ran = bench("fit", "bench")
-    assert ran.stdout == ""
-    assert "edge_radius" in ran.stderr
+def test_report_goes_to_stdout_and_warnings_to_both(bench, tmp_path):
+    ran = bench("fit", "bench", "--out", tmp_path)
+    for words in ("edge_radius", "Fit statistics", "readings above 4 l/min are rounded", f"written: {tmp_path}"):
+        assert words in ran.stdout
+    warning = "flow_gain: readings above 4 l/min are rounded to 0.4 l/min; they are believed to that step only."
+    assert ran.stderr == f"thermohyd: warning: {warning}\n"
 
 
 def test_json_alone_on_stdout(bench):
     ran = bench("fit", "bench", "--json")
     assert json.loads(ran.stdout)["rows"] == 146_220
     assert "edge_radius" in ran.stderr
+    assert "thermohyd: warning" not in ran.stderr
+
+
+def test_a_file_gets_wide_tables_and_no_escape_codes(bench, monkeypatch):
+    """Whatever the terminal beside it is like; COLUMNS is the user's own wish."""
+    monkeypatch.delenv("COLUMNS")
+    ran = bench("fit", "bench")
+    assert "\x1b" not in ran.stdout
+    assert "…" not in ran.stdout
+    (heading,) = [line for line in ran.stdout.splitlines() if "95 % interval" in line]
+    assert "rel" in heading.split()
+    assert max(map(len, ran.stdout.splitlines())) <= 120
+
+
+def test_new_says_where_on_stdout(bench, tmp_path):
+    ran = bench("new", tmp_path / "mine")
+    assert (ran.exit_code, ran.stdout, ran.stderr) == (0, f"written: {tmp_path / 'mine' / 'bench.toml'}\n", "")
+
+
+def test_several_records_get_a_folder_each_and_a_table(bench, tmp_path):
+    ran = bench("fit", tmp_path / "a", "x/b/bench.toml", "--out", tmp_path / "out", "--json")
+    assert ran.exit_code == 0, ran.stderr
+    assert {folder.name for folder in (tmp_path / "out").iterdir()} == {"a", "b"}
+    assert (tmp_path / "out" / "b" / "fit.json").exists()
+    content = json.loads(ran.stdout)
+    assert [record["folder"] for record in content["records"]] == ["a", "b"]
+    assert content["failed"] == []
+    lines = [" ".join(line.split()) for line in ran.stderr.splitlines()]
+    assert "parameter unit a b" in lines
+    assert "edge_radius um 14.93 +/- 0.12 14.93 +/- 0.12" in lines
+    assert "heat_retention - 0 fixed 0 fixed" in lines
+    assert "reduced chi-square - 1.17 1.17" in lines
+    assert f"written: {tmp_path / 'out' / 'a' / 'report.html'}" in lines
+
+
+def test_one_failing_record_does_not_stop_the_others(bench, monkeypatch, tmp_path):
+    calls = iter([fake_fit(), ValueError("singular"), fake_fit(converged=False, message="100 steps were not enough")])
+
+    def fit(record, progress):
+        found = next(calls)
+        if isinstance(found, Exception):
+            raise found
+        return found
+
+    stand_in(monkeypatch, "fit", fit=fit)
+    ran = bench("fit", "a", "b", "c", "--out", tmp_path / "out", "--json")
+    assert ran.exit_code == 1
+    assert {folder.name for folder in (tmp_path / "out").iterdir()} == {"a", "c"}
+    content = json.loads(ran.stdout)
+    assert [(r["folder"], r["converged"]) for r in content["records"]] == [("a", True), ("c", False)]
+    assert content["failed"][0]["folder"] == "b"
+    said = ran.stderr.splitlines()[-1]
+    assert said.startswith("thermohyd: 2 of 3 records failed: b: the computation failed: ValueError: singular")
+    assert said.endswith("c: the fit did not converge: 100 steps were not enough")
+
+
+def test_out_is_checked_before_any_work(bench, monkeypatch, tmp_path):
+    reader(monkeypatch, raising(AssertionError("it began")))
+    (tmp_path / "file").write_text("mine")
+    monkeypatch.chdir(tmp_path)
+    for out, words in (
+        ("", "--out is empty; name a folder for the results"),
+        ("file", "file: is a file; --out takes a folder"),
+        ("file/below", "file: is a file; --out lies in a folder"),
+        ("x" * 256, f"{'x' * 256}: --out cannot be written (File name too lon"),
+    ):
+        ran = bench("fit", "bench", "--out", out)
+        assert (ran.exit_code, ran.stdout, ran.stderr) == (2, "", f"thermohyd: {words}\n")
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+@pytest.mark.parametrize("command", ["fit", "diagnose", "simulate", "sensitivity", "servo", "seed"])
+def test_a_read_only_folder_is_refused_by_every_command(bench, monkeypatch, tmp_path, command):
+    def mkdtemp(*args, **kwargs):
+        raise OSError(30, "Read-only file system")
+
+    monkeypatch.setattr("tempfile.mkdtemp", mkdtemp)
+    out = tmp_path / "not yet there"
+    ran = bench(command, *(["bench"] if command not in ("seed", "servo", "sensitivity") else []), "--out", out)
+    assert (ran.exit_code, ran.stdout) == (2, "")
+    assert ran.stderr == f"thermohyd: {out}: --out cannot be written (Read-only file system)\n"
+
+
+def test_predictions_do_not_overwrite_the_record(tmp_path):
+    record = tmp_path / "mine"
+    assert CliRunner().invoke(app, ["new", str(record)]).exit_code == 0
+    before = (record / "leakage.csv").read_bytes()
+    ran = CliRunner().invoke(app, ["simulate", str(record), "--out", str(record)])
+    assert ran.exit_code == 2
+    assert (
+        ran.stderr == f"thermohyd: {record}: --out would overwrite the record's own leakage.csv; name another folder\n"
+    )
+    assert (record / "leakage.csv").read_bytes() == before
 
 
 def test_not_converged_is_a_failure_that_still_reports(bench, monkeypatch, tmp_path):
@@ -90,7 +193,10 @@ def test_not_converged_is_a_failure_that_still_reports(bench, monkeypatch, tmp_p
 )
 @pytest.mark.parametrize(("module", "command"), [("fit", "fit"), ("read_record", "fit"), ("read_record", "simulate")])
 def test_failures_are_one_line(bench, monkeypatch, tmp_path, module, command, error, status, line):
-    stand_in(monkeypatch, module, **{module: raising(error)})
+    if module == "read_record":
+        reader(monkeypatch, raising(error))
+    else:
+        stand_in(monkeypatch, module, **{module: raising(error)})
     ran = bench(command, "bench", "--out", tmp_path / "out", "--json")
     assert ran.exit_code == status
     assert ran.stderr.strip() == line

@@ -1,13 +1,18 @@
 """`fit.json` holds the keys that BENCH_FORMAT promises, in SI, as JSON that any reader accepts."""
 
+import hashlib
 import json
 from dataclasses import replace
+from datetime import datetime
+from importlib.metadata import version
 
 import numpy as np
 import pytest
+from helpers.bench_folder import write_record
 from helpers.fake_fit import fake_channel, fake_fit
 
 from thermohyd.identify.fit_json import fit_json, json_text
+from thermohyd.identify.read_record import read_record
 
 
 def test_promised_keys():
@@ -49,3 +54,26 @@ def test_two_ports_make_one_figure_per_test():
     content = fit_json(fake_fit(channels=(a, b)))
     assert content["noise"]["pressure_gain"] == pytest.approx(np.sqrt(0.5 * (3e4**2 + 4e4**2)))
     assert set(content["channels"]["pressure_gain"]) == {"pressure_a", "pressure_b"}
+
+
+def test_names_the_record_its_files_oil_geometry_and_conditions(tmp_path):
+    folder = write_record(tmp_path / "mine")
+    record = read_record(folder / "bench.toml")
+    content = fit_json(fake_fit(record=record))
+    found = content["record"]
+    assert (found["name"], found["path"], found["version"]) == ("test valve", str(folder), version("thermohyd"))
+    assert datetime.fromisoformat(found["date"]).tzinfo is not None
+    digest = {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in folder.iterdir()}
+    assert found["files"] == [
+        {"name": "bench.toml", "sha256": digest["bench.toml"], "rows": None, "used": None},
+        {"name": "leakage.csv", "sha256": digest["leakage.csv"], "rows": 5, "used": 5},
+    ]
+    assert content["geometry"]["stroke"] == pytest.approx(200e-6)
+    assert content["oil"]["name"] == record.oil.name
+    assert content["conditions"]["leakage"] == {
+        "temperature": pytest.approx([313.15, 313.15]),
+        "supply_pressure": pytest.approx([70e5, 70e5]),
+        "return_pressure": [0.0, 0.0],
+        "spool_position": pytest.approx([-10e-6, 10e-6]),
+    }
+    assert fit_json(fake_fit())["record"]["name"] == "seed valve, made by hand"

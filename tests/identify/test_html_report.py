@@ -3,7 +3,7 @@
 import re
 from html.parser import HTMLParser
 
-from helpers.fake_fit import fake_fit
+from helpers.fake_fit import fake_fit, with_files
 
 from thermohyd.identify.html_report import html_report
 
@@ -52,6 +52,20 @@ def test_says_what_the_terminal_says():
         assert expected in words
 
 
+def test_names_the_record_with_its_files():
+    page = html_report(fake_fit(record=with_files(fake_fit().record)), {}, "0.1.0")
+    words = re.sub(r"\s+", " ", " ".join(Tags(page).words))
+    for expected in (
+        "record /bench/mine",
+        "read 2026-03-04 05:06:07+01:00 by thermohyd 0.1.0",
+        "valve seed valve, made by hand: stroke 213 um, slot width 12 mm, land diameter 6.9 mm, rated flow 9.8 l/min, at 70 bar",
+        "oil seed oil:",
+        "870 kg/m3 at 15 degC",
+        f"leakage.csv 800 790 {'cd' * 32}",
+    ):
+        assert expected in words
+
+
 def test_user_text_is_escaped():
     page = html_report(
         fake_fit(name="<script>alert(1)</script> & co", notes=("a <b>note</b>",)), {'x"><i>': SVG}, "0.1.0"
@@ -66,3 +80,11 @@ def test_user_text_is_escaped():
 def test_a_fit_that_did_not_converge_shouts():
     assert 'role="alert">THE FIT DID NOT CONVERGE' in html_report(fake_fit(converged=False), {}, "0.1.0")
     assert 'role="alert"' not in html_report(fake_fit(), {}, "0.1.0")
+
+
+def test_paper_neither_scrolls_nor_keeps_a_table_on_one_page():
+    page = html_report(fake_fit(), {}, "0.1.0")
+    printed = page[page.index("@media print {") : page.index("</style>")]
+    assert ".scroll { overflow: visible; }" in printed
+    whole = re.findall(r"([^{}]*)\{[^{}]*break-inside: avoid", printed)
+    assert [set(re.split(r"[,\s]+", selectors.strip())) for selectors in whole] == [{"tr", "li", "figure"}]

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.fake_fit import fake_fit, fake_parameters
+from helpers.fake_fit import fake_fit, fake_parameters, with_files
 from rich.console import Console
 
 from thermohyd.identify.display_units import beside, display_unit, significant
@@ -50,7 +50,7 @@ def test_says_all_that_lmfit_says_and_why():
         "clearance carries a prior: 3 +/- 0.5 um",
         "edge_radius and underlap trade off: +0.71 -0.70",
         "condition number 48",
-        "3 of 5 starts reached the same best fit.",
+        "3 of 5 starts reached the same best fit: that several ways lead there speaks for it.",
         "One ended at 3.16 times its chi-square after 22 steps: another minimum.",
         "not converged (the largest number of steps was reached)",
         "leakage, leakage_flow: scatter of the rows within each bin of the sweep",
@@ -69,6 +69,11 @@ def test_a_fit_that_did_not_converge_shouts():
     text = words(report(fake_fit(converged=False, message="100 steps were not enough")))
     assert text.count("THE FIT DID NOT CONVERGE: 100 steps were not enough") == 2
     assert "NOT CONVERGE" not in report(fake_fit())
+
+
+def test_names_the_record():
+    text = words(report(fake_fit(record=with_files(fake_fit().record)), 80))
+    assert "record /bench/mine, 2 files, 800 rows, read 2026-03-04 05:06; seed oil; thermohyd 0.1.0" in text
 
 
 def test_correlations_are_sorted_and_cut():
@@ -103,6 +108,18 @@ def test_nothing_free_and_nothing_left_to_say():
         free=(), correlation=np.zeros((0, 0)), covariance=np.zeros((0, 0)), starts=(), degrees_of_freedom=0.0
     )
     assert "Parameters" in report(empty)
+
+
+def test_starts_agree_with_what_the_progress_counted():
+    """A restart is none of the starts that were counted while they ran."""
+    a, b, c, d, _ = fake_fit().starts
+    low = replace(a, cost=0.9 * a.cost, restart=True)
+    agree = lambda *starts: multi_start(fake_fit(starts=starts))[0]
+    assert agree(a, b, c).startswith("3 of 3 starts reached the same best fit: ")
+    assert agree(a, d).startswith("1 of 2 starts reached the best fit, the others ended higher. That is no failure")
+    assert agree(low, a, b, c, d).startswith("None of the 4 starts ended at the best fit: a restart beside the best")
+    assert agree(replace(low, cost=0.9999 * a.cost), a, b).startswith("2 of 2 starts reached the same best fit")
+    assert multi_start(fake_fit(starts=(low, a)))[1].startswith("One ended at 1.11 times its chi-square")
 
 
 def test_multi_start_of_one():

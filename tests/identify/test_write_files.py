@@ -1,5 +1,6 @@
 """Files are written whole or not at all."""
 
+import hashlib
 import os
 
 import pytest
@@ -7,7 +8,8 @@ import pytest
 from thermohyd.identify.errors import BenchInputError
 from thermohyd.identify.new_record import write_template
 from thermohyd.identify.read_record import read_record
-from thermohyd.identify.write_files import write_all
+from thermohyd.identify.write_files import Writer, checked_folder, write_all
+from thermohyd.identify.written_before import MANIFEST
 
 
 def everything(folder):
@@ -55,6 +57,92 @@ def test_a_file_that_cannot_be_written_leaves_no_folder_behind(tmp_path):
         write_all(tmp_path / "new", {"a.txt": "a", "../file/b.txt": "b"})
     assert everything(tmp_path) == {"file": b"in the way"}
     assert not (tmp_path / "new").exists()
+
+
+def names(folder):
+    return set(everything(folder)) - {MANIFEST}
+
+
+def test_leftovers_of_the_same_command_go(tmp_path):
+    write_all(tmp_path, {"fit.json": "1", "leakage.png": "a", "flow_gain.png": "b"}, Writer("fit", "/a"))
+    (tmp_path / "mine.png").write_text("the user's")
+    (tmp_path / "flow_gain.png").write_text("edited by the user")
+    write_all(tmp_path, {"fit.json": "2"}, Writer("fit", "/a"))
+    assert names(tmp_path) == {"fit.json", "mine.png", "flow_gain.png"}
+    write_all(tmp_path, {"fit.json": "3"}, Writer("fit", "/b"))
+    assert (tmp_path / "fit.json").read_text() == "3"
+    assert names(tmp_path) == {"fit.json", "mine.png", "flow_gain.png"}
+
+
+def test_fit_and_diagnose_share_a_folder_for_one_record_only(tmp_path):
+    fit, diagnosis = (
+        {"fit.json": "f", "report.html": "f", "parameters.png": "f"},
+        {"diagnosis.json": "d", "report.html": "d"},
+    )
+    write_all(tmp_path, fit, Writer("fit", "/a"))
+    write_all(tmp_path, diagnosis, Writer("diagnose", "/a"))
+    assert names(tmp_path) == {"fit.json", "parameters.png", "diagnosis.json", "report.html"}
+    write_all(tmp_path, diagnosis, Writer("diagnose", "/b"))
+    assert names(tmp_path) == {"diagnosis.json", "report.html"}
+
+
+def test_other_commands_leave_the_model_that_they_may_have_used(tmp_path):
+    write_all(tmp_path, {"model.json": "m"}, Writer("fit", "/a"))
+    write_all(tmp_path, {"leakage.csv": "p", "flow_gain.csv": "p"}, Writer("simulate", "/b"))
+    write_all(tmp_path, {"leakage.csv": "p2"}, Writer("simulate", "/c"))
+    write_all(tmp_path, {"sensitivity.json": "s"}, Writer("sensitivity"))
+    assert names(tmp_path) == {"model.json", "leakage.csv", "sensitivity.json"}
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "not JSON",
+        "[]",
+        '{"schema": "thermohyd-files/1", "written": 3}',
+        '{"schema": "thermohyd-files/1", "written": {"fit": {"of": 3, "files": {"kept": "x"}}}}',
+        '{"schema": "another", "written": {"fit": {"of": "/a", "files": {"kept": "HASH"}}}}',
+        '{"schema": "thermohyd-files/1", "written": {"fit": {"of": "/a", "files": {"../outside": "HASH"}}}}',
+        '{"schema": "thermohyd-files/1", "written": {"fit": {"of": "/a", "files": {"link": "HASH"}}}}',
+    ],
+)
+def test_a_list_that_was_tampered_with_removes_nothing(tmp_path, content):
+    folder = tmp_path / "out"
+    folder.mkdir()
+    for path in (folder / "kept", tmp_path / "outside"):
+        path.write_text("mine")
+    (folder / "link").symlink_to(folder / "kept")
+    (folder / MANIFEST).write_text(content.replace("HASH", hashlib.sha256(b"mine").hexdigest()))
+    write_all(folder, {"fit.json": "1"}, Writer("fit", "/a"))
+    assert names(folder) == {"kept", "link", "fit.json"}
+    assert (tmp_path / "outside").read_text() == "mine"
+
+
+@pytest.mark.parametrize("at", range(1, 8))
+def test_a_failure_brings_leftovers_back_too(tmp_path, monkeypatch, at):
+    write_all(tmp_path, {"fit.json": "1", "old.png": "old", "older.png": "older"}, Writer("fit", "/a"))
+    before, calls, replace = everything(tmp_path), [], os.replace
+
+    def failing(source, target):
+        calls.append(source)
+        if len(calls) == at:
+            raise OSError("disk full")
+        replace(source, target)
+
+    monkeypatch.setattr(os, "replace", failing)
+    if at < 7:
+        with pytest.raises(OSError, match="disk full"):
+            write_all(tmp_path, {"fit.json": "2"}, Writer("fit", "/a"))
+        assert everything(tmp_path) == before
+    else:
+        write_all(tmp_path, {"fit.json": "2"}, Writer("fit", "/a"))
+        assert names(tmp_path) == {"fit.json"}
+
+
+def test_a_checked_folder_is_left_as_it_was(tmp_path):
+    assert checked_folder(None) is None
+    assert checked_folder(str(tmp_path / "a" / "b")) == tmp_path / "a" / "b"
+    assert not list(tmp_path.iterdir())
 
 
 def test_the_template_reads_as_it_stands(tmp_path):

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import pytest
 from helpers.fake_diagnosis import ABSORBED, KINDS, fake_diagnosis
+from helpers.fake_fit import with_files
 
 from thermohyd.identify.diagnosis.diagnosis_json import diagnoses_json, diagnosis_json
 from thermohyd.identify.fit_json import json_text
@@ -82,3 +83,14 @@ def test_several_records():
     assert [record["folder"] for record in content["records"]] == ["a", "b"]
     assert content["records"][1]["verdict"] == "consistent"
     assert content["failed"] == [{"folder": "c", "reason": "no time"}]
+
+
+def test_names_the_record():
+    result = fake_diagnosis()
+    content = written(replace(result, record=with_files(result.record)))
+    assert content["record"]["path"] == "/bench/mine"
+    assert content["record"]["files"][1] == {"name": "leakage.csv", "sha256": "cd" * 32, "rows": 800, "used": 790}
+    assert content["geometry"]["slot_width"] == pytest.approx(12e-3)
+    assert content["oil"]["name"] == "seed oil"
+    assert content["conditions"] == {}
+    assert content["fit"]["record"]["name"] == content["record"]["name"]

@@ -3,10 +3,11 @@
 from dataclasses import replace
 
 import pytest
-from helpers.fake_diagnosis import hysteresis, pilot, regions, variation
+from helpers.fake_diagnosis import fake_diagnosis, hysteresis, pilot, regions, variation
 from helpers.fake_fit import fake_channel, fake_fit
 
 from thermohyd.effects.registry import EFFECTS
+from thermohyd.identify.diagnosis.diagnosis_content import shift_rows, where_rows
 from thermohyd.identify.diagnosis.headline import further_sentences, headline
 from thermohyd.identify.diagnosis.result import Alternative, HeldOut, NamedEffect, ParameterShift, Region
 from thermohyd.identify.fit_result import FitResult
@@ -19,8 +20,10 @@ HELD = HeldOut(480, "2 of 6 conditions", 5.0, 0.1, 6.0, 1.1, 0.98)
 WHERE = regions()[:1]
 
 
-def said(verdict, effects=(), *, where=WHERE, held: HeldOut | None = HELD, shifts=(), smooth=()) -> str:
-    return headline(verdict, effects, where, held, (12.4, 1.02), shifts, smooth)
+def said(
+    verdict, effects=(), *, where=WHERE, held: HeldOut | None = HELD, shifts=(), smooth=(), gap=(12.4, 1.02)
+) -> str:
+    return headline(verdict, effects, where, held, gap, shifts, smooth)
 
 
 def test_consistent():
@@ -107,8 +110,8 @@ def test_a_curve_is_told_where_it_closes_most_and_is_no_cause(share, learned, wo
     [
         (0.64, 0.7, "0.64 l/min too high"),
         (-0.64, 0.7, "0.64 l/min too low"),
-        (0.01, 0.5, "0.5 l/min off"),
-        (-0.2, float("nan"), "0.2 l/min too low"),
+        (0.01, 0.5, "0.50 l/min off"),
+        (-0.2, float("nan"), "0.20 l/min too low"),
     ],
 )
 def test_a_misfit_of_both_signs_is_told_by_its_size(mean, rms, words):
@@ -126,9 +129,9 @@ def test_the_parameter_that_would_have_been_spoiled_most():
         shift("clearance", 2.6e-6, 2.0e-6, 0.05e-6),
         shift("underlap", 9e-6, 1e-6, None),  # no honest error bar to judge by
     )
-    assert said("named", (pilot(),), shifts=shifts).endswith("; ignoring it would have inflated clearance by 0.6 um.")
+    assert said("named", (pilot(),), shifts=shifts).endswith("; ignoring it would have inflated clearance by 0.600 um.")
     lowered = (shift("clearance", 1.4e-6, 2.0e-6, 0.05e-6),)
-    assert "lowered clearance by 0.6 um" in said("named", (pilot(),), shifts=lowered)
+    assert "lowered clearance by 0.600 um" in said("named", (pilot(),), shifts=lowered)
 
 
 @pytest.mark.parametrize("shifts", [(), (shift("clearance", 2.05e-6, 2.0e-6, 0.05e-6),)])
@@ -158,3 +161,20 @@ def test_unequal_laps_have_a_mirror_image_unless_both_ports_are_measured():
 def fit_of(*pressures: str) -> FitResult:
     channels = [fake_channel("pressure_gain", name, 0.35e5, 2, 20) for name in pressures or ("load_pressure",)]
     return fake_fit(channels=tuple(channels))
+
+
+def test_headline_and_tables_show_the_same_figures():
+    """The misfit, its excess, and what a parameter moves by: as a reader would subtract two cells of the table."""
+    both = Region("leakage", "leakage_flow", {}, 900.0, 0.9, 100, 0.01 * LPM, 0.5 * LPM)
+    moved = shift("clearance", 2.63461e-6, 2.03149e-6, 0.042e-6)
+    words = said("named", (pilot(),), where=(both,), shifts=(moved,))
+    result = fake_diagnosis("named", where=(both,), shifts=(moved,))
+    (row,), (parameter,) = where_rows(result, result.where), shift_rows(result)
+    assert row.miss == "0.50 l/min off the model, both ways"
+    assert "Leakage flow is 0.50 l/min off" in words
+    assert (parameter.before, parameter.after) == ("2.635", "2.031")
+    assert words.endswith("inflated clearance by 0.604 um.")
+    assert "reduced chi-square 12,345)" in said("unexplained", gap=(12345.0, 1.0))
+    assert "99.6 % of the gap closes" in said(
+        "named", (pilot(),), held=HeldOut(9, "sweeps", 3.0, 0.012, 4.0, 1.0, 0.996)
+    )

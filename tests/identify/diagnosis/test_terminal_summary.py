@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import pytest
 from helpers.fake_diagnosis import HEADLINES, KINDS, fake_diagnosis, hysteresis, pilot, regions
+from helpers.fake_fit import with_files
 from rich.console import Console
 
 from thermohyd.identify.diagnosis.diagnosis_content import p_words, percent
@@ -57,6 +58,12 @@ def test_figures_have_units():
         "nothing smooth beyond noise (lack-of-fit test, p = 0.43)",
     ):
         assert expected in text
+
+
+def test_names_the_record():
+    result = fake_diagnosis("named")
+    text = words(summary(replace(result, record=with_files(result.record)), 80))
+    assert "record /bench/mine, 2 files, 800 rows, read 2026-03-04 05:06; seed oil; thermohyd 0.1.0" in text
 
 
 def test_absorbed_is_neither_named_nor_excluded():

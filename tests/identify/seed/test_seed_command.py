@@ -30,7 +30,7 @@ def test_writes_every_file(run, study, tmp_path):
     written = {file.name: file for file in (tmp_path / "seed").iterdir()}
     figures = {f"{name}.{kind}" for name in CAPTIONS for kind in ("png", "svg")}
     tables = {"curves.csv", "gains.csv", "eq6.csv", "claims.csv"}
-    assert set(written) == figures | tables | {"seed.json", "eq6.json", "seed.html"}
+    assert set(written) == figures | tables | {".thermohyd.json", "seed.json", "eq6.json", "seed.html"}
     assert {f"figure_{n}" for n in range(3, 9)} < set(CAPTIONS)
     for name in figures:
         start = written[name].read_bytes()[:200]
@@ -51,8 +51,8 @@ def test_writes_every_file(run, study, tmp_path):
 def test_nothing_is_written_where_the_folder_is_a_file(run, tmp_path):
     (tmp_path / "taken").write_text("mine")
     ran = run("--out", tmp_path / "taken")
-    assert ran.exit_code == 1
-    assert "thermohyd:" in ran.stderr
+    assert ran.exit_code == 2
+    assert ran.stderr == f"thermohyd: {tmp_path / 'taken'}: is a file; --out takes a folder\n"
     assert (tmp_path / "taken").read_text() == "mine"
 
 

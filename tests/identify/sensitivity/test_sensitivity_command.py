@@ -46,7 +46,9 @@ def model_file(tmp_path):
 def test_seed_valve_to_files_and_json(run, tmp_path):
     ran = run("--out", tmp_path / "out", "--json", *FEW)
     assert ran.exit_code == 0, ran.stderr
-    expected = {"sensitivity.json", "report.html"} | {f"{name}.{kind}" for name in PICTURES for kind in ("png", "svg")}
+    expected = {".thermohyd.json", "sensitivity.json", "report.html"} | {
+        f"{name}.{kind}" for name in PICTURES for kind in ("png", "svg")
+    }
     assert {file.name for file in (tmp_path / "out").iterdir()} == expected
     said = json.loads(ran.stdout)
     written = json.loads((tmp_path / "out" / "sensitivity.json").read_text())

@@ -19,7 +19,9 @@ from thermohyd.identify.servo.terminal import print_servo
 
 BENCH = Bench(valve=Valve(edge_radius=15e-6, clearance=2e-6, underlap=15e-6, discharge_coefficient=0.7))
 FEW = ("--temperatures", "-20 0 40 70 degC")
-FILES = {"servo.json", "report.html"} | {f"{n}.{kind}" for n in ("step", "trend", "bode") for kind in ("png", "svg")}
+FILES = {".thermohyd.json", "servo.json", "report.html"} | {
+    f"{n}.{kind}" for n in ("step", "trend", "bode") for kind in ("png", "svg")
+}
 COLD, BEFORE, WARM, AFTER = range(4)
 
 
