@@ -175,9 +175,10 @@ def simulate_command(
     out: Out = None,
     json: Json = False,
 ) -> None:
-    """Predict each row of a record from a fitted model; the record needs no readings.
+    """Predict each row of a record from a fitted model; the record needs no readings. Its oil, stroke and slot width count.
 
-    With --out: one CSV per test, the record's columns with <reading>_predicted and <reading>_predicted_std added.
+    With --out: one CSV per test, the record's columns with <reading>_predicted and <reading>_predicted_std added, and
+    outside_fitted_range where rows lie outside what the model was fitted to.
     """
     with plain_failures():
         from .model_file import load_model, nominal_model
@@ -191,19 +192,22 @@ def simulate_command(
             progress("starting JAX")
             _set_up_jax()  # first: effects in a model file are checked against the library of effects, which brings JAX
             chosen = nominal_model(record) if model is None else load_model(model)
-            from .predict import simulate_record
-            from .simulation_output import simulation_files, simulation_json, simulation_table
+            from .predict import simulate
+            from .simulation_output import note_lines, simulation_files, simulation_json, simulation_table
 
-            tables = simulate_record(record, chosen, progress=progress)
+            found = simulate(record, chosen, progress=progress)
+            tables = found.tables
             if out is not None:
                 from .write_files import write_all
 
                 write_all(out, simulation_files(tables))
         console.print(simulation_table(tables))
+        for line in note_lines(found.notes):
+            console.print(line)
         if out is not None:
             _say_where(console, out, *(f"{test}.csv" for test in tables))
         if json:
-            _print_json(simulation_json(tables))
+            _print_json(simulation_json(tables, found.notes, found.outside))
 
 
 @app.command("seed")

@@ -80,13 +80,16 @@ def check_temperature(name: str, value: Any) -> None:
         )
 
 
-def check_pressure(name: str, value: Any, *, supply: bool = False) -> None:
-    """Pascals, gauge. supply: a column that stays below 0.01 bar was meant in bar; others only where they stand there."""
+def check_pressure(name: str, value: Any, *, supply: bool = False, difference: bool = False) -> None:
+    """Pascals, gauge. supply: a column that stays below 0.01 bar was meant in bar; others only where they stand there.
+
+    difference: of two pressures, of either sign.
+    """
     numbers = known(name, value)
     if numbers is None or numbers.size == 0:
         return
     for wrong, why in (
-        (numbers < LOWEST_PRESSURE, "is below absolute vacuum; they are gauge"),
+        (numbers < (-HIGHEST_PRESSURE if difference else LOWEST_PRESSURE), "is below absolute vacuum; they are gauge"),
         (numbers > HIGHEST_PRESSURE, "is above 5000 bar"),
     ):
         if wrong.any():

@@ -37,7 +37,7 @@ class Conditions(eqx.Module):
         check_pressure("return_pressure", self.return_pressure)
         check_temperature("temperature", self.temperature)
         if self.load_pressure is not None:
-            check_pressure("load_pressure", self.load_pressure)
+            check_pressure("load_pressure", self.load_pressure, difference=True)
 
 
 def operating_points(

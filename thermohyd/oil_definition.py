@@ -20,6 +20,7 @@ class OilDefinition:
     density: kg/m3 at 15 degC and zero gauge pressure; expansion: 1/K there.
     bulk_modulus: Pa, isothermal, at 15 degC and zero gauge pressure; it falls as exp(-bulk_modulus_decay (T - T0)).
     tait_slope: K' of the Tait equation. specific_heat: J/(kg K) at 15 degC; specific_heat_slope: J/(kg K2).
+    coldest, hottest: K, between which the viscosity is known; None where nobody says.
     pressure_viscosity: 1/Pa, mu(p) = mu(0) exp(pressure_viscosity p); 0 leaves it to the effect of that name.
     """
 
@@ -35,6 +36,8 @@ class OilDefinition:
     pressure_viscosity: float = 0.0
     name: str = "user oil"
     source: str = ""
+    coldest: float | None = None
+    hottest: float | None = None
 
 
 def walther_coefficients(temperatures: Sequence[float], viscosities: Sequence[float]) -> tuple[float, float]:
