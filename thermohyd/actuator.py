@@ -1,9 +1,10 @@
 """The actuator on the valve: a symmetric jack on a rigid anchorage, its load, and its position loop (MODEL section 7)."""
 
 import equinox as eqx
+import numpy as np
 from jaxtyping import Array, Float
 
-from .arguments import as_array, check_sign, check_size, known
+from .arguments import ArgumentValueError, as_array, check_sign, check_size, known
 from .precision import require_float64
 
 
@@ -15,9 +16,8 @@ NOT_NEGATIVE = ("viscous_friction", "coulomb_friction", "jack_leakage")
 # (field, greatest, what is meant): far beyond any jack, and where numbers in bench units lie.
 SIZES = (
     ("piston_area", 1.0, "areas are in m2: 12 cm2 is 12e-4"),
-    ("chamber_volume", 1.0, "volumes are in m3: 60 cm3 is 60e-6"),
+    ("chamber_volume", 5.0, "volumes are in m3: 60 cm3 is 60e-6"),
     ("rated_current", 5.0, "currents are in A: 25 mA is 25e-3"),
-    ("piston_stroke", 20.0, "lengths are in m: 50 mm is 50e-3"),
 )
 
 
@@ -58,6 +58,13 @@ class Actuator(eqx.Module):
             known(name, getattr(self, name))
         for name, most, hint in SIZES:
             check_size(name, getattr(self, name), 0.0, most, hint)
+        area, stroke, volume = (known(n, getattr(self, n)) for n in ("piston_area", "piston_stroke", "chamber_volume"))
+        # Long jacks exist, and longer ones in thought; none sweeps a hundred times the oil in it.
+        if area is not None and stroke is not None and volume is not None and (area * stroke > 200.0 * volume).any():
+            raise ArgumentValueError(
+                f"piston_stroke {np.max(stroke):g} sweeps far more than the chamber_volume {np.min(volume):g} m3 holds: "
+                "lengths are in m, 50 mm is 50e-3"
+            )
 
 
 def seed_actuator() -> Actuator:

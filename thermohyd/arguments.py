@@ -61,8 +61,9 @@ def known(name: str, value: Any) -> np.ndarray | None:
     return numbers
 
 
-def _worst(numbers: np.ndarray, wrong: np.ndarray) -> float:
-    return float(numbers[wrong].reshape(-1)[0])
+def _worst(numbers: np.ndarray, wrong: Any) -> float:
+    """The first of the numbers that are wrong; `wrong` is a bool where there is one number only."""
+    return float(numbers.reshape(-1)[np.flatnonzero(wrong)[0]])
 
 
 def check_temperature(name: str, value: Any) -> None:
