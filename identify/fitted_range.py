@@ -25,13 +25,9 @@ QUANTITIES = {
     "return_pressure": DisplayUnit("bar", 1e-5),
     "load_pressure": DisplayUnit("bar", 1e-5),
     "temperature": DisplayUnit("degC", 1.0),
-    "command": DisplayUnit("SI", 1.0),
-    "frequency": DisplayUnit("Hz", 1.0),
-}
-COMMANDS = {
     "setpoint": DisplayUnit("mm", 1e3),
     "current": DisplayUnit("mA", 1e3),
-    "spool_position": QUANTITIES["spool_position"],
+    "frequency": DisplayUnit("Hz", 1.0),
 }
 
 
@@ -63,10 +59,10 @@ class Outside:
 
 
 def conditions(test: TestRecord) -> dict[str, np.ndarray]:
-    """The columns that say where a test was run, SI."""
+    """The columns that say where a test was run, SI; the command of a dynamic test by its kind."""
     found = {name: getattr(test, name) for name in ("supply_pressure", "return_pressure", "temperature")}
     if isinstance(test, DynamicTest):
-        further = {"command": test.command, "frequency": test.frequency}
+        further = {test.command_kind: test.command, "frequency": test.frequency}
     else:
         further = {"spool_position": test.spool_position, "load_pressure": test.load_pressure}
     return found | {name: column for name, column in further.items() if column is not None and len(column)}
@@ -97,8 +93,7 @@ def _of_test(model: Model, test: TestRecord) -> Iterator[Outside]:
         low, high = ranges[name]
         reach = {"temperature": TEMPERATURE_STEP, "spool_position": SAME * model.valve.stroke}
         slack = reach.get(name, PRESSURE_STEP * size if name.endswith("pressure") else SAME * max(abs(low), abs(high)))
-        unit = COMMANDS[test.command_kind] if name == "command" and isinstance(test, DynamicTest) else QUANTITIES[name]
-        yield from _beyond(test, name, column, (low, high), slack, lines, unit)
+        yield from _beyond(test, name, column, (low, high), slack, lines, QUANTITIES[name])
     if "spool_position" in columns:
         far = (-model.valve.stroke, model.valve.stroke)
         yield from _beyond(
@@ -114,7 +109,7 @@ def fitted_ranges(model: Model, test: TestRecord) -> dict[str, tuple[float, floa
     if test.name in model.fitted:
         return model.fitted[test.name]
     alike = [model.fitted[name] for name in tests_alike(model, test)]
-    names = {name for ranges in alike for name in ranges} - {"command", "frequency"}
+    names = {name for ranges in alike for name in ranges} - {"frequency"}
     joined = {name: [ranges[name] for ranges in alike if name in ranges] for name in names}
     return {name: (min(low for low, _ in ends), max(high for _, high in ends)) for name, ends in joined.items()}
 
