@@ -8,7 +8,7 @@ from .actuator_table import read_actuator
 from .bench_tests import DynamicTestTable, StaticTest, read_tests
 from .columns_of_tests import CONDITIONS
 from .errors import quoted
-from .oil_table import read_oil, viscosity_range
+from .oil_table import read_oil
 from .physical_limits import impossible, wrong_size
 from .record import ActuatorData, StartValue, ValveData
 from .start_table import read_start
@@ -41,7 +41,6 @@ class BenchFile:
     actuator: ActuatorData | None
     actuator_given: bool
     start: dict[str, StartValue] = field(default_factory=dict)
-    viscosity_range: tuple[float, float] | None = None  # K: between the oil's points; None for a preset
 
 
 def read_bench_toml(path: Path) -> BenchFile:
@@ -49,8 +48,7 @@ def read_bench_toml(path: Path) -> BenchFile:
     root = TomlSource(path).root
     root.refuse_unknown(TABLES, "table")
     valve = _valve(_needed(root, "valve"), path)
-    oil_table = _needed(root, "oil")
-    oil = read_oil(oil_table)
+    oil = read_oil(_needed(root, "oil"))
     conditions = _conditions(root.table("conditions"))
     table = root.table("actuator")
     actuator = read_actuator(TomlTable(root.source, ("actuator",), {}) if table is None else table, valve)
@@ -58,10 +56,7 @@ def read_bench_toml(path: Path) -> BenchFile:
     start = root.table("start")
     used = actuator if dynamic else None
     starts = {} if start is None else read_start(start, valve, used)
-    return BenchFile(
-        root.source, valve, oil, conditions, tests, dynamic, used, table is not None, starts,
-        viscosity_range(oil_table),
-    )  # fmt: skip
+    return BenchFile(root.source, valve, oil, conditions, tests, dynamic, used, table is not None, starts)
 
 
 def _needed(root: TomlTable, name: str) -> TomlTable:

@@ -208,9 +208,10 @@ def simulate_command(
     out: Out = None,
     json: Json = False,
 ) -> None:
-    """Predict each row of a record from a fitted model; the record needs no readings.
+    """Predict each row of a record from a fitted model; the record needs no readings. Its oil, stroke and slot width count.
 
-    With --out: one CSV per test, the record's columns with <reading>_predicted and <reading>_predicted_std added.
+    With --out: one CSV per test, the record's columns with <reading>_predicted and <reading>_predicted_std added, and
+    outside_fitted_range where rows lie outside what the model was fitted to.
     """
     with plain_failures():
         from .model_file import load_model, nominal_model
@@ -227,18 +228,24 @@ def simulate_command(
             progress("starting JAX")
             _set_up_jax()  # first: effects in a model file are checked against the library of effects, which brings JAX
             chosen = nominal_model(record) if model is None else load_model(model)
-            from .predict import simulate_record
+            from .predict import simulate
+            from .simulation_output import note_lines
 
-            tables = simulate_record(record, chosen, progress=progress)
+            found = simulate(record, chosen, progress=progress)
+            tables = found.tables
             if folder is not None:
                 from .write_files import Writer, write_all
 
                 write_all(folder, simulation_files(tables), Writer("simulate", str(record.folder.resolve())))
         consoles.results.print(simulation_table(tables))
+        notes = (*record.warnings, *found.notes)
+        for line in note_lines(notes):
+            consoles.results.print(line)
+        consoles.warn(notes)
         if folder is not None:
             _say_where(consoles.results, folder, *(f"{test}.csv" for test in tables))
         if json:
-            _print_json(simulation_json(tables))
+            _print_json(simulation_json(tables, found.notes, found.outside))
 
 
 @app.command("seed")

@@ -9,12 +9,17 @@ from .diagnosis.variation_terms import LearnedTerm
 from .record import ActuatorData, ValveData
 
 
+# {test: {quantity: (least, greatest)}} of the rows that a model was fitted to, SI.
+Ranges = dict[str, dict[str, tuple[float, float]]]
+
+
 @dataclass(frozen=True)
 class Model:
     """A fitted (or nominal) valve, SI. `covariance` is over `free`, in that order, which may name effects as well.
 
     actuator, dynamics: the jack as its record describes it, and the parameters of motion; of a record with dynamic tests.
     effects: {name in `thermohyd.effects.registry`: amount}. learned: smooth empirical terms, which are no physics.
+    fitted: where its tests were run (`fitted_range.QUANTITIES`); empty where nobody says.
     """
 
     valve: ValveData
@@ -26,6 +31,7 @@ class Model:
     learned: tuple[LearnedTerm, ...] = ()
     actuator: ActuatorData | None = None
     dynamics: dict[str, float] = field(default_factory=dict)
+    fitted: Ranges = field(default_factory=dict)
 
     def value(self, name: str) -> float:
         """A parameter's value or an effect's amount."""

@@ -11,6 +11,7 @@ import numpy as np
 from .diagnosis.variation_terms import LearnedTerm
 from .errors import BenchInputError
 from .fit_result import FitResult
+from .fitted_range import ranges_of
 from .learned_terms import learned_json
 from .model import Model
 from .model_reader import SCHEMA, ModelReader
@@ -33,6 +34,7 @@ def model_of_fit(result: FitResult, learned: Iterable[LearnedTerm] = ()) -> Mode
         tuple(learned),
         None if dynamic is None else dynamic.actuator,
         {name: values[name] for name in moving if name in values},
+        ranges_of(result.record.all_tests),
     )
 
 
@@ -68,6 +70,10 @@ def model_json(result: FitResult, learned: Iterable[LearnedTerm] = ()) -> dict[s
     if model.actuator is not None:
         content["actuator"] = asdict(model.actuator)
         content["dynamics"] = {name: entries[name] for name in model.dynamics}
+    if model.fitted:
+        content["fitted_range"] = {
+            test: {name: list(ends) for name, ends in ranges.items()} for test, ranges in model.fitted.items()
+        }
     if model.learned:
         content["learned"] = [learned_json(term) for term in model.learned]
     return content

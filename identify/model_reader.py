@@ -11,13 +11,15 @@ import numpy as np
 
 from ..oil_definition import OilDefinition
 from .errors import BenchInputError, quoted, suggestion
+from .fitted_range import QUANTITIES
 from .learned_terms import learned_term
-from .model import Model
+from .model import Model, Ranges
 from .parameters import heat_retention, identified_by_default, identified_in_motion
-from .record import ActuatorData, ValveData
+from .record import DYNAMIC_TESTS, STATIC_TESTS, ActuatorData, ValveData
 
 
 SCHEMA = "thermohyd-model/1"
+OPTIONAL = ("coldest", "hottest")  # of an oil: null where nobody says
 PLAIN_NUMBERS = ("1", "dimensionless")  # units of parameters and of effects name them differently
 
 
@@ -65,7 +67,29 @@ class ModelReader:
             terms,
             actuator,
             dynamics,
+            self.fitted(content.get("fitted_range", {})),
         )
+
+    def fitted(self, table: Any) -> Ranges:
+        """The conditions that were fitted; a model of an earlier version, or one written by hand, may have none."""
+        if not isinstance(table, dict):
+            raise self.fail('"fitted_range" must be a table of tests; leave it out where nothing was fitted')
+        self.refuse_unknown(table, [*STATIC_TESTS, *DYNAMIC_TESTS], "fitted_range")
+        found: Ranges = {}
+        for test, ranges in table.items():
+            where = f'"fitted_range" "{test}"'
+            if not isinstance(ranges, dict):
+                raise self.fail(f"{where} must be a table of quantities, each with its least and greatest value")
+            self.refuse_unknown(ranges, list(QUANTITIES), f"fitted_range {test}")
+            found[test] = {}
+            for name, ends in ranges.items():
+                if not isinstance(ends, list) or len(ends) != 2:
+                    raise self.fail(f'{where} "{name}" must be a list of its least and greatest value')
+                low, high = (self.number(end, f'{where} "{name}"') for end in ends)
+                if low > high:
+                    raise self.fail(f'{where} "{name}" must have its least value first')
+                found[test][name] = low, high
+        return found
 
     def actuator(self, content: dict[str, Any]) -> tuple[ActuatorData | None, dict[str, float]]:
         """The jack and the parameters of motion; neither in a model of static tests."""
@@ -157,7 +181,7 @@ class ModelReader:
         numbers = {
             key: self.number(table[key], f'"oil" "{key}"')
             for key in known
-            if key in table and key not in ("name", "source")
+            if key in table and key not in ("name", "source") and not (key in OPTIONAL and table[key] is None)
         }
         for key in ("viscosity_a", "viscosity_b"):
             if key not in numbers:

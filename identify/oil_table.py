@@ -31,7 +31,7 @@ def read_oil(table: TomlTable) -> OilDefinition:
         except ValueError as error:
             raise table.error(str(error), "preset") from None
     else:
-        oil = OilDefinition(*_viscosity_law(table), source="viscosity points of the record")
+        oil = _oil_of_points(table)
     # A pressure viscosity of zero is a value of its own: no rise with pressure.
     signs = {key: "not negative" if key == "pressure_viscosity" else "positive" for key in PROPERTIES}
     given = {key: table.quantity(key, kind, sign=signs[key]) for key, kind in PROPERTIES.items()}
@@ -40,16 +40,7 @@ def read_oil(table: TomlTable) -> OilDefinition:
     return oil if name is None else replace(oil, name=name)
 
 
-def viscosity_range(table: TomlTable) -> tuple[float, float] | None:
-    """The coldest and the hottest temperature [K] of an oil's viscosity points; None for a preset."""
-    points = table.data.get("viscosity")
-    if not isinstance(points, list):
-        return None
-    temperatures = [table.as_quantity("viscosity", p[0], "temperature") for p in points]
-    return min(temperatures), max(temperatures)
-
-
-def _viscosity_law(table: TomlTable) -> tuple[float, float]:
+def _oil_of_points(table: TomlTable) -> OilDefinition:
     example = 'viscosity = [["-40 degC", "4000 cSt"], ["70 degC", "30 cSt"]]'
     if "viscosity" not in table:
         raise table.error(f'the oil is missing; write preset = "mil-prf-5606", or points: {example}')
@@ -59,6 +50,9 @@ def _viscosity_law(table: TomlTable) -> tuple[float, float]:
     temperatures = [table.as_quantity("viscosity", p[0], "temperature") for p in points]
     viscosities = [table.as_quantity("viscosity", p[1], "kinematic viscosity") for p in points]
     try:
-        return walther_coefficients(temperatures, viscosities)
+        law = walther_coefficients(temperatures, viscosities)
     except ValueError as error:
         raise table.error(str(error), "viscosity") from None
+    return OilDefinition(
+        *law, source="viscosity points of the record", coldest=min(temperatures), hottest=max(temperatures)
+    )

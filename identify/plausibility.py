@@ -68,8 +68,8 @@ def condition_warnings(test: TestRecord, table: BenchTable, bench: BenchFile) ->
         likely = None if unit is None else likely_unit("pressure", supply / unit.scale)
         hint = f"are the values in {likely}?" if likely is not None else "is the unit right?"
         found.append(f"{file}: the supply pressure is {supply / 1e5:.3g} bar, low for a servovalve; {hint}")
-    if bench.viscosity_range is not None:
-        low, high = bench.viscosity_range
+    if bench.oil.coldest is not None and bench.oil.hottest is not None:
+        low, high = bench.oil.coldest, bench.oil.hottest
         coldest, hottest = float(test.temperature.min()), float(test.temperature.max())
         if coldest < low - BEYOND_OIL or hottest > high + BEYOND_OIL:
             found.append(

@@ -1,6 +1,7 @@
 """What a model predicts at a record's operating points, with standard deviations from the parameters' covariance."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
 
 import equinox as eqx
 import jax
@@ -16,10 +17,20 @@ from thermohyd.precision import require_float64
 from thermohyd.valve import Valve
 
 from .dynamic.model_parts import as_static, require_actuator, unit_of
+from .fitted_range import COLUMN, Outside, names_of_rows, outside, sentences
 from .model import Model
-from .model_valve import LAG, acting_effects, require_columns, row_terms, valve_without_effects, with_terms
+from .model_valve import (
+    LAG,
+    acting_effects,
+    as_in_record,
+    require_columns,
+    row_terms,
+    valve_without_effects,
+    with_terms,
+)
 from .record import BenchRecord, DynamicData, TestRecord
 from .signs import reversed_channels, warning_of
+from .smooth_sweep import smooth_sweep
 from .static_model import conditions_of, pad, predict, with_parameters
 from .units import from_si
 
@@ -85,6 +96,20 @@ def readings_behind_lag(
     return passed, own
 
 
+@dataclass(frozen=True)
+class Simulation:
+    """What `simulate` found.
+
+    tables: {test: the record's columns with `<reading>_predicted [unit]` and `<reading>_predicted_std [unit]` added, and
+    `outside_fitted_range` where any of its rows lies outside}. notes: what the user must know, in sentences. outside: the
+    rows meant there.
+    """
+
+    tables: dict[str, pd.DataFrame]
+    notes: tuple[str, ...] = ()
+    outside: tuple[Outside, ...] = field(default=())
+
+
 Piece = tuple[Conditions, dict[str, Array]]
 
 
@@ -147,28 +172,43 @@ def _deviation(slopes: list[np.ndarray], covariance: np.ndarray | None, rows: in
 def simulate_record(
     record: BenchRecord, model: Model, *, progress: Callable[[str], None] | None = None
 ) -> dict[str, pd.DataFrame]:
-    """{test: the record's columns with `<reading>_predicted [unit]` and `<reading>_predicted_std [unit]` added}."""
+    """The tables of `simulate`."""
+    return simulate(record, model, progress=progress).tables
+
+
+def simulate(record: BenchRecord, model: Model, *, progress: Callable[[str], None] | None = None) -> Simulation:
+    """Predict each row of a record, with the oil and the geometry that the record states.
+
+    Rows of a raw log are predicted where its smooth sweep is, at that sweep's rate and direction. Standard deviations are
+    those of the parameters; rows outside what was fitted are named. Raises BenchInputError, RuntimeError in single precision.
+    """
     require_float64("simulate")
     require_actuator(model, record)
+    say = progress or (lambda _: None)
+    model, notes = as_in_record(model, record)
     static = as_static(model)
+    told = [*notes]
     tables: dict[str, pd.DataFrame] = {}
     for test in record.tests.values():
-        if progress is not None:
-            progress(f"simulating {test.name}: {test.rows:,} rows")
+        say(f"simulating {test.name}: {test.rows:,} rows")
         turned = reversed_channels(test)
-        if progress is not None:
-            for channel in turned:
-                progress(warning_of(test, channel))
+        told += [warning_of(test, channel) for channel in turned]
+        smooth = smooth_sweep(test)
+        if smooth is not test:
+            told.append(f"{test.name}: a raw log, so position, direction and rate are those of its smooth sweep")
         table = pd.DataFrame(index=range(test.rows)) if test.table is None else test.table.copy()
-        for name, (reading, std) in predict_test(static, record, test).items():
+        for name, (reading, std) in predict_test(static, record, smooth).items():
             unit = BENCH_UNITS[name]
             # Beside a gauge that the record shows to be wired the other way round, the prediction turns with it.
             table[f"{name}_predicted [{unit}]"] = from_si(-reading if name in turned else reading, unit)
             table[f"{name}_predicted_std [{unit}]"] = from_si(std, unit)
         tables[test.name] = table
     if record.dynamic is not None:
-        tables |= _dynamic_tables(record, record.dynamic, model, progress or (lambda _: None))
-    return tables
+        tables |= _dynamic_tables(record, record.dynamic, model, say)
+    beyond = outside(model, record)
+    for name in dict.fromkeys(entry.test for entry in beyond):
+        tables[name][COLUMN] = names_of_rows(beyond, name, len(tables[name]))
+    return Simulation(tables, (*told, *sentences(beyond, record, model)), tuple(beyond))
 
 
 def _dynamic_tables(

@@ -1,5 +1,6 @@
 """What `simulate` shows and writes: a CSV per test, JSON of the same columns, and a summary for the terminal."""
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from rich.text import Text
 
 from .display_units import significant
 from .errors import BenchInputError
+from .fitted_range import Outside, outside_json
 from .record import BenchRecord
 
 
@@ -22,9 +24,17 @@ def simulation_files(tables: dict[str, pd.DataFrame]) -> dict[str, bytes | str]:
     }
 
 
-def simulation_json(tables: dict[str, pd.DataFrame]) -> dict[str, Any]:
-    """{test: {column with its unit: values}}"""
-    return {test: {str(name): column.tolist() for name, column in table.items()} for test, table in tables.items()}
+def simulation_json(
+    tables: dict[str, pd.DataFrame], notes: Iterable[str] = (), outside: Iterable[Outside] = ()
+) -> dict[str, Any]:
+    """{test: {column with its unit: values}}, "notes": sentences, "outside_fitted_range": see `outside_json`."""
+    columns = {test: {str(name): column.tolist() for name, column in table.items()} for test, table in tables.items()}
+    return {**columns, "notes": list(notes), "outside_fitted_range": outside_json(list(outside))}
+
+
+def note_lines(notes: Iterable[str]) -> list[Text]:
+    """The notes for the terminal, one line each."""
+    return [Text(f"* {note}", style="yellow") for note in notes]
 
 
 def simulation_table(tables: dict[str, pd.DataFrame]) -> Table:

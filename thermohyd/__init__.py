@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from .actuator import Actuator as Actuator, seed_actuator as seed_actuator
     from .actuator_performance import Performance as Performance, performance as performance
+    from .arguments import ArgumentTypeError as ArgumentTypeError, ArgumentValueError as ArgumentValueError
     from .closed_loop import loop_frequency_response as loop_frequency_response, loop_margins as loop_margins
     from .conditions import Conditions as Conditions, operating_points as operating_points
     from .dynamics.inputs import StepInputs as StepInputs, step_inputs as step_inputs
@@ -57,6 +58,8 @@ if TYPE_CHECKING:
 
 _HOME = {
     "Actuator": "actuator",
+    "ArgumentTypeError": "arguments",
+    "ArgumentValueError": "arguments",
     "seed_actuator": "actuator",
     "Performance": "actuator_performance",
     "performance": "actuator_performance",

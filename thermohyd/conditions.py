@@ -4,6 +4,9 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from .arguments import ArgumentValueError, as_array, check_length, check_pressure, check_temperature, known
+from .precision import require_float64
+
 
 class Conditions(eqx.Module):
     """Where the valve is run. Every array has shape (rows,), SI units, pressures gauge.
@@ -12,6 +15,9 @@ class Conditions(eqx.Module):
     load_pressure: imposed p_A - p_B [Pa], for the load-flow test. time [s], direction (+1, -1: sign of the motion) and
     run (0, 1, ...: which sweep) serve the effects that depend on the sweep, rate (dx/dt as read [m/s]) those that depend
     on its speed.
+
+    Known values are checked, traced ones never: ArgumentValueError for a wrong unit (bar, degC, um), RuntimeError in single
+    precision.
     """
 
     position: Float[Array, " rows"]
@@ -24,6 +30,15 @@ class Conditions(eqx.Module):
     run: Float[Array, " rows"] | None = None
     rate: Float[Array, " rows"] | None = None
 
+    def __check_init__(self) -> None:
+        require_float64("operating_points")
+        check_length("position", self.position)
+        check_pressure("supply_pressure", self.supply_pressure, supply=True)
+        check_pressure("return_pressure", self.return_pressure)
+        check_temperature("temperature", self.temperature)
+        if self.load_pressure is not None:
+            check_pressure("load_pressure", self.load_pressure, difference=True)
+
 
 def operating_points(
     position: float | Array,
@@ -33,10 +48,27 @@ def operating_points(
     return_pressure: float | Array = 0.0,
     load_pressure: float | Array | None = None,
 ) -> Conditions:
-    """Conditions from numbers and arrays that broadcast to one row per operating point (SI units, gauge pressures)."""
-    given = [position, supply_pressure, return_pressure, temperature]
+    """Conditions from numbers and arrays that broadcast to one row per operating point (SI units, gauge pressures).
+
+    Raises ArgumentValueError for a wrong unit (bar, degC, um) or for arrays whose lengths do not go together,
+    ArgumentTypeError for what is no number, RuntimeError in single precision.
+    """
+    require_float64("operating_points")
+    given = {
+        "position": position,
+        "supply_pressure": supply_pressure,
+        "return_pressure": return_pressure,
+        "temperature": temperature,
+    }
     if load_pressure is not None:
-        given.append(load_pressure)
-    arrays = jnp.broadcast_arrays(*(jnp.atleast_1d(jnp.asarray(a, dtype=jnp.result_type(float))) for a in given))
+        given["load_pressure"] = load_pressure
+    columns = {name: as_array(value) for name, value in given.items()}
+    for name, column in columns.items():
+        known(name, column)
+    try:
+        arrays = jnp.broadcast_arrays(*(jnp.atleast_1d(column) for column in columns.values()))
+    except ValueError:
+        shapes = ", ".join(f"{name} {jnp.shape(column)}" for name, column in columns.items())
+        raise ArgumentValueError(f"operating points need numbers or arrays of one shape, not {shapes}") from None
     x, ps, pt, t = arrays[:4]
     return Conditions(x, ps, pt, t, load_pressure=arrays[4] if load_pressure is not None else None)

@@ -8,14 +8,21 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from .arguments import ArgumentTypeError, as_array, as_optional_array, check_sign, check_size, described, known
 from .oil_definition import REFERENCE_TEMPERATURE, OilDefinition
+from .precision import require_float64
 
 
 LN10 = 2.302585092994046
 
 
-def _as_array(value: float | Array) -> Array:
-    return jnp.asarray(value, dtype=jnp.result_type(float))
+# (coefficient, least, greatest, what is meant): far outside anything that flows, and where numbers in other units lie.
+SIZES = (
+    ("density_15degC", 100.0, 1e4, "densities are in kg/m3, such as 870"),
+    ("expansion_15degC", 0.0, 0.1, "expansions are in 1/K, such as 7.8e-4"),
+    ("bulk_modulus_15degC", 1e6, 1e20, "bulk moduli are in Pa, such as 1.7e9"),
+    ("specific_heat_15degC", 100.0, 1e5, "specific heats are in J/(kg K), such as 1900"),
+)
 
 
 class TemperatureShifts(eqx.Module):
@@ -32,23 +39,33 @@ class TemperatureShifts(eqx.Module):
 
 
 class Oil(eqx.Module):
-    """Coefficients of the oil laws; see `OilDefinition` for their meaning and units. All fields are differentiable."""
+    """Coefficients of the oil laws; see `OilDefinition` for their meaning and units. All fields are differentiable.
 
-    viscosity_a: Float[Array, ""] = eqx.field(converter=_as_array)
-    viscosity_b: Float[Array, ""] = eqx.field(converter=_as_array)
-    density_15degC: Float[Array, ""] = eqx.field(converter=_as_array, default=870.0)
-    expansion_15degC: Float[Array, ""] = eqx.field(converter=_as_array, default=7.8e-4)
-    bulk_modulus_15degC: Float[Array, ""] = eqx.field(converter=_as_array, default=1.7e9)
-    tait_slope: Float[Array, ""] = eqx.field(converter=_as_array, default=10.9)
-    bulk_modulus_decay: Float[Array, ""] = eqx.field(converter=_as_array, default=5.8e-3)
-    specific_heat_15degC: Float[Array, ""] = eqx.field(converter=_as_array, default=1900.0)
-    specific_heat_slope: Float[Array, ""] = eqx.field(converter=_as_array, default=3.8)
+    Raises ArgumentValueError for a coefficient in another unit, RuntimeError in single precision.
+    """
+
+    viscosity_a: Float[Array, ""] = eqx.field(converter=as_array)
+    viscosity_b: Float[Array, ""] = eqx.field(converter=as_array)
+    density_15degC: Float[Array, ""] = eqx.field(converter=as_array, default=870.0)
+    expansion_15degC: Float[Array, ""] = eqx.field(converter=as_array, default=7.8e-4)
+    bulk_modulus_15degC: Float[Array, ""] = eqx.field(converter=as_array, default=1.7e9)
+    tait_slope: Float[Array, ""] = eqx.field(converter=as_array, default=10.9)
+    bulk_modulus_decay: Float[Array, ""] = eqx.field(converter=as_array, default=5.8e-3)
+    specific_heat_15degC: Float[Array, ""] = eqx.field(converter=as_array, default=1900.0)
+    specific_heat_slope: Float[Array, ""] = eqx.field(converter=as_array, default=3.8)
     # None: the oil has none, and none is computed. A number: mu(p) = mu(0) exp(pressure_viscosity p), 1/Pa.
-    pressure_viscosity: Float[Array, ""] | None = None
+    pressure_viscosity: Float[Array, ""] | None = eqx.field(converter=as_optional_array, default=None)
     # None: as defined. A number: the kinematic viscosity is multiplied by it (another batch, ageing, water).
-    viscosity_factor: Float[Array, ""] | None = None
+    viscosity_factor: Float[Array, ""] | None = eqx.field(converter=as_optional_array, default=None)
     # None: every law sees the oil's own temperature.
     shifts: TemperatureShifts | None = None
+
+    def __check_init__(self) -> None:
+        require_float64("an Oil")
+        known("viscosity_a", self.viscosity_a)
+        check_sign("viscosity_b", self.viscosity_b)
+        for name, low, high, hint in SIZES:
+            check_size(name, getattr(self, name), low, high, hint)
 
 
 class OilAtTemperature(eqx.Module):
@@ -65,7 +82,15 @@ class OilAtTemperature(eqx.Module):
 
 
 def oil_from_definition(definition: OilDefinition) -> Oil:
-    """The differentiable oil of a plain definition (a preset, or a user's points)."""
+    """The differentiable oil of a plain definition (a preset, or a user's points).
+
+    Raises ArgumentTypeError for anything else, such as a preset's bare name.
+    """
+    if not isinstance(definition, OilDefinition):
+        raise ArgumentTypeError(
+            f"oil_from_definition takes an OilDefinition, not {described(definition)}: "
+            'thermohyd.data.oil_preset("mil-prf-5606") is one'
+        )
     return Oil(
         viscosity_a=definition.viscosity_a,
         viscosity_b=definition.viscosity_b,
@@ -76,7 +101,7 @@ def oil_from_definition(definition: OilDefinition) -> Oil:
         bulk_modulus_decay=definition.bulk_modulus_decay,
         specific_heat_15degC=definition.specific_heat,
         specific_heat_slope=definition.specific_heat_slope,
-        pressure_viscosity=_as_array(definition.pressure_viscosity) if definition.pressure_viscosity else None,
+        pressure_viscosity=definition.pressure_viscosity or None,
     )
 
 

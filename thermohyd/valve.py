@@ -1,9 +1,21 @@
 """The valve: geometry, oil, the identified parameters, how much heat the oil keeps, and the effects that were added."""
 
+from typing import Any
+
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from .arguments import (
+    ArgumentTypeError,
+    as_array,
+    as_optional_array,
+    check_length,
+    check_module,
+    check_sign,
+    check_size,
+    described,
+)
 from .conditions import Conditions
 from .edge import MeteringEdge
 from .effect import (
@@ -20,10 +32,14 @@ from .effect import (
     in_order,
 )
 from .oil import Oil
+from .precision import require_float64
 
 
-def _as_array(value: float | Array) -> Array:
-    return jnp.asarray(value, dtype=jnp.result_type(float))
+def _in_order(effects: Any) -> Any:
+    """The effects in the order in which they act; what is no sequence of effects comes back for the check to name."""
+    if isinstance(effects, tuple | list) and all(isinstance(effect, AbstractEffect) for effect in effects):
+        return in_order(tuple(effects))
+    return effects
 
 
 class Valve(eqx.Module):
@@ -33,24 +49,54 @@ class Valve(eqx.Module):
 
     heat_retention eta: None is the isothermal model (HM, all heat leaves to the body) and costs nothing; 0 is the same
     computed; 1 is the adiabatic model (THM, all heat stays in the oil); between them eta = exp(-NTU).
+
+    Known values are checked as the valve is made, traced ones never: ArgumentValueError for a wrong unit or sign,
+    ArgumentTypeError for what is no number or no Oil, RuntimeError in single precision.
     """
 
     oil: Oil
-    stroke: Float[Array, ""] = eqx.field(converter=_as_array)
-    slot_width: Float[Array, ""] = eqx.field(converter=_as_array)
-    edge_radius: Float[Array, ""] = eqx.field(converter=_as_array)
-    clearance: Float[Array, ""] = eqx.field(converter=_as_array)
-    underlap: Float[Array, ""] = eqx.field(converter=_as_array)
-    discharge_coefficient: Float[Array, ""] = eqx.field(converter=_as_array, default=0.7)
-    transition_number: Float[Array, ""] = eqx.field(converter=_as_array, default=100.0)
-    null_bias: Float[Array, ""] = eqx.field(converter=_as_array, default=0.0)
-    heat_retention: Float[Array, ""] | None = None
-    land_diameter: Float[Array, ""] | None = None
-    effects: tuple[AbstractEffect, ...] = eqx.field(converter=in_order, default=())
+    stroke: Float[Array, ""] = eqx.field(converter=as_array)
+    slot_width: Float[Array, ""] = eqx.field(converter=as_array)
+    edge_radius: Float[Array, ""] = eqx.field(converter=as_array)
+    clearance: Float[Array, ""] = eqx.field(converter=as_array)
+    underlap: Float[Array, ""] = eqx.field(converter=as_array)
+    discharge_coefficient: Float[Array, ""] = eqx.field(converter=as_array, default=0.7)
+    transition_number: Float[Array, ""] = eqx.field(converter=as_array, default=100.0)
+    null_bias: Float[Array, ""] = eqx.field(converter=as_array, default=0.0)
+    heat_retention: Float[Array, ""] | None = eqx.field(converter=as_optional_array, default=None)
+    land_diameter: Float[Array, ""] | None = eqx.field(converter=as_optional_array, default=None)
+    effects: tuple[AbstractEffect, ...] = eqx.field(converter=_in_order, default=())
+
+    def __check_init__(self) -> None:
+        require_float64("a Valve")
+        check_module("oil", self.oil, Oil, "oil_from_definition(oil_preset(...)) makes one")
+        check_length("stroke", self.stroke, sign="positive")
+        check_length("slot_width", self.slot_width, limit=1.0, unit="mm", sign="positive")
+        check_length("edge_radius", self.edge_radius, sign="not negative")
+        check_length("clearance", self.clearance, sign="not negative")
+        check_length("underlap", self.underlap)
+        check_sign("discharge_coefficient", self.discharge_coefficient)
+        check_sign("transition_number", self.transition_number)
+        check_length("null_bias", self.null_bias)
+        if self.heat_retention is not None:
+            # A little beyond the ends is allowed: central differences need it.
+            check_size("heat_retention", self.heat_retention, -0.01, 1.01, "it is the share of the heat kept, 0 to 1")
+        if self.land_diameter is not None:
+            check_length("land_diameter", self.land_diameter, limit=1.0, unit="mm", sign="positive")
+        if not isinstance(self.effects, tuple) or not all(isinstance(e, AbstractEffect) for e in self.effects):
+            raise ArgumentTypeError(
+                f"effects must be a tuple of effects, not {described(self.effects)}: "
+                'thermohyd.effects.registry.with_effects(valve, {"hysteresis": 1e-6}) adds them by name'
+            )
 
 
 def true_conditions(valve: Valve, read: Conditions) -> Conditions:
-    """What the valve saw: the instruments' errors undone, the position counted from the hydraulic null."""
+    """What the valve saw: the instruments' errors undone, the position counted from the hydraulic null.
+
+    The first of every test's steps, and so the place that raises ArgumentTypeError where valve and conditions are not such.
+    """
+    check_module("the first argument", valve, Valve, "the second one is its operating_points")
+    check_module("the second argument", read, Conditions, "operating_points(...) makes them")
     true = read
     for effect in valve.effects:
         if isinstance(effect, AbstractConditionEffect):

@@ -12,6 +12,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Real
 
+from ..arguments import ArgumentTypeError, check_length, check_pressure, check_size, check_temperature, described
+from ..precision import require_float64
+
 
 Kind = Literal["setpoint", "current", "spool_position"]
 KINDS = ("setpoint", "current", "spool_position")
@@ -114,8 +117,10 @@ def step_inputs(
     supply_pressure, return_pressure [Pa], temperature [K] of the oil supplied, external_force F_e [N] against +z
     (None: the actuator's own).
     knots: at least as many bends as this, so that inputs of several runs stack (`jax.vmap`).
-    Raises ValueError with one sentence where the columns do not fit. Source: MODEL section 7.
+    Raises ValueError with one sentence where the columns do not fit, ArgumentValueError (one of them) for a wrong unit,
+    ArgumentTypeError for what is no number, RuntimeError in single precision. Source: MODEL section 7.
     """
+    require_float64("step_inputs")
     time = np.asarray(time, dtype=float)
     if kind not in KINDS:
         raise ValueError(f"the kind of command must be one of {', '.join(KINDS)}, not {kind!r}")
@@ -125,7 +130,12 @@ def step_inputs(
              "temperature": temperature, "external_force": 0.0 if external_force is None else external_force}  # fmt: skip
     columns = {}
     for name, value in given.items():
-        column = np.asarray(value, dtype=float)
+        try:
+            column = np.asarray(value, dtype=float)
+        except (TypeError, ValueError):
+            raise ArgumentTypeError(
+                f"{name} must be a number or one per row, in SI units, not {described(value)}"
+            ) from None
         if column.ndim and column.shape != time.shape:
             raise ValueError(
                 f"{name} must be a number or have the {time.size} rows of time, but has shape {column.shape}"
@@ -133,6 +143,15 @@ def step_inputs(
         columns[name] = np.broadcast_to(column, time.shape)
         if not np.all(np.isfinite(columns[name])):
             raise ValueError(f"{name} must be finite in every row")
+    check_pressure("supply_pressure", columns["supply_pressure"], supply=True)
+    check_pressure("return_pressure", columns["return_pressure"])
+    check_temperature("temperature", columns["temperature"])
+    if kind == "setpoint":
+        check_length("command", columns["command"], limit=20.0, unit="mm")
+    elif kind == "spool_position":
+        check_length("command", columns["command"])
+    else:
+        check_size("command", columns["command"], -5.0, 5.0, "currents are in A: 25 mA is 25e-3")
     around = np.stack([columns[n] for n in ("supply_pressure", "return_pressure", "temperature", "external_force")], 1)
     return StepInputs(
         time=jnp.asarray(time),

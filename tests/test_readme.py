@@ -1,0 +1,118 @@
+"""README's blocks as a reader types them: in the printed order, in one session, from an empty folder; outputs as it says."""
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer
+from helpers.readme_session import commands, comments, python_blocks
+
+from thermohyd.identify.command_line import app
+from thermohyd.identify.read_record import read_record
+
+
+ROOT = Path(__file__).parents[1]
+PAGE = (ROOT / "README.md").read_text(encoding="utf-8")
+NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?!\w)")
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory) -> dict[str, Any]:
+    """What happened when the page was typed."""
+    script = Path(__file__).parent / "helpers" / "readme_session.py"
+    ran = subprocess.run(
+        [sys.executable, "-P", script, ROOT / "README.md"],
+        cwd=tmp_path_factory.mktemp("reader"),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert ran.returncode == 0, ran.stderr[-3000:]
+    return json.loads(ran.stdout)
+
+
+def agrees(printed: str, comment: str) -> bool:
+    """Whether the comment quotes what was printed, or its numbers are those printed, in order, to the digits it shows."""
+    if printed.strip() in comment:
+        return True
+    said, shown = (NUMBER.findall(text) for text in (comment, printed))
+    return len(said) == len(shown) > 0 and all(
+        f"{float(b):.{digits(a)}f}" == a.lstrip("+") for a, b in zip(said, shown, strict=True)
+    )
+
+
+def digits(number: str) -> int:
+    return len(number.partition(".")[2])
+
+
+def test_every_block_runs_and_prints_what_its_comments_say(session):
+    assert len(session["blocks"]) == len(python_blocks(PAGE))
+    told = [entry for block in session["blocks"] for entry in block if entry["printed"] and entry["comment"]]
+    for entry in told:
+        assert agrees(entry["printed"], entry["comment"]), entry
+    assert len(told) >= 10
+
+
+def test_the_diagnosis_of_the_template_says_something(session):
+    (headline,) = [e["printed"] for block in session["blocks"] for e in block if "headline" in e["code"]]
+    assert headline.strip().endswith(".")
+
+
+def test_every_comment_beside_a_print_was_compared(session):
+    printing = [entry for block in session["blocks"] for entry in block if entry["code"].startswith("print(")]
+    without = [entry["code"] for entry in printing if not entry["comment"]]
+    assert without == ["print(diagnosis.headline)"]
+
+
+def test_the_first_commands_leave_what_they_promise(session):
+    assert set(session["commands"].values()) == {0}
+    for name in ("my_valve/bench.toml", "my_report/report.html", "my_report/model.json", "my_prediction/leakage.csv"):
+        assert name in session["files"]
+
+
+def test_every_command_is_one_that_the_program_takes():
+    program: Any = typer.main.get_command(app)
+    made = {"."}
+    assert len(commands(PAGE)) >= 8
+    for name, *arguments in commands(PAGE):
+        chosen = program.commands[name]
+        given = chosen.make_context(name, list(arguments)).params
+        for key in ("bench", "benches", "model"):
+            for path in given.get(key) or () if key == "benches" else [given.get(key)]:
+                assert path is None or (ROOT / path).exists() or path.parts[0] in made, (name, path)
+        made |= {str(given[key]) for key in ("out", "folder") if given.get(key)}
+
+
+def test_the_record_shown_reads(tmp_path):
+    (toml,) = re.findall(r"^```toml\n(.*?)^```", PAGE, flags=re.DOTALL | re.MULTILINE)
+    (table,) = re.findall(r"^```\n(time \[s\].*?)^```", PAGE, flags=re.DOTALL | re.MULTILINE)
+    (tmp_path / "bench.toml").write_text(toml, encoding="utf-8")
+    (tmp_path / "leakage.csv").write_text(table, encoding="utf-8")
+    (tmp_path / "flow_gain.csv").write_text(table.replace("leakage_flow", "flow"), encoding="utf-8")
+    record = read_record(tmp_path)
+    assert list(record.tests) == ["leakage", "flow_gain"]
+    assert record.start["discharge_coefficient"].fixed
+    assert record.tests["leakage"].temperature[0] == pytest.approx(313.25)
+
+
+@pytest.mark.parametrize(
+    ("printed", "comment", "right"),
+    [
+        ("1314.045 -3.974\n", "1314 rad/s, -3.97 rad/s per K", True),
+        ("1314.045 -3.974\n", "1314 rad/s", False),
+        ("0.655\n", "0.47 % of it", False),
+        ("[0.0320213]\n", "0.0320", True),
+        ("X0*tanh(Q/Q0) + k*Q\n", "X0*tanh(Q/Q0) + k*Q", True),
+        ("True\n", "False", False),
+    ],
+)
+def test_what_agrees(printed, comment, right):
+    assert agrees(printed, comment) is right
+
+
+def test_comments_are_those_at_the_end_of_a_line():
+    assert comments('a = "#"  # one\nb = 2\n') == {1: "one"}
