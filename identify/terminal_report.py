@@ -14,6 +14,9 @@ from .fit_result import FitResult
 from .provenance import record_line
 
 
+VERDICT_STYLE = {"good": "bold", "open": "bold yellow", "bad": "bold red"}
+
+
 def print_report(result: FitResult, console: Console) -> None:
     """Write the whole report to a console; user text is never read as markup."""
     _heading(console, f"Fit of {result.record.name}")
@@ -23,7 +26,7 @@ def print_report(result: FitResult, console: Console) -> None:
         console.print(
             Panel(Text(shout, style="bold red"), border_style="bold red", box=box.DOUBLE, title="NOT CONVERGED")
         )
-    _sentences(console, content.verdict(result), "bold")
+    _sentences(console, content.verdict(result), VERDICT_STYLE[result.standing])
     _section(console, "Warnings", result.warnings, "yellow")
 
     _heading(console, "Parameters")

@@ -105,6 +105,11 @@ def changed(result: DiagnosisResult) -> bool:
     return bool(result.effects) or any(variation.learned for variation in result.variations)
 
 
+def verdict_words(result: DiagnosisResult) -> str:
+    """The verdict in a few words."""
+    return "no disagreement that this record could show" if result.open else VERDICTS[result.verdict]
+
+
 def shout(result: DiagnosisResult) -> str:
     """The sentence that must not be overlooked where the final fit did not converge; empty where it did.
 

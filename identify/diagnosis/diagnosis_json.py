@@ -19,6 +19,8 @@ def diagnosis_json(result: DiagnosisResult) -> dict[str, Any]:
     content = {
         **record_json(result.record),
         "verdict": result.verdict,
+        "converged": result.after.converged,
+        "judged": result.after.judged,
         "headline": result.headline,
         "sentences": list(result.sentences),
         "where": [_region(region) for region in result.where],

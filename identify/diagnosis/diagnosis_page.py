@@ -36,7 +36,7 @@ def diagnosis_page(result: DiagnosisResult, figures: dict[str, bytes], version: 
         record_files=file_rows(result.record),
         result=result,
         version=version,
-        verdict=content.VERDICTS[result.verdict],
+        verdict=content.verdict_words(result),
         shout=content.shout(result),
         facts=[words.gap(result)],
         where=content.where_rows(result, result.where),

@@ -213,6 +213,11 @@ class DiagnosisResult:
         return "plain model" if self.record.dynamic is not None and not self.record.tests else "ideal valve"
 
     @property
+    def open(self) -> bool:
+        """Whether `consistent` says less than it seems: the noise is not known, or a parameter ends at its limit."""
+        return self.verdict == "consistent" and self.after.standing != "good"
+
+    @property
     def rejected(self) -> tuple[Candidate, ...]:
         """Testable effects that were not named."""
         named = {effect.name for effect in self.effects}

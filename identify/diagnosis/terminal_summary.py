@@ -29,8 +29,9 @@ def _screen(result: DiagnosisResult, console: Console, rows: int) -> Group:
     shout = content.shout(result)
     if shout:
         parts.append(Text(shout, style="bold red"))
-    facts = f"{result.record.name}: {content.VERDICTS[result.verdict]} ({result.before.points:,} readings, "
-    parts.append(Text(f"{facts}{result.seconds:.1f} s)", style=COLOURS[result.verdict]))
+    facts = f"{result.record.name}: {content.verdict_words(result)} ({result.before.points:,} readings, "
+    colour = "yellow" if result.open else COLOURS[result.verdict]
+    parts.append(Text(f"{facts}{result.seconds:.1f} s)", style=colour))
     parts.append(Text(record_line(result.record), style="dim"))
     parts += [Text(f"warning: {warning}", style="yellow") for warning in result.warnings[: max(1, rows - 3)]]
     if result.where:

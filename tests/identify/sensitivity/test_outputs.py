@@ -78,5 +78,5 @@ def test_slopes_agree_with_central_differences(tests, samples):
 def test_chunks_do_not_show(tests, samples, monkeypatch):
     whole = tests.outputs(samples)[0]
     monkeypatch.setattr("thermohyd.identify.sensitivity.outputs.CHUNK", 5)
-    # A program for fewer rows rounds in its own way.
-    np.testing.assert_allclose(tests.outputs(samples[:7])[0], whole[:7], rtol=1e-13)
+    # A program for fewer rows rounds in its own way, and a processor with wider vectors in another: 8e-13 was seen.
+    np.testing.assert_allclose(tests.outputs(samples[:7])[0], whole[:7], rtol=3e-12)
