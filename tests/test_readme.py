@@ -88,7 +88,7 @@ def test_every_command_is_one_that_the_program_takes():
 
 
 def test_the_record_shown_reads(tmp_path):
-    (toml,) = re.findall(r"^```toml\n(.*?)^```", PAGE, flags=re.DOTALL | re.MULTILINE)
+    toml, log = re.findall(r"^```toml\n(.*?)^```", PAGE, flags=re.DOTALL | re.MULTILINE)
     (table,) = re.findall(r"^```\n(time \[s\].*?)^```", PAGE, flags=re.DOTALL | re.MULTILINE)
     (tmp_path / "bench.toml").write_text(toml, encoding="utf-8")
     (tmp_path / "leakage.csv").write_text(table, encoding="utf-8")
@@ -97,6 +97,13 @@ def test_the_record_shown_reads(tmp_path):
     assert list(record.tests) == ["leakage", "flow_gain"]
     assert record.start["discharge_coefficient"].fixed
     assert record.tests["leakage"].temperature[0] == pytest.approx(313.25)
+    # The table of a log that is read as it is: two lines above its own headers, a remark, a gap.
+    (tmp_path / "bench.toml").write_text(re.sub(r"\[tests\.leakage\].*?(?=\[tests)", log, toml, flags=re.DOTALL))
+    headers = "time [s],LVDT [um],supply_pressure [bar],temperature [degC],QL [l/min],remarks"
+    body = f"logger 4\n17 May\nop 3\n{headers}\n0.00,-213.00,70.00,40.1,0.0012,up\n0.01,-212.00,70.00,40.1,,gap\n"
+    (tmp_path / "log 17.csv").write_text(body)
+    (leakage,) = read_record(tmp_path).tests["leakage"].channels
+    assert leakage.value == pytest.approx([0.0012 / 6e4])
 
 
 @pytest.mark.parametrize(

@@ -24,7 +24,8 @@ def verdict_of_motion(fits: tuple[ChannelFit, ...], converged: bool, message: st
                 "are widened by it; thermohyd diagnose looks for what is missing."
             )
         else:
-            first = agreement(fits, "The actuator's model")
+            first = "The actuator's model explains the dynamic tests within their noise."
+            first = first if all(f.noise_known for f in fits) else agreement(fits, "The actuator's model")
     return (first, *(sentence(fit) for fit in fits))
 
 

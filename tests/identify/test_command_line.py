@@ -136,7 +136,7 @@ def test_out_is_checked_before_any_work(bench, monkeypatch, tmp_path):
         ("", "--out is empty; name a folder for the results"),
         ("file", "file: is a file; --out takes a folder"),
         ("file/below", "file: is a file; --out lies in a folder"),
-        ("x" * 256, f"{'x' * 256}: --out cannot be written (File name too lon"),
+        ("x" * 256, f"{'x' * 256}: --out cannot be written (File name too long)"),
     ):
         ran = bench("fit", "bench", "--out", out)
         assert (ran.exit_code, ran.stdout, ran.stderr) == (2, "", f"thermohyd: {words}\n")

@@ -175,6 +175,9 @@ def test_user_text_is_escaped():
 
 def test_a_fit_that_did_not_converge_shouts():
     result = fake_diagnosis("named")
-    broken = replace(result, before=replace(result.before, converged=False, message="why"))
-    assert 'role="alert">THE IDEAL VALVE' in page(broken)
+    broken = replace(result, after=replace(result.after, converged=False, message="why"))
+    assert 'role="alert">THE FINAL FIT DID NOT CONVERGE: why' in page(broken)
     assert 'role="alert"' not in page(result)
+    # A model that misses may be stuck on a kink: what the diagnosis is for, and no failure of it.
+    stuck = replace(result, before=replace(result.before, converged=False, message="why"))
+    assert 'role="alert"' not in page(stuck)
