@@ -47,8 +47,9 @@ noise = "0.002 l/min"
 file = "pressure_gain.csv"
 noise = "0.3 bar"
 
-[tests.flow_gain]                 # no noise stated: the program estimates it from the data
+[tests.flow_gain]
 file = "flow_gain.csv"
+noise = "0.03 l/min"
 """
 
 
