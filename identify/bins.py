@@ -8,6 +8,7 @@ from .legs import piece_bounds
 
 CELLS = 400  # per leg: the resolution at which the curve's shape is judged
 SMALLEST_BIN = 2  # rows; their mean of the model is then exact
+BENT = 10.0  # scatters of a row by which a reading may bend over one row squared, where a bin of one row is wanted
 FEW_BINS, FEWEST_BINS = 8, 60  # per leg, where there are many legs and where there are few
 SHARES = {
     "width": 0.35,
@@ -17,11 +18,17 @@ SHARES = {
 
 
 def bin_starts(
-    abscissa: Abscissa, readings: list[np.ndarray], legs: np.ndarray, max_points: int, smallest: float = SMALLEST_BIN
+    abscissa: Abscissa,
+    readings: list[np.ndarray],
+    legs: np.ndarray,
+    max_points: int,
+    smallest: float = SMALLEST_BIN,
+    scatter: list[float] | None = None,
 ) -> np.ndarray:
     """First row of every bin, ascending, so that about `max_points` bins cover the log and none crosses a leg's end.
 
-    smallest: rows of a bin, at least: some times what the noise remembers, so that points are independent readings.
+    smallest: rows of a bin, at least: some times what the noise remembers, so that points are independent readings; but for
+    narrower ones where a reading bends by more than its `scatter` (of a row, as if independent; one per reading).
 
     Bins hold equal parts of a density that grows with the sweep, the rise of the readings and, as the 2/5th power, their
     curvature. How they are cut biases nothing, as means of readings are compared with means of the model: they are
@@ -29,9 +36,10 @@ def bin_starts(
     """
     rows = len(legs)
     width = np.abs(_steps(abscissa.position, legs))
-    rise, bend = np.zeros(rows), np.zeros(rows)
-    for reading in readings:
+    rise, bend, needed = np.zeros(rows), np.zeros(rows), np.zeros(rows)
+    for reading, own in zip(readings, scatter or [np.inf] * len(readings), strict=True):
         slope, curvature = _shape(reading, legs)
+        needed = np.maximum(needed, (np.abs(curvature) / (BENT * max(own, 1e-300))) ** 0.4)
         rise += _share(np.abs(slope))
         bend += _share(np.abs(curvature) ** 0.4)
     parts = {"width": _share(width), "rise": _share(rise), "bend": _share(bend)}
@@ -43,15 +51,14 @@ def bin_starts(
     starts: list[np.ndarray] = []
     for start, stop in piece_bounds(legs):
         stairs = abscissa.position[start:stop] if abscissa.staircase[start] else None
-        starts.append(start + _cut(density[start:stop], fewest, smallest, stairs))
+        most = np.maximum(needed[start:stop], max(1.0 / smallest, fewest / (stop - start)))
+        starts.append(start + _cut(density[start:stop], fewest, np.minimum(most, 1.0 / SMALLEST_BIN), stairs))
     return np.concatenate(starts)
 
 
-def _cut(density: np.ndarray, fewest: float, smallest: float, stairs: np.ndarray | None) -> np.ndarray:
-    """Starts of the bins of one leg: equal parts of the density, none of very few rows, on the steps of a staircase."""
-    rows = len(density)
-    most = min(max(1.0 / smallest, fewest / rows), 1.0 / SMALLEST_BIN)
-    bins = max(1, round(min(max(float(density.sum()), fewest), rows * most)))
+def _cut(density: np.ndarray, fewest: float, most: np.ndarray, stairs: np.ndarray | None) -> np.ndarray:
+    """Starts of the bins of one leg: equal parts of the density, nowhere denser than `most`, on the steps of a staircase."""
+    bins = max(1, round(min(max(float(density.sum()), fewest), float(most.sum()))))
     for _ in range(20):  # what the cap takes goes to the rest
         density = density * (bins / density.sum())
         if np.all(density <= 1.001 * most):

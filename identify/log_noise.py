@@ -22,6 +22,7 @@ STRETCH, FEW = 48, 12  # third differences that are judged together
 AROUND = 5  # stretches whose median is local
 UNEQUAL = 1e-4  # probability of stretches as unequal as this by chance, below which the noise varies along the log
 ALTERNATES = 0.62  # share of neighbouring third differences of opposite sign: 0.77 in noise, however long its memory
+ROWS_ALTERNATE = 0.7  # the same of single rows, where no bend of a curve shows
 CLEARLY = 4.0  # standard errors
 RESOLVED = 150  # means per sweep between which a valve's curve hardly bends
 
@@ -130,8 +131,12 @@ def independent_rows(value: np.ndarray, legs: np.ndarray, scatter: RowScatter, m
 
     Third differences of such means against what `scatter` says of one row, stretch by stretch, median over stretches. A
     scale at which the curve's own bends show (their third differences do not alternate in sign, or the sweep is but a
-    few such means long) says nothing. What remembers longer shows between the points of a fit.
+    few such means long) says nothing. What remembers longer shows between the points of a fit. Rows that do not alternate
+    among themselves, such as those of a meter that is read faster than it measures, are not independent.
     """
+    single = [np.diff(value[start:stop], n=3) for start, stop in piece_bounds(legs)]
+    if np.mean(np.concatenate([third[1:] * third[:-1] < 0 for third in single])) < ROWS_ALTERNATE:
+        return False
     size = 2
     most = min(most, max(2, int(np.median(np.bincount(legs - legs.min()))) // RESOLVED))
     while size <= most:

@@ -42,10 +42,12 @@ def reduce_test(test: TestRecord, *, max_points: int = 600, log_rows: int = LOG_
     # Errors from the bins' finite width, where an edge closes within one, must not outgrow the noise of longer logs.
     max_points = round(max_points * max(test.rows / FULL_LOG, LEAST_SHARE) ** (1.0 / 3.0))
     starts = bin_starts(abscissa, readings, legs, max_points)
-    first = [points_of(channel, starts, legs, abscissa).correlation for channel in test.channels]
-    remembered = max((c.rows_per_reading() for c in first if c.white < 1.0), default=0.0)
+    first = [points_of(channel, starts, legs, abscissa) for channel in test.channels]
+    remembered = max((p.correlation.rows_per_reading() for p in first if p.correlation.white < 1.0), default=0.0)
     if remembered > 0.0:
-        starts = bin_starts(abscissa, readings, legs, max_points, MEMORIES * remembered)
+        # Of a row, were rows independent and their means as uncertain as these are.
+        scatter = [p.row_std * np.sqrt(max(p.correlation.rows_per_reading(), 1.0)) for p in first]
+        starts = bin_starts(abscissa, readings, legs, max_points, MEMORIES * remembered, scatter)
     rows = np.diff(np.append(starts, test.rows))
     mean = lambda values: np.add.reduceat(values.astype(float), starts) / rows
     position = mean(abscissa.position)
