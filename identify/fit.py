@@ -37,6 +37,7 @@ CLOSE_ENOUGH = 1e-5
 PROFILE_CLOSE_ENOUGH = 1e-2  # chi-square is then right to 1e-4
 # An end counts as an optimum up to here: a twentieth of a standard error is nothing to anybody.
 BELIEVE_BELOW = 0.05
+SLOPES = 1e-3  # the same, from where on an end may lie on the slope of a kink: then the other side is looked at
 MOST_BETTER = 4  # times that a profile may run into a deeper optimum
 TINY = 1e-12  # chi-square per reading of readings that the model meets to rounding: nothing is left to judge by
 
@@ -114,7 +115,7 @@ def run_fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | N
         if change < SETTLED:
             break
         solution = problem.solve(problem.args(noise), solution.p)
-    if not solution.converged:
+    if solution.relative_offset > SLOPES:
         solution = problem.hop(solution, noise)
     return Fitted(record, tests, plans, free, noise, solution, tuple(told), tuple(warnings))
 

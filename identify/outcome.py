@@ -208,11 +208,14 @@ def _estimates(fitted: Fitted, known: Uncertainty, intervals: Mapping[int, Inter
                 why = why or "the fit did not converge"
             elif i in intervals:
                 own, by_profile = intervals[i], True
-                interval = (own.low, own.high)
+                # Between two kinks chi-square is steep on a scale of its own: never narrower than the covariance's interval.
+                wide = 0.0 if why else reach * float(np.sqrt(covariance.matrix[i, i]))
+                low, high = min(own.low, max(value - wide, plan.lower)), max(own.high, min(value + wide, plan.upper))
+                interval = (low, high)
                 if own.open_low and own.open_high:
                     why = "the data allow every value within its limits"
                 elif not at_bound:
-                    std, why = _of_two_sides(value - own.low, own.high - value) / reach, ""
+                    std, why = _of_two_sides(value - low, high - value) / reach, ""
             elif not why:
                 std = float(np.sqrt(covariance.matrix[i, i]))
                 # What lies beyond a bound is known to be false, so the interval ends there.
