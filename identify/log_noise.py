@@ -105,16 +105,15 @@ def row_scatter(value: np.ndarray, legs: np.ndarray) -> RowScatter:
     return RowScatter(np.where(found > 0.0, found, level), freedom)
 
 
-def _stretches(value: np.ndarray, legs: np.ndarray, size: int = 1) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(variance of one of the means over `size` rows, middle row, leg) of stretches of such means, from third differences."""
+def _stretches(value: np.ndarray, legs: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(variance of a row, middle row, leg) of stretches of rows, from third differences."""
     variance, middle, leg = [], [], []
     for start, stop in piece_bounds(legs):
-        means = value[start : start + (stop - start) // size * size].reshape(-1, size).mean(axis=1)
-        square = np.diff(means, n=3) ** 2 / 20.0
+        square = np.diff(value[start:stop], n=3) ** 2 / 20.0
         count = len(square) // STRETCH
         if count:
             variance.append(square[: count * STRETCH].reshape(count, STRETCH).mean(axis=1))
-            middle.append(start + size * (STRETCH * (np.arange(count) + 0.5) + 1.5))
+            middle.append(start + STRETCH * (np.arange(count) + 0.5) + 1.5)
             leg.append(np.full(count, legs[start]))
     if not variance:
         return np.zeros(0), np.zeros(0), np.zeros(0, dtype=int)
