@@ -3,12 +3,9 @@
 import numpy as np
 
 from ..channel_noise import FROM_RESIDUALS, ChannelNoise
-from ..noise import THIRD_DIFFERENCE
+from ..noise import MEDIAN_OF_CHI2, THIRD_DIFFERENCE
 from ..record import Channel, DynamicTest
 from ..rounding import local_steps
-
-
-MEDIAN_OF_CHI2 = 0.4549  # one degree of freedom
 
 
 def first_noise_of(test: DynamicTest, channel: Channel) -> ChannelNoise:

@@ -9,10 +9,11 @@ from matplotlib.figure import Figure
 from .. import plot_style as look
 from ..macro_fit import TO_SI, MacroFit
 from ..macro_variant import TwoTermFit
+from .leakage_claims import L_MIN
 from .leakage_figures import title
 
 
-CST, UM, L_MIN = 1e6, 1e6, 6e4
+CST, UM = 1e6, 1e6
 SYMBOLS = (("$X_0$", "um"), ("$Q_0$", "l/min"), ("$k$", "um/(l/min)"))
 
 
