@@ -13,7 +13,7 @@ from typing import Any, Protocol
 import numpy as np
 from scipy import stats
 
-from thermohyd.effects.registry import EFFECTS
+from thermohyd.effects.library import EFFECTS
 
 
 MOST_EFFECTS = 4  # of a greedy path

@@ -90,8 +90,8 @@ def _asked(jobs: list[tuple[Path, bool]], processes: int) -> Iterator[dict[str, 
 def ask(job: tuple[Path, bool]) -> dict[str, Any]:
     """One record's answer; a failure is an answer too."""
     folder, with_baselines = job
-    from thermohyd.identify.jax_setup import set_up_jax
-    from thermohyd.identify.read_record import read_record
+    from thermohyd.identify.bench.read import read_record
+    from thermohyd.identify.cli.jax_setup import set_up_jax
 
     set_up_jax()
     signal.signal(signal.SIGALRM, _too_long)

@@ -2,16 +2,7 @@
 
 import numpy as np
 from _hidden_details import baseline_table, misses, rows_of
-from _hidden_scores import (
-    STRATA,
-    Case,
-    in_stratum,
-    mean_of,
-    median_of,
-    of_kind,
-    share,
-    stratum_name,
-)
+from _hidden_scores import STRATA, Case, in_stratum, mean_of, median_of, of_kind, share, stratum_name
 
 
 def table(cases: list[Case], failed: dict[str, str]) -> str:

@@ -29,7 +29,7 @@ def process_seconds(arguments: list[str], home: str) -> float:
     """Wall time of one `thermohyd` process whose caches live under `home`."""
     environment = os.environ | {"HOME": home, "XDG_CACHE_HOME": f"{home}/.cache"}
     environment.pop("JAX_COMPILATION_CACHE_DIR", None)
-    script = "from thermohyd.identify.command_line import main; main()"
+    script = "from thermohyd.identify.cli.commands import main; main()"
     began = time.perf_counter()
     subprocess.run([sys.executable, "-P", "-c", script, *arguments], check=True, capture_output=True, env=environment)
     return time.perf_counter() - began
@@ -37,12 +37,12 @@ def process_seconds(arguments: list[str], home: str) -> float:
 
 def warm() -> None:
     """Records in one process: the first pays for what is compiled, the others for their own work."""
-    from thermohyd.identify.jax_setup import set_up_jax
+    from thermohyd.identify.cli.jax_setup import set_up_jax
 
     set_up_jax()
+    from thermohyd.identify.bench.read import read_record
     from thermohyd.identify.diagnosis.diagnose import diagnose
-    from thermohyd.identify.fit import fit
-    from thermohyd.identify.read_record import read_record
+    from thermohyd.identify.fitting.fit import fit
 
     for name in (FIRST, *RECORDS):
         record = read_record(HIDDEN / name)

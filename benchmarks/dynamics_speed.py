@@ -17,17 +17,17 @@ import jax
 
 jax.config.update("jax_enable_x64", True)
 
-import jax.numpy as jnp  # noqa: E402
-import numpy as np  # noqa: E402
-from _peers import compare, machine  # noqa: E402
-from helpers.machines import actuator_of, apart, inputs_of, valve_of  # noqa: E402
-from reference.actuator import Machine, Run  # noqa: E402
-from reference.conformance_dynamic import machine_of  # noqa: E402
-from reference.step_test import readings  # noqa: E402
+import jax.numpy as jnp
+import numpy as np
+from _peers import compare, machine
+from helpers.machines import actuator_of, apart, inputs_of, valve_of
+from reference.actuator import Machine, Run
+from reference.conformance_dynamic import machine_of
+from reference.step_test import readings
 
-from thermohyd.dynamics.integrate import Gradient  # noqa: E402
-from thermohyd.dynamics.many import simulate_many  # noqa: E402
-from thermohyd.dynamics.simulate import simulate_step  # noqa: E402
+from thermohyd.dynamics.integrate import Gradient
+from thermohyd.dynamics.simulate import simulate_step
+from thermohyd.dynamics.simulate_many import simulate_many
 
 
 ACCURACY = 1e-5

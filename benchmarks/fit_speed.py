@@ -11,17 +11,24 @@ import jax
 
 jax.config.update("jax_enable_x64", True)
 
-import jax.numpy as jnp  # noqa: E402
-import lmfit  # noqa: E402
-import numpy as np  # noqa: E402
-from _peers import LOWER, NOMINAL, SCALE, UPPER, NumpyResidual, PlainResidual, compare, machine, record_of_3000_rows  # noqa: E402
-from scipy.optimize import least_squares  # noqa: E402
+import jax.numpy as jnp
+import lmfit
+import numpy as np
+from _peers import LOWER, NOMINAL, SCALE, UPPER, NumpyResidual, PlainResidual, compare, machine, record_of_3000_rows
+from scipy.optimize import least_squares
 
-from thermohyd.identify.fit import CLOSE_ENOUGH  # noqa: E402
-from thermohyd.identify.least_squares import solve  # noqa: E402
-from thermohyd.identify.parameters import plan_parameters  # noqa: E402
-from thermohyd.identify.problem import FitArgs, box_of, prior_rows, residual_and_columns, residual_of  # noqa: E402
-from thermohyd.identify.static_model import base_valve, static_data  # noqa: E402
+from thermohyd.identify.fitting.fit import CLOSE_ENOUGH
+from thermohyd.identify.fitting.least_squares import solve
+from thermohyd.identify.fitting.parameters import plan_parameters
+from thermohyd.identify.fitting.static_readings import (
+    FitArgs,
+    base_valve,
+    box_of,
+    prior_rows,
+    residual_and_columns,
+    residual_of,
+    static_data,
+)
 
 
 def main() -> None:

@@ -19,8 +19,8 @@ import numpy as np
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "tests"))
 
-from reference import dynamic_bench  # noqa: E402
-from reference.actuator import Dynamic  # noqa: E402
+from reference import dynamic_bench
+from reference.actuator import Dynamic
 
 
 # Effect: a strength that shows faintly and one that shows well, on this jack with this noise.
@@ -78,8 +78,8 @@ def bench_of(seed: int, effects: dict[str, float], memory: float) -> dynamic_ben
 
 def answer(folder: Path, seed: int, effects: dict[str, float], memory: float) -> dict:
     """Make, diagnose and keep the answer of one record."""
+    from thermohyd.identify.bench.read import read_record
     from thermohyd.identify.diagnosis.diagnose import diagnose
-    from thermohyd.identify.read_record import read_record
 
     bench = bench_of(seed, effects, memory)
     dynamic_bench.write(folder, bench)
@@ -146,7 +146,7 @@ def main() -> None:
     parser.add_argument("--set", type=int, choices=(1, 2), default=1, help="which seeds")
     parser.add_argument("--only", help="records whose name holds this text")
     options = parser.parse_args()
-    from thermohyd.identify.jax_setup import set_up_jax
+    from thermohyd.identify.cli.jax_setup import set_up_jax
 
     set_up_jax()
     answers: dict[str, dict] = {}

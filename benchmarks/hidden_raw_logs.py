@@ -21,12 +21,12 @@ jax.config.update("jax_enable_x64", True)
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "tests"))
 
-from reference.raw_log_records import VALVE, Log, plan, write  # noqa: E402
+from reference.raw_log_records import VALVE, Log, plan, write
 
-from thermohyd.identify.diagnosis.diagnose import diagnose  # noqa: E402
-from thermohyd.identify.fit import fit  # noqa: E402
-from thermohyd.identify.read_record import read_record  # noqa: E402
-from thermohyd.identify.report_content import chi2_band  # noqa: E402
+from thermohyd.identify.bench.read import read_record
+from thermohyd.identify.diagnosis.diagnose import diagnose
+from thermohyd.identify.fitting.fit import fit
+from thermohyd.identify.report.fit_report import chi2_band
 
 
 NAMES = ("edge_radius", "clearance", "underlap", "discharge_coefficient", "transition_number", "null_bias")

@@ -11,26 +11,23 @@ import jax
 
 jax.config.update("jax_enable_x64", True)
 
-import equinox as eqx  # noqa: E402
-import jax.numpy as jnp  # noqa: E402
-import numpy as np  # noqa: E402
-from _peers import compare, machine  # noqa: E402
-from reference import static_tests  # noqa: E402
-from reference.oil import Oil, walther  # noqa: E402
-from reference.valve import Effects, Rows, Valve  # noqa: E402
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from _peers import compare, machine
+from reference import static_tests
+from reference.oil import Oil, walther
+from reference.valve import Effects, Rows, Valve
 
-from thermohyd.conditions import Conditions  # noqa: E402
-from thermohyd.identify.sensitivity.factors import factors_of  # noqa: E402
-from thermohyd.identify.sensitivity.outputs import IS_NULL, OUTPUTS, SHARES, StaticTests  # noqa: E402
-from thermohyd.identify.sensitivity.row_slopes import (  # noqa: E402
-    COLUMNS,
-    nominal_rows,
-    readings_and_slopes,
-    three_tests,
+from thermohyd.conditions import Conditions
+from thermohyd.identify.sensitivity.curves import COLUMNS, nominal_rows, readings_and_slopes, three_tests
+from thermohyd.identify.sensitivity.global_measures import sobol_indices, sobol_samples
+from thermohyd.identify.sensitivity.source import seed_model
+from thermohyd.identify.sensitivity.static_figures import IS_NULL, OUTPUTS, SHARES, StaticTests
+from thermohyd.identify.sensitivity.varied import (
+    factors_of,
+    valve_of_model,
 )
-from thermohyd.identify.sensitivity.sobol import sobol_indices, sobol_samples  # noqa: E402
-from thermohyd.identify.sensitivity.subject import seed_model  # noqa: E402
-from thermohyd.identify.sensitivity.varied import valve_of_model  # noqa: E402
 
 
 MODEL = seed_model()

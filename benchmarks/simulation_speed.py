@@ -9,15 +9,21 @@ import jax
 
 jax.config.update("jax_enable_x64", True)
 
-import jax.numpy as jnp  # noqa: E402
-import numpy as np  # noqa: E402
-from _peers import NOMINAL, compare, machine, record_of_3000_rows  # noqa: E402
+import jax.numpy as jnp
+import numpy as np
+from _peers import NOMINAL, compare, machine, record_of_3000_rows
 
-from thermohyd.conditions import Conditions  # noqa: E402
-from thermohyd.identify.problem import FitArgs, plain_residual, residual_and_columns, residual_of  # noqa: E402
-from thermohyd.identify.static_model import base_valve, static_data  # noqa: E402
-from thermohyd.static_tests import blocked_port_readings, control_flow  # noqa: E402
-from thermohyd.valve import Valve  # noqa: E402
+from thermohyd.conditions import Conditions
+from thermohyd.identify.fitting.static_readings import (
+    FitArgs,
+    base_valve,
+    plain_residual,
+    residual_and_columns,
+    residual_of,
+    static_data,
+)
+from thermohyd.static_tests import blocked_port_readings, control_flow
+from thermohyd.valve import Valve
 
 
 NAMES = ("edge_radius", "clearance", "underlap", "discharge_coefficient", "transition_number", "null_bias")

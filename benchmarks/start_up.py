@@ -12,7 +12,7 @@ from pathlib import Path
 
 
 RECORD = Path(__file__).parents[1] / "data" / "seed_valve"
-SCRIPT = "from thermohyd.identify.command_line import main; main()"
+SCRIPT = "from thermohyd.identify.cli.commands import main; main()"
 
 
 def seconds(arguments: list[str], home: str) -> float:

@@ -6,7 +6,7 @@ import tomllib
 from importlib.resources import files
 from pathlib import Path
 
-from ..oil_definition import OilDefinition
+from thermohyd.oil_definition import OilDefinition
 
 
 @functools.cache

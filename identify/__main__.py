@@ -7,7 +7,7 @@ def main() -> None:
     """Run the command that the arguments name."""
     leave_at_once_on_signals()
     try:
-        from .command_line import main as run
+        from thermohyd.identify.cli.commands import main as run
 
         run()
     finally:

@@ -14,8 +14,8 @@ from reference.make_samples import write_text
 from reference.valve import Effects
 
 from thermohyd.data import oil_preset
-from thermohyd.effects.registry import EFFECTS
-from thermohyd.identify.read_record import read_record
+from thermohyd.effects.library import EFFECTS
+from thermohyd.identify.bench.read import read_record
 
 
 KEPT = Path(__file__).parents[1] / "data" / "hidden"

@@ -8,17 +8,17 @@ from pathlib import Path
 import pytest
 
 
-CHAIN = ("thermohyd.oil", "thermohyd.edge", "thermohyd.valve", "thermohyd.static_tests", "thermohyd.identify.fit")
-EFFECTS = "thermohyd.effects.registry"
-TOP = "thermohyd.identify.command_line"
-ENTRY = "thermohyd.identify.__main__"
-DIAGNOSIS = "thermohyd.identify.diagnosis"
-SHARED = f"{DIAGNOSIS}.variation_terms"  # what a model file keeps of a diagnosis
-# What a user reads of a diagnosis: made from its result alone, without starting JAX.
-REPORTS = (
-    "result", "headline", "diagnosis_files", "diagnosis_json", "diagnosis_page", "diagnosis_plots", "terminal_summary",
-    "summary_of_many", "where", "held_out", "max_t",
-)  # fmt: skip
+CHAIN = ("thermohyd.oil", "thermohyd.edge", "thermohyd.valve", "thermohyd.static_tests", "thermohyd.identify.fitting.fit")
+EFFECTS = "thermohyd.effects.library"
+INTERFACE = "thermohyd.effects.effect"  # what a valve must know of effects: the stages that they may join
+IDENTIFY = "thermohyd.identify"
+ENTRY = f"{IDENTIFY}.__main__"
+# Whole packages that a reader of files or results needs without waiting for JAX.
+WITHOUT_JAX = ("bench", "reduction", "report", "model.model", "model.learned_terms", "model.fitted_range")
+JAX = {"jax", "jaxtyping", "equinox", "optimistix", "lineax", "diffrax"}
+# Each package may import those before it, not those after it.
+FLOORS = ("fitting", "diagnosis", "cli")
+COMMANDS = ("seed", "sensitivity", "servo")
 
 
 @cache
@@ -80,39 +80,40 @@ def test_the_chain_is_connected():
 
 def test_effects_stand_on_the_valve_and_nothing_in_the_simulator_on_them():
     assert "thermohyd.valve" in reachable(EFFECTS)
-    assert not {"thermohyd.static_tests", "thermohyd.port_states"} & reachable(EFFECTS)
+    assert not {"thermohyd.static_tests"} & reachable(EFFECTS)
     simulator = [name for name in modules() if name.count(".") == 1]
-    assert not any(module.startswith("thermohyd.effects") for name in simulator for module in imports(name))
+    assert not any(m.startswith("thermohyd.effects") for name in simulator for m in imports(name) - {INTERFACE})
 
 
-@pytest.mark.parametrize("name", [name for name in modules() if not name.startswith("thermohyd.identify.")])
+@pytest.mark.parametrize("name", [name for name in modules() if not name.startswith(f"{IDENTIFY}.")])
 def test_simulator_knows_nothing_of_benches(name):
     outside = {"pandas", "pint", "matplotlib", "rich", "typer", "jinja2", "platformdirs"}
     assert not {module.split(".")[0] for module in imports(name)} & outside
-    assert not any(module.startswith(("thermohyd.identify", "thermohyd.data")) for module in imports(name))
+    assert not any(module.startswith((IDENTIFY, "thermohyd.data")) for module in imports(name))
 
 
-def test_a_fit_knows_nothing_of_what_is_made_of_fits():
-    above = tuple(f"thermohyd.identify.{package}." for package in ("diagnosis", "sensitivity", "seed"))
-    for name in [name for name in modules() if name.startswith("thermohyd.identify.") and name.count(".") == 2]:
-        assert name in (TOP, ENTRY) or not {m for m in imports(name) if m.startswith(above)} - {SHARED}, name
+def within(*packages: str) -> list[str]:
+    """Modules of these packages of `identify`, or these modules themselves."""
+    heads = tuple(f"{IDENTIFY}.{package}" for package in packages)
+    return [name for name in modules() if name in heads or name.startswith(tuple(f"{head}." for head in heads))]
 
 
-@pytest.mark.parametrize("name", [name for name in modules() if name.startswith(f"{DIAGNOSIS}.")])
-def test_a_diagnosis_needs_no_other_command(name):
-    assert not {m for m in imports(name) if m.startswith(("thermohyd.identify.seed", "thermohyd.identify.sensitivity"))}
+@pytest.mark.parametrize("level", range(len(FLOORS)))
+def test_a_package_knows_nothing_of_what_is_made_of_it(level):
+    above = set(within(*FLOORS[level + 1 :], *(COMMANDS if FLOORS[level] != "cli" else ())))
+    for name in within(FLOORS[level]):
+        assert not imports(name) & above, name
 
 
-@pytest.mark.parametrize("name", REPORTS)
-def test_reports_of_a_diagnosis_need_no_jax(name):
-    every = {f"{DIAGNOSIS}.{name}", *reachable(f"{DIAGNOSIS}.{name}")}
-    outside = {m.split(".")[0] for module in every for m in imports(module)}
-    assert not outside & {"jax", "jaxtyping", "equinox", "optimistix", "lineax"}
+@pytest.mark.parametrize("name", within(*WITHOUT_JAX))
+def test_reading_and_reporting_need_no_jax(name):
+    outside = {m.split(".")[0] for module in (name, *reachable(name)) for m in imports(module)}
+    assert not outside & JAX
 
 
-@pytest.mark.parametrize("name", [name for name in modules() if name not in (TOP, ENTRY)])
+@pytest.mark.parametrize("name", [name for name in modules() if not name.startswith(f"{IDENTIFY}.cli.")])
 def test_nothing_imports_the_command_line(name):
-    assert TOP not in imports(name)
+    assert name == ENTRY or not imports(name) & set(within("cli"))
 
 
 @pytest.mark.parametrize("name", modules())

@@ -11,8 +11,8 @@ import pytest
 import typer
 from helpers.readme_session import commands, comments, python_blocks
 
-from thermohyd.identify.command_line import app
-from thermohyd.identify.read_record import read_record
+from thermohyd.identify.bench.read import read_record
+from thermohyd.identify.cli.commands import app
 
 
 ROOT = Path(__file__).parents[1]

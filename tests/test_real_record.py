@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from thermohyd.identify.fit import fit
-from thermohyd.identify.read_record import read_record
+from thermohyd.identify.bench.read import read_record
+from thermohyd.identify.fitting.fit import fit
 
 
 REAL = Path(__file__).parents[2] / "shared" / "real" / "servovalve_5329"

@@ -5,7 +5,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .arguments import ArgumentValueError, as_array, check_sign, check_size, known
-from .precision import require_float64
+from .numerics import require_float64
 
 
 POSITIVE = (

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .arguments import ArgumentValueError, as_array, check_length, check_pressure, check_temperature, known
-from .precision import require_float64
+from .numerics import require_float64
 
 
 class Conditions(eqx.Module):

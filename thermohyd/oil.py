@@ -9,8 +9,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .arguments import ArgumentTypeError, as_array, as_optional_array, check_sign, check_size, described, known
+from .numerics import require_float64
 from .oil_definition import REFERENCE_TEMPERATURE, OilDefinition
-from .precision import require_float64
 
 
 LN10 = 2.302585092994046

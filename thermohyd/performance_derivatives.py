@@ -133,7 +133,7 @@ def performance_with_derivatives(
 
     >>> import jax; jax.config.update("jax_enable_x64", True)
     >>> from thermohyd import performance_with_derivatives, seed_actuator
-    >>> from thermohyd.identify.seed.seed_valve import seed_valve
+    >>> from thermohyd.seed_paper import seed_valve
     >>> found = performance_with_derivatives(seed_valve(), seed_actuator(), temperature=313.15, supply_pressure=70e5)
     >>> print(f"{found.value.null_consumption:.2f} W, {found.derivative('temperature').null_consumption:+.2f} W/K")
     15.93 W, +0.48 W/K

@@ -3,17 +3,47 @@
 All of them take a `Valve` and `Conditions` of shape (rows,) and return arrays of shape (rows,), SI units. They are
 compiled once per shape, and can be jitted, vmapped and differentiated, forward and reverse, in every field of the valve
 and of the conditions.
+
+The static gains of a valve by differentiation: K_QX, K_PX, K_QP and their non-dimensional forms (MODEL section 4).
+
+Which balance a valve's ports obey: the plain one, or the coupled one where its effects tie the balances together.
 """
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .conditions import Conditions
+from .coupled_ports import coupled_blocked_ports, coupled_connected_ports, coupled_loaded_ports
 from .oil import Oil, density
-from .port_states import blocked_state, connected_state, loaded_state
-from .ports import Ports, return_temperature
-from .valve import Valve, heat_kept, read_out, true_conditions, true_oil
+from .ports import Ports, blocked_ports, connected_ports, loaded_ports, return_temperature
+from .valve import Valve, coupling, heat_kept, metering_edges, read_out, true_conditions, true_oil
+
+
+def blocked_state(valve: Valve, oil: Oil, true: Conditions) -> tuple[Ports, Conditions]:
+    """Closed use ports: (ports, conditions with the pressures that the edges see)."""
+    edges, heat, ties = metering_edges(valve, true), heat_kept(valve), coupling(valve)
+    if ties.lines or ties.crossings:
+        return coupled_blocked_ports(edges, oil, heat, true, ties)
+    return blocked_ports(edges, oil, heat, true), true
+
+
+def connected_state(valve: Valve, oil: Oil, true: Conditions) -> Ports:
+    """Use ports joined without loss; a path between the ports carries nothing then."""
+    edges, heat, ties = metering_edges(valve, true), heat_kept(valve), coupling(valve)
+    if ties.lines:
+        return coupled_connected_ports(edges, oil, heat, true, ties)[0]
+    return connected_ports(edges, oil, heat, true)
+
+
+def loaded_state(valve: Valve, oil: Oil, true: Conditions) -> Ports:
+    """Ports under the imposed `true.load_pressure`."""
+    assert true.load_pressure is not None
+    edges, heat, ties = metering_edges(valve, true), heat_kept(valve), coupling(valve)
+    if ties.lines or ties.crossings:
+        return coupled_loaded_ports(edges, oil, heat, true, true.load_pressure, ties)[0]
+    return loaded_ports(edges, oil, heat, true, true.load_pressure)
 
 
 def return_flow(
@@ -86,3 +116,50 @@ def load_flow(valve: Valve, conditions: Conditions) -> Float[Array, " rows"]:
     origin = jnp.where(through > 0.0, ports.temperature[0], ports.temperature[1])
     value = through / density(oil, jnp.mean(ports.pressure, axis=0), origin)
     return read_out(valve, "flow", value, conditions, true, oil)
+
+
+@eqx.filter_jit
+def _slope(reading, valve: Valve, conditions: Conditions, field: str) -> Float[Array, " rows"]:
+    """d(reading)/d(field of the conditions), row by row: one forward-mode pass, as rows do not depend on each other."""
+
+    def of(value: Float[Array, " rows"]) -> Float[Array, " rows"]:
+        return reading(valve, eqx.tree_at(lambda c: getattr(c, field), conditions, value))
+
+    value = getattr(conditions, field)
+    return jax.jvp(of, (value,), (jnp.ones_like(value),))[1]
+
+
+def flow_gain(valve: Valve, conditions: Conditions) -> Float[Array, " rows"]:
+    """K_QX = dQ/dx of the flow-gain test [m2/s]."""
+    return _slope(control_flow, valve, conditions, "position")
+
+
+def pressure_gain(valve: Valve, conditions: Conditions) -> Float[Array, " rows"]:
+    """K_PX = d(p_A - p_B)/dx with blocked ports [Pa/m]."""
+    return _slope(load_pressure, valve, conditions, "position")
+
+
+def flow_pressure_gain(valve: Valve, conditions: Conditions) -> Float[Array, " rows"]:
+    """K_QP = -dQ/dp_L of the load flow [m3/(s Pa)], at `conditions.load_pressure` (0 where there is none)."""
+    if conditions.load_pressure is None:
+        conditions = eqx.tree_at(
+            lambda c: c.load_pressure,
+            conditions,
+            jnp.zeros_like(conditions.position),
+            is_leaf=lambda leaf: leaf is None,
+        )
+    return -_slope(load_flow, valve, conditions, "load_pressure")
+
+
+def nondimensional_pressure_gain(
+    valve: Valve, conditions: Conditions, nominal_pressure: float | Array
+) -> Float[Array, " rows"]:
+    """bar K_PX = K_PX X_n / P_n (the seed paper's Eq. 5), X_n the stroke, P_n [Pa] the nominal valve pressure drop."""
+    return pressure_gain(valve, conditions) * valve.stroke / nominal_pressure
+
+
+def nondimensional_flow_gain(
+    valve: Valve, conditions: Conditions, nominal_flow: float | Array
+) -> Float[Array, " rows"]:
+    """bar K_QX = K_QX X_n / Q_n (the seed paper's Eq. 7), Q_n [m3/s] the rated flow."""
+    return flow_gain(valve, conditions) * valve.stroke / nominal_flow

@@ -6,19 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .arguments import (
-    ArgumentTypeError,
-    as_array,
-    as_optional_array,
-    check_length,
-    check_module,
-    check_sign,
-    check_size,
-    described,
-)
-from .conditions import Conditions
-from .edge import MeteringEdge
-from .effect import (
+from thermohyd.effects.effect import (
     AbstractConditionEffect,
     AbstractCrossingEffect,
     AbstractEdgeEffect,
@@ -31,8 +19,21 @@ from .effect import (
     Edges,
     in_order,
 )
+
+from .arguments import (
+    ArgumentTypeError,
+    as_array,
+    as_optional_array,
+    check_length,
+    check_module,
+    check_sign,
+    check_size,
+    described,
+)
+from .conditions import Conditions
+from .edge import MeteringEdge
+from .numerics import require_float64
 from .oil import Oil
-from .precision import require_float64
 
 
 def _in_order(effects: Any) -> Any:
@@ -86,7 +87,7 @@ class Valve(eqx.Module):
         if not isinstance(self.effects, tuple) or not all(isinstance(e, AbstractEffect) for e in self.effects):
             raise ArgumentTypeError(
                 f"effects must be a tuple of effects, not {described(self.effects)}: "
-                'thermohyd.effects.registry.with_effects(valve, {"hysteresis": 1e-6}) adds them by name'
+                'thermohyd.effects.library.with_effects(valve, {"hysteresis": 1e-6}) adds them by name'
             )
 
 

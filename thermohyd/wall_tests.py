@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .conditions import Conditions, operating_points
-from .heat_exchange import HeatExchange, wall_state
+from .heat import HeatExchange, wall_state
 from .oil import density
 from .valve import Valve, read_out, true_conditions, true_oil
 
@@ -99,7 +99,7 @@ def heat_study(
 
     >>> import jax; jax.config.update("jax_enable_x64", True)
     >>> from thermohyd import heat_study
-    >>> from thermohyd.identify.seed.seed_valve import seed_valve
+    >>> from thermohyd.seed_paper import seed_valve
     >>> found = heat_study(seed_valve(), wall_conductance=[0.1, 10.0], temperature=[273.15, 343.15], supply_pressure=70e5)
     >>> above = found.between.leakage_flow / found.hm.leakage_flow - 1.0
     >>> for conductance, row in zip(found.wall_conductance, 100.0 * above):

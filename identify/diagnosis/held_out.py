@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..legs import piece_bounds, sweep_ids
-from ..record import DynamicTest, TestRecord
+from thermohyd.identify.bench.record import DynamicTest, TestRecord
+from thermohyd.identify.reduction.legs import piece_bounds, sweep_ids
 
 
 SHARE = 0.25  # of each test's rows, about

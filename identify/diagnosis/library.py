@@ -5,9 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from thermohyd.effects.registry import EFFECTS, EffectInfo, effect_info
-
-from ..record import TestRecord
+from thermohyd.effects.library import EFFECTS, EffectInfo, effect_info
+from thermohyd.identify.bench.record import TestRecord
 
 
 # Sweeps whose rates differ by less are one rate: a lag then cannot be told from hysteresis.

@@ -5,21 +5,30 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from thermohyd.effects.registry import effect_info
+from thermohyd.effects.library import effect_info
+from thermohyd.identify.bench.record import BenchRecord, TestRecord
+from thermohyd.identify.fitting.boxes import Box
+from thermohyd.identify.fitting.least_squares import Both, LeastSquaresResult, solve
+from thermohyd.identify.fitting.parameters import ParameterPlan
+from thermohyd.identify.fitting.starts import hop
+from thermohyd.identify.fitting.static_readings import (
+    Size,
+    StaticData,
+    base_valve,
+    channel_slices,
+    coarse_size,
+    groups_of,
+    pad,
+    prior_rows,
+    static_data,
+)
+from thermohyd.identify.model.learned_terms import ABSOLUTE, LearnedTerm, term_values
+from thermohyd.identify.noise.correlation import NoiseCorrelation
+from thermohyd.identify.noise.whitening import whitening_of
+from thermohyd.identify.reduction.legs import piece_bounds
 
-from ..hopping import hop
-from ..least_squares import Both, LeastSquaresResult, solve
-from ..legs import piece_bounds
-from ..noise_correlation import NoiseCorrelation
-from ..parameters import ParameterPlan
-from ..problem import prior_rows
-from ..record import BenchRecord, TestRecord
-from ..static_model import Size, StaticData, base_valve, channel_slices, coarse_size, groups_of, pad, static_data
-from ..transforms import Box
 from .library import HEAT, Library, coupled
 from .library_model import PARAMETERS, LibraryArgs, RowTerms, library_program, order_of
-from .variation_terms import ABSOLUTE, LearnedTerm, term_values
-from .whitening import whitening_of
 
 
 Key = tuple[str, str]  # test, channel

@@ -12,16 +12,22 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from thermohyd.compiling import jitted, known_options
 from thermohyd.conditions import Conditions
-from thermohyd.effects.flowmeter import FLOW_CHANNELS, behind_meter
-from thermohyd.effects.registry import EFFECTS, with_effects
+from thermohyd.effects.instruments import FLOW_CHANNELS, behind_meter
+from thermohyd.effects.library import EFFECTS, with_effects
+from thermohyd.identify.fitting.least_squares import Both
+from thermohyd.identify.fitting.static_readings import (
+    StaticData,
+    channel_layers,
+    group_rows,
+    groups_of,
+    predict_group,
+    rows_of_test,
+    with_parameters,
+)
+from thermohyd.identify.noise.whitening import Whitening, whiten
+from thermohyd.numerics import jitted, known_options
 from thermohyd.valve import Valve
-
-from ..least_squares import Both
-from ..problem import channel_layers, rows_of_test
-from ..static_model import StaticData, group_rows, groups_of, predict_group, with_parameters
-from .whitening import Whitening, whiten
 
 
 PARAMETERS = (

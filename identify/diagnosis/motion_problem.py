@@ -6,19 +6,18 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from thermohyd.effects.registry import DYNAMIC_EFFECTS, EFFECTS, effect_info
+from thermohyd.effects.library import DYNAMIC_EFFECTS, EFFECTS, effect_info
+from thermohyd.identify.bench.record import DynamicTest
+from thermohyd.identify.fitting.fit_motion import BELIEVE, CLOSE_ENOUGH, simulator_of
+from thermohyd.identify.fitting.least_squares import Both, LeastSquaresResult
+from thermohyd.identify.fitting.motion_readings import DynamicSimulator, Weighing, both_of
+from thermohyd.identify.fitting.parameters import ParameterPlan
+from thermohyd.identify.fitting.static_readings import Size
+from thermohyd.identify.noise.correlation import NoiseCorrelation
+from thermohyd.identify.noise.whitening import whiten_on_host, whitening_of
 
-from ..dynamic.fit_motion import BELIEVE, CLOSE_ENOUGH, simulator_of
-from ..dynamic.residuals import Weighing, both_of
-from ..dynamic.simulator import DynamicSimulator
-from ..least_squares import Both, LeastSquaresResult
-from ..noise_correlation import NoiseCorrelation
-from ..parameters import ParameterPlan
-from ..record import DynamicTest
-from ..static_model import Size
 from .library import Library
 from .library_fit import Key, LibraryFit, LibraryProblem
-from .whitening import whiten_on_host, whitening_of
 
 
 # Static effects that a step test can show: few, as each is one more name that chance may hit. A leak between the ports is

@@ -8,12 +8,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..record import TestRecord
-from .both_ports import BOTH_PORTS, can_measure_ports, ports_apart
+from thermohyd.identify.bench.record import TestRecord
+
 from .library_fit import LibraryFit, LibraryProblem
-from .projection import Projection
 from .result import NextTest
 from .rivals import Rivals
+from .screening import BOTH_PORTS, Projection, can_measure_ports, ports_apart
 
 
 ENOUGH = 12.0  # chi-square that settles a choice: odds of 400 to 1

@@ -4,14 +4,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..channel_noise import ChannelNoise
-from ..noise import repeat_differences
-from ..noise_correlation import NoiseCorrelation, noise_correlation
-from ..record import Channel, TestRecord
+from thermohyd.identify.bench.record import Channel, TestRecord
+from thermohyd.identify.noise.correlation import NoiseCorrelation, ProjectedNoise, Remembered, noise_correlation
+from thermohyd.identify.noise.level import ChannelNoise, repeat_differences
+
+from .left_over import smooth_block
 from .library_fit import Key, LibraryFit, LibraryProblem, Noise
-from .projected_correlation import ProjectedNoise, Remembered
-from .projection import Projection
-from .smooth_basis import smooth_block
+from .screening import Projection
 
 
 ENOUGH_REPEATS = 60  # rows compared, below which repeats say too little of the correlation

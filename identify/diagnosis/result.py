@@ -5,9 +5,9 @@ from typing import Literal
 
 import numpy as np
 
-from ..fit_result import FitResult
-from ..record import BenchRecord
-from .variation_terms import LearnedTerm
+from thermohyd.identify.bench.record import BenchRecord
+from thermohyd.identify.fitting.result import FitResult
+from thermohyd.identify.model.learned_terms import LearnedTerm
 
 
 Verdict = Literal["consistent", "named", "ambiguous", "unexplained"]

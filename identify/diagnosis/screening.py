@@ -1,19 +1,75 @@
 """Every effect of the library beside a fitted model, by its derivative and by a finite step: score, size, visibility.
 
 Rao's score test projected off what the model already adjusts; see also Sörbom's modification index.
+
+The library beside the ideal valve: what this record could show, what it shows, and what the parameters swallow.
+
+What the free parameters leave of a signature: least-squares projection by orthogonal columns, never normal equations.
+
+Gram-Schmidt and not LAPACK, whose threads wait for one another where other threads run (see `orthogonal`).
+
+What reading the pressure of each port, and not only their difference, would tell of two rivals.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import ndtri
 
-from thermohyd.effects.registry import DYNAMIC_EFFECTS, EFFECTS, effect_info
+from thermohyd.effects.library import DYNAMIC_EFFECTS, EFFECTS, effect_info, with_effects
+from thermohyd.identify.fitting.parameters import identified_by_default
+from thermohyd.identify.fitting.static_readings import base_valve, conditions_of, mean_over_nodes, row_weights
+from thermohyd.static_tests import blocked_port_readings
 
+from .library import Library
 from .library_fit import LibraryFit, LibraryProblem
+from .library_model import PARAMETERS
 from .max_t import MaxT, normal_score
-from .projection import Projection
+from .result import Candidate
+
+
+# A column that keeps less than this of its length beside the others adds nothing but rounding.
+DEPENDENT = 1e-7
+
+
+@dataclass(frozen=True)
+class Projection:
+    """P = I - Q Q' beside nuisance columns; `q` (rows, k) orthonormal."""
+
+    q: np.ndarray
+
+    @classmethod
+    def beside(cls, columns: np.ndarray) -> "Projection":
+        """Columns (rows, k), of any scale; dependent ones are dropped."""
+        basis = np.empty((columns.shape[1], len(columns)))
+        count = 0
+        for column in columns.T:
+            length = float(np.linalg.norm(column))
+            if not length > 0.0:
+                continue
+            unit = column / length
+            for _ in range(2):  # twice is enough (Kahan, in Parlett, "The Symmetric Eigenvalue Problem", 1980)
+                unit = unit - basis[:count].T @ (basis[:count] @ unit)
+            left = float(np.linalg.norm(unit))
+            if left > DEPENDENT:
+                basis[count] = unit / left
+                count += 1
+        return cls(basis[:count].T)
+
+    def __call__(self, values: np.ndarray) -> np.ndarray:
+        """P values for (rows,) or (rows, k); twice, because once leaves rounding of the order of the input."""
+        once = values - self.q @ (self.q.T @ values)
+        return once - self.q @ (self.q.T @ once)
+
+    @property
+    def rank(self) -> int:
+        return self.q.shape[1]
+
+    def with_columns(self, columns: np.ndarray) -> "Projection":
+        """The projection beside these columns too."""
+        more = Projection.beside(self(columns))
+        return Projection(np.concatenate([self.q, more.q], axis=1))
 
 
 POWER = 0.8
@@ -138,3 +194,100 @@ def finite_steps(problem: LibraryProblem, fit: LibraryFit, names: Iterable[str])
 def least_visible(signature: Signature, critical: float) -> float:
     """Smallest amount that the search would show with 80 % probability."""
     return (critical + float(ndtri(POWER))) / signature.size
+
+
+# An effect that would have to exceed its usual largest amount this many times before the record showed it is absorbed.
+VISIBLE_WITHIN = 1.0
+
+
+def candidates(
+    library: Library, screen: Screen, base: LibraryFit, singles: Mapping[str, LibraryFit], excess: float
+) -> tuple[Candidate, ...]:
+    """One line per effect of the whole library, in its order. excess: chi-square of `base` beyond noise."""
+    found = []
+    for name, info in {**EFFECTS, **DYNAMIC_EFFECTS}.items():
+        if name not in library.names and name not in library.impossible:
+            continue
+        if name in library.impossible:
+            found.append(_without_figures(name, "impossible", library.impossible[name]))
+            continue
+        best = screen.best(name)
+        if best is None:
+            found.append(_without_figures(name, "absorbed", "the free parameters do exactly the same"))
+            continue
+        least = least_visible(best, screen.critical)
+        hidden = least > VISIBLE_WITHIN * info.typical[1] and best.strength < screen.critical
+        why = f"would show only from {least / info.typical[1]:.1f} times its usual largest amount" if hidden else ""
+        gap, amount = _refit(name, base, singles, best, excess)
+        found.append(
+            Candidate(
+                name, info.unit, "absorbed" if hidden else "testable", why, best.score, screen.p_value(best), amount,
+                best.kept, least, gap,
+            )
+        )  # fmt: skip
+    return tuple(found)
+
+
+def _refit(
+    name: str, base: LibraryFit, singles: Mapping[str, LibraryFit], best: Signature, excess: float
+) -> tuple[float, float]:
+    """(gap closed by this effect alone, its amount): of a refit, or linear where the search made none."""
+    if name in singles:
+        fit = singles[name]
+        return _share(base.chi2 - fit.chi2, excess), fit.values[name]
+    return _share(best.strength**2 if best.strength > 0.0 else 0.0, excess), best.estimate
+
+
+def _share(gain: float, excess: float) -> float:
+    """Of the excess; where there is none to speak of, nothing can be closed."""
+    return float(np.clip(gain / excess, 0.0, 1.0)) if excess > 0.0 else 0.0
+
+
+def _without_figures(name: str, state: str, why: str) -> Candidate:
+    nan = float("nan")
+    return Candidate(name, effect_info(name).unit, state, why, nan, nan, nan, 0.0, nan, nan)
+
+
+BOTH_PORTS = "with the pressure of each port read"
+TEST = "pressure_gain"
+STEP = 1e-3  # of a parameter's natural step: finite differences, for a handful of rows' worth of evidence
+
+
+def can_measure_ports(problem: LibraryProblem) -> bool:
+    """Whether the record has a pressure-gain test that reads the difference only."""
+    test = problem.tests.get(TEST)
+    return test is not None and [c.name for c in test.channels] == ["load_pressure"]
+
+
+def ports_apart(problem: LibraryProblem, true: LibraryFit, other: LibraryFit) -> float:
+    """Chi-square by which `other`, refitted, would miss both ports' pressures of a valve that follows `true`."""
+    std = np.tile(problem.noise.std[TEST, "load_pressure"], 2)
+    made, claimed = _ports(problem, true.values, true), _ports(problem, other.values, other)
+    columns = []
+    for name in other.free:
+        step = STEP * _scale(problem, name)
+        columns.append((_ports(problem, {**other.values, name: other.values[name] + step}, other) - claimed) / step)
+    known = problem.evaluate(other.values, other.effects)
+    old = known.columns[:, [known.order.index(name) for name in other.free]]
+    at = np.concatenate([old, np.stack(columns, axis=1) / std[:, None]])
+    difference = np.concatenate([np.zeros(len(old)), (claimed - made) / std])
+    if not (np.isfinite(at).all() and np.isfinite(difference).all()):
+        return 0.0
+    left = Projection.beside(at)(difference)
+    return float(left @ left)
+
+
+def _ports(problem: LibraryProblem, values: dict[str, float], fit: LibraryFit) -> np.ndarray:
+    """p_A of every row, then p_B."""
+    test = problem.tests[TEST]
+    heat = "throttle_heating" in fit.effects
+    valve = base_valve(problem.record, {name: values[name] for name in PARAMETERS if name in values}, heat=heat)
+    valve = with_effects(valve, {name: values[name] for name in fit.effects if name != "flowmeter_lag"})
+    readings, weight = blocked_port_readings(valve, conditions_of(test)), row_weights(test)
+    ports = [readings[channel] for channel in ("pressure_a", "pressure_b")]
+    ports = ports if weight is None else [mean_over_nodes(port, weight) for port in ports]
+    return np.concatenate([np.asarray(port)[: test.rows] for port in ports])
+
+
+def _scale(problem: LibraryProblem, name: str) -> float:
+    return EFFECTS[name].scale if name in EFFECTS else identified_by_default(problem.record.valve)[name].scale

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.optimize import nnls
 from scipy.special import chdtrc
 
-from thermohyd.effects.registry import effect_info
+from thermohyd.effects.library import effect_info
 
 from .library import dear
 from .library_fit import LibraryFit, LibraryProblem

@@ -2,15 +2,28 @@
 
 A scan over boxes for the one whose residual variance most exceeds the rest's (Kulldorff's scan statistic for a variance:
 Communications in Statistics 26, 1997); found, set aside, and again.
+
+Figure of where the models miss: residuals in noise units over the position, one row per condition and direction.
+
+Conditions as an engineer says them: "-12 to 35 um, 60 to 71 degC, falling".
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import SymLogNorm
+from matplotlib.figure import Figure
 
-from ..fit_result import ChannelFit
-from ..record import DynamicTest, TestRecord
+from thermohyd.identify.bench.record import DynamicTest, TestRecord
+from thermohyd.identify.bench.shown_units import reading_unit, significant
+from thermohyd.identify.fitting.result import ChannelFit, FitResult
+from thermohyd.identify.report import style as look
+from thermohyd.identify.report.style import TITLES, pressure_groups, run_label, temperature_groups
+
 from .result import Region
 
 
@@ -140,3 +153,186 @@ def _best_box(
     if best is None and power - n > 5.0 * np.sqrt(2.0 * n):
         return left.copy(), {}  # everywhere alike
     return best
+
+
+# {column: (unit, factor, offset)}: shown = factor * SI + offset
+_SHOWN = {
+    "spool_position": ("um", 1e6, 0.0),
+    "supply_pressure": ("bar", 1e-5, 0.0),
+    "return_pressure": ("bar", 1e-5, 0.0),
+    "load_pressure": ("bar", 1e-5, 0.0),
+    "pressure_drop": ("bar", 1e-5, 0.0),
+    "temperature": ("degC", 1.0, -273.15),
+    "rate": ("um/s", 1e6, 0.0),
+    "opening": ("um", 1e6, 0.0),
+    "time": ("s", 1.0, 0.0),
+    "frequency": ("Hz", 1.0, 0.0),
+    "elapsed": ("s", 1.0, 0.0),
+}
+_AFTER = {"supply_pressure": " supply", "return_pressure": " return", "load_pressure": " load"}
+
+
+def condition_unit(column: str) -> tuple[str, float, float]:
+    """(unit, factor, offset) with shown = factor * SI + offset; a column without a bench unit is shown as it is."""
+    return _SHOWN.get(column, ("", 1.0, 0.0))
+
+
+def direction_word(direction: float) -> str:
+    """How the spool moved."""
+    return "rising" if direction > 0 else "falling"
+
+
+def region_words(limits: Mapping[str, tuple[float, float]], run_names: tuple[str, ...] = ()) -> str:
+    """The box in words, position first; "everywhere" where nothing bounds it. Limits are SI."""
+    columns = sorted(limits, key=lambda column: column not in ("spool_position", "time", "frequency"))
+    words = [_range(column, *limits[column], run_names) for column in columns]
+    return ", ".join(word for word in words if word) or "everywhere"
+
+
+def miss_words(channel: str, mean: float, rms: float) -> tuple[str, str]:
+    """(size with its unit, side) of a misfit: its mean, "high" or "low"; where both signs outweigh it, its RMS, "off"."""
+    unit = reading_unit(channel)
+    size, side = abs(mean), "high" if mean > 0 else "low"
+    if rms > 2.0 * size:
+        size, side = rms, "off"
+    return f"{significant(size * unit.factor, 2)} {unit.label}", side
+
+
+def _range(column: str, low: float, high: float, run_names: tuple[str, ...]) -> str:
+    if column == "direction":
+        return "" if low != high else f"{direction_word(low)} sweeps"
+    if column == "run":
+        return _runs(round(low), round(high), run_names)
+    unit, factor, offset = condition_unit(column)
+    low, high = low * factor + offset, high * factor + offset
+    # A step test lasts a second, a sweep minutes.
+    digits = 3 if column == "time" else 0 if max(abs(low), abs(high)) >= 10.0 else 2
+    first, last = (f"{value:.{digits}f}" if unit else significant(value, 3) for value in (low, high))
+    if first == "-0":
+        first = "0"
+    figures = first if first == last else f"{first} to {last}"
+    if not unit:
+        return f"{column} {figures}"
+    return f"{figures} {unit}{_AFTER.get(column, '')}"
+
+
+def _runs(low: int, high: int, names: tuple[str, ...]) -> str:
+    if 0 <= low <= high < len(names):
+        return f"run {names[low]}" if low == high else f"runs {names[low]} to {names[high]}"
+    return f"run {low}" if low == high else f"runs {low} to {high}"
+
+
+MOST_BINS = 60
+MOST_ROWS = 16  # per channel: where runs would make more, they share a row
+ROW, HEAD, FOOT, TOP = 0.17, 0.42, 0.95, 0.25  # inches
+
+
+@dataclass(frozen=True)
+class _Map:
+    """Mean residual of each bin (rows, bins), NaN where there is no reading."""
+
+    title: str
+    labels: list[str]
+    edges: np.ndarray  # um
+    values: list[np.ndarray]  # of each model
+
+
+def residual_map(before: FitResult, after: FitResult | None, run_names: dict[str, tuple[str, ...]]) -> Figure:
+    """Both models beside each other on one colour scale; `after` None: the ideal valve alone."""
+    fits = [before] if after is None else [before, after]
+    maps = [
+        _map([fit.channels[i] for fit in fits], run_names.get(channel.test, ()))
+        for i, channel in enumerate(before.channels)
+    ]
+    heights = [max(2, len(found.labels)) * ROW for found in maps]
+    total = sum(heights) + HEAD * len(maps) + FOOT + TOP
+    with look.style():
+        figure = Figure(figsize=(10.0, total))
+        largest = max(
+            [
+                10.0,
+                *(  # noise alone stays pale
+                    float(np.nanmax(np.abs(values))) for m in maps for values in m.values
+                ),
+            ]
+        )
+        norm = SymLogNorm(linthresh=2.0, linscale=0.5, vmin=-largest, vmax=largest)
+        width = 0.82 if len(fits) == 1 else 0.395
+        top = total - TOP
+        for found, height in zip(maps, heights, strict=True):
+            top -= HEAD + height
+            for column, values in enumerate(found.values):
+                place = (0.155 + column * (width + 0.04), top / total, width, height / total)
+                axes = figure.add_axes(place)
+                mesh = axes.pcolormesh(found.edges, np.arange(len(values) + 1), values, cmap="RdBu_r", norm=norm)
+                mesh.set_rasterized(True)
+                _label(axes, found, ("ideal valve", "final model")[column], column == 0)
+                if found is maps[-1]:
+                    axes.set_xlabel("spool position [um]", fontsize=8, labelpad=1)
+        scale = figure.add_axes((0.155, 0.40 / total, 0.30, 0.10 / total))
+        bar = figure.colorbar(ScalarMappable(norm, "RdBu_r"), cax=scale, orientation="horizontal")
+        decades = [tick for tick in (2.0, 10.0, 100.0, 1000.0, 1e4, 1e5) if tick <= largest]
+        bar.set_ticks([-t for t in reversed(decades)] + [0.0, *decades])
+        look.plain_numbers(bar.ax.xaxis)
+        figure.text(0.47, 0.38 / total, "mean residual of a cell in units of the noise of one reading", fontsize=8)
+        figure.text(0.02, 1.0 - 0.25 / total, "Residuals over the record", fontsize=12, fontweight="bold")
+    return figure
+
+
+def _label(axes: Axes, found: _Map, model: str, first: bool) -> None:
+    axes.grid(False)
+    axes.set_ylim(len(found.labels), 0)
+    axes.set_yticks(np.arange(len(found.labels)) + 0.5, found.labels if first else [], fontsize=7)
+    axes.tick_params(length=0, labelsize=7)
+    axes.set_facecolor("#f1f1f1")
+    axes.set_title(f"{found.title}, {model}", loc="left", color=look.FAINT, fontsize=9)
+
+
+def _map(fits: list[ChannelFit], run_names: tuple[str, ...]) -> _Map:
+    group, labels, same = _conditions(fits[0], run_names)
+    position = fits[0].position * 1e6
+    edges = _edges(position, group)
+    bins = np.clip(np.searchsorted(edges, position, side="right") - 1, 0, len(edges) - 2)
+    shape = (len(labels), len(edges) - 1)
+    cell = group * shape[1] + bins
+    count = np.bincount(cell, minlength=shape[0] * shape[1])
+    values = []
+    for fit in fits:
+        total = np.bincount(cell, (fit.measured - fit.predicted) / fit.std, minlength=count.size)
+        values.append(np.where(count > 0, total / np.maximum(count, 1), np.nan).reshape(shape))
+    port = f", port {fits[0].channel[-1].upper()}" if fits[0].channel in ("pressure_a", "pressure_b") else ""
+    return _Map(f"{TITLES.get(fits[0].test, fits[0].test).partition(',')[0]}{port}{same}", labels, edges, values)
+
+
+def _edges(position: np.ndarray, group: np.ndarray) -> np.ndarray:
+    """Cells where the readings are: benches step finely around null and coarsely elsewhere."""
+    densest = int(np.bincount(group).argmax())
+    steps = len(np.unique(np.round(position[group == densest], 1)))
+    cells = min(MOST_BINS, max(4, int(0.7 * steps)))
+    edges = np.unique(np.quantile(position, np.linspace(0.0, 1.0, cells + 1)))
+    return edges if len(edges) > 1 else edges[0] + np.array([-0.5, 0.5])
+
+
+def _conditions(fit: ChannelFit, run_names: tuple[str, ...]) -> tuple[np.ndarray, list[str], str]:
+    """(row of the map of each reading, label of each row, what all share): temperature, supply pressure, direction, and
+    the run where there are few."""
+    t_group, temperatures = temperature_groups(fit)
+    p_group, pressures = pressure_groups(fit)
+    keys = np.stack([t_group, p_group, fit.run, np.where(fit.direction > 0, 0, 1)], axis=1).astype(int)
+    apart = np.unique(keys, axis=0)
+    by_run = len(np.unique(np.delete(keys, 2, axis=1), axis=0)) < len(apart) <= MOST_ROWS
+    if not by_run:
+        keys[:, 2] = 0
+    rows, group = np.unique(keys, axis=0, return_inverse=True)
+    several = [len(temperatures) > 1, len(pressures) > 1, by_run, True]
+    labels = []
+    for t, p, run, falling in rows:
+        words = (
+            f"{temperatures[t]:.0f} degC",
+            f"{pressures[p]:.0f} bar",
+            run_label(int(run), run_names),
+            direction_word(-1 if falling else 1),
+        )
+        labels.append(", ".join(word for word, shown in zip(words, several, strict=True) if shown))
+    same = [f"{temperatures[0]:.0f} degC"] * (not several[0]) + [f"{pressures[0]:.0f} bar"] * (not several[1])
+    return group.reshape(-1), labels, "".join(f", {word}" for word in same)

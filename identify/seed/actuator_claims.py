@@ -1,18 +1,32 @@
-"""The seed paper's claims about the actuator (stability, rapidity, accuracy, consumption), computed for an example jack."""
+"""The seed paper's claims about the actuator (stability, rapidity, accuracy, consumption), computed for an example jack.
 
-from dataclasses import replace
+The paper's actuator at null over all models, pressures and temperatures of the curves.
+"""
+
+from dataclasses import fields, replace
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from thermohyd.actuator import Actuator
+from thermohyd.actuator_performance import Performance, performance
 from thermohyd.oil import throttling_rise
 from thermohyd.valve import Valve
 
-from .actuator_state import performance_of
-from .claim import Claim, percent, verdict
-from .curves import SeedCurves
+from .curves import ETA, Claim, SeedCurves, percent, verdict
+
+
+def performance_of(curves: SeedCurves, valve: Valve, actuator: Actuator) -> dict[str, np.ndarray]:
+    """{name of a figure of `Performance`: its values (model, supply, temperature)}, gamma = 2, return pressure zero."""
+    temperature, supply = jnp.asarray(curves.temperature), jnp.asarray(curves.supply)[:, None]
+    found = [
+        jax.device_get(
+            performance(valve, actuator, temperature=temperature, supply_pressure=supply, heat=jnp.asarray(eta))
+        )
+        for eta in ETA
+    ]
+    return {field.name: np.stack([getattr(model, field.name) for model in found]) for field in fields(Performance)}
 
 
 JACK = "The paper gives no jack; an example of 12 cm2, 50 kg and 2000 N s/m without leakage is taken."

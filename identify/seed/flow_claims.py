@@ -2,11 +2,10 @@
 
 import numpy as np
 
-from ..macro_fit import MacroFit
-from ..macro_variant import TwoTermFit
-from .claim import Claim, percent, thickest_within, verdict
-from .curves import SeedCurves
-from .leakage_claims import CST, L_MIN, heat_gap
+from thermohyd.identify.flow_curve_fit import MacroFit, TwoTermFit
+
+from .blocked_port_claims import CST, L_MIN, heat_gap
+from .curves import Claim, SeedCurves, percent, thickest_within, verdict
 
 
 UM = 1e6

@@ -7,14 +7,11 @@ import numpy as np
 from thermohyd.actuator import Actuator
 
 from .curves import CurveSlopes
-from .design import TestChoice
-from .dgsm import DerivativeMeasures
 from .drift import Drift
-from .information import Measurements
-from .outputs import Output
-from .posterior import Posterior
-from .sobol import SobolIndices
-from .subject import Subject
+from .global_measures import DerivativeMeasures, SobolIndices
+from .next_test import Measurements, Posterior, TestChoice
+from .source import Subject
+from .static_figures import Output
 
 
 @dataclass(frozen=True)

@@ -3,12 +3,13 @@
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ..actuator_table import ACTUATOR, CONTROLLER, read_actuator
-from ..errors import quoted
-from ..model import Model
-from ..record import ValveData
-from ..toml_source import TomlSource, TomlTable
-from .factors import FACTORS, Factor, default_kind, factors_of
+from thermohyd.identify.bench.errors import quoted
+from thermohyd.identify.bench.record import ValveData
+from thermohyd.identify.bench.test_tables import ACTUATOR, CONTROLLER, read_actuator
+from thermohyd.identify.bench.toml_file import TomlSource, TomlTable
+from thermohyd.identify.model.model import Model
+
+from .varied import FACTORS, Factor, default_kind, factors_of
 
 
 TESTS = ("leakage", "pressure_gain", "flow_gain")

@@ -6,24 +6,27 @@ from collections.abc import Callable
 import numpy as np
 
 from thermohyd.actuator import Actuator, seed_actuator
+from thermohyd.identify.fitting.result import FitResult
 
-from ..fit_result import FitResult
-from .curves import CurveSlopes, columns_of, curve_slopes
-from .design import d_optimal_points, next_tests
-from .dgsm import derivative_measures, uniform_constant
-from .drift import temperature_drifts
-from .factors import IDENTIFIED, Factor
-from .information import Measurements, covariance_of, marginal_stds, shares
-from .outputs import OUTPUTS, SWEEP, StaticTests
-from .performance_drift import performance_drifts
-from .posterior import Posterior, posterior_of
-from .reading_noise import ReadingNoise
+from .curves import TESTS, CurveSlopes, columns_of, curve_slopes, slopes_at
+from .drift import performance_drifts, temperature_drifts
+from .global_measures import base_of, derivative_measures, sobol_indices, sobol_samples, total_along, uniform_constant
+from .next_test import (
+    Measurements,
+    Posterior,
+    ReadingNoise,
+    covariance_of,
+    d_optimal_points,
+    marginal_stds,
+    next_tests,
+    posterior_of,
+    shares,
+)
 from .result import GlobalStudy, InformationStudy, PosteriorStudy, SensitivityResult
-from .row_slopes import TESTS, slopes_at
 from .settings import Settings, factors_with
-from .sobol import base_of, sobol_indices, sobol_samples, total_along
-from .subject import Subject
-from .varied import valve_of_model
+from .source import Subject
+from .static_figures import OUTPUTS, SWEEP, StaticTests
+from .varied import IDENTIFIED, Factor, valve_of_model
 
 
 EVALUATIONS = 65_536
@@ -52,7 +55,7 @@ def sensitivity(
     Raises RuntimeError in single precision.
 
     >>> from thermohyd.identify.sensitivity.settings import Settings
-    >>> from thermohyd.identify.sensitivity.subject import seed_model, subject_of_model
+    >>> from thermohyd.identify.sensitivity.source import seed_model, subject_of_model
     >>> found = sensitivity(subject_of_model(seed_model(), Settings()), evaluations=2048)
     >>> sorted(found.factors[i].name for i in found.ranking()[:4])
     ['clearance', 'discharge_coefficient', 'null_bias', 'underlap']

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from ..display_units import decibel
-from .study import MODELS, ServoStudy
-from .tables import number
+from thermohyd.identify.bench.shown_units import decibel
+
+from .study import MODELS, ServoStudy, number
 
 
 SAFE = 2.0  # a gain margin of 6 dB

@@ -7,8 +7,8 @@ from collections.abc import Callable
 import pytest
 from typer.testing import CliRunner
 
-from thermohyd.identify import jax_setup
-from thermohyd.identify.command_line import app
+from thermohyd.identify.cli import jax_setup
+from thermohyd.identify.cli.commands import app
 
 
 def command(monkeypatch: pytest.MonkeyPatch, name: str, columns: int) -> Callable:

@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from thermohyd.effects.registry import EFFECTS
+from helpers.fake_fit import fake_channel, fake_fit
+from thermohyd.effects.library import EFFECTS
 from thermohyd.identify.diagnosis.result import (
     Alternative,
     Candidate,
@@ -19,9 +20,7 @@ from thermohyd.identify.diagnosis.result import (
     Region,
     Variation,
 )
-from thermohyd.identify.fit_result import ChannelFit, FitResult
-
-from .fake_fit import fake_channel, fake_fit
+from thermohyd.identify.fitting.result import ChannelFit, FitResult
 
 
 UM, LPM = 1e-6, 1.0 / 6e4

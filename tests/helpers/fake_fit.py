@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from thermohyd.identify.fit_result import ChannelFit, FitResult, Identifiability, ParameterEstimate, StartOutcome
-from thermohyd.identify.record import BenchRecord, Provenance, RecordFile, ValveData
+from thermohyd.identify.bench.record import BenchRecord, Provenance, RecordFile, ValveData
+from thermohyd.identify.fitting.result import ChannelFit, FitResult, Identifiability, ParameterEstimate, StartOutcome
 from thermohyd.oil_definition import OilDefinition
 
 

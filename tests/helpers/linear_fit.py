@@ -6,17 +6,16 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from thermohyd.effects.registry import EFFECTS
+from helpers.small_bench import REACH, conditions_only, record_of
+from thermohyd.effects.library import EFFECTS
+from thermohyd.identify.bench.record import TestRecord
 from thermohyd.identify.diagnosis.library import Library
 from thermohyd.identify.diagnosis.library_fit import Key, LibraryFit, LibraryProblem, Noise, noise_sweeps
 from thermohyd.identify.diagnosis.library_model import PARAMETERS
-from thermohyd.identify.diagnosis.whitening import whiten_on_host, whitening_of
-from thermohyd.identify.least_squares import LeastSquaresResult
-from thermohyd.identify.noise_correlation import NoiseCorrelation
-from thermohyd.identify.parameters import plan_parameters
-from thermohyd.identify.record import TestRecord
-
-from .small_bench import REACH, conditions_only, record_of
+from thermohyd.identify.fitting.least_squares import LeastSquaresResult
+from thermohyd.identify.fitting.parameters import plan_parameters
+from thermohyd.identify.noise.correlation import NoiseCorrelation
+from thermohyd.identify.noise.whitening import whiten_on_host, whitening_of
 
 
 def linear_problem(correlation: NoiseCorrelation, tests: dict[str, TestRecord] | None = None) -> LibraryProblem:

@@ -8,16 +8,14 @@ import numpy as np
 from reference.actuator import Dynamic, Machine
 from reference.step_test import READINGS
 
+from helpers.quick_compile import quick_jit
 from thermohyd.actuator import Actuator
 from thermohyd.dynamics.inputs import StepInputs, step_inputs
-from thermohyd.dynamics.plant import Plant, plant_of
+from thermohyd.dynamics.machine import Plant, Walls, plant_of
 from thermohyd.dynamics.simulate import RTOL, StepReadings, simulate_step
-from thermohyd.dynamics.walls import Walls
-from thermohyd.effects.registry import with_effects
+from thermohyd.effects.library import with_effects
 from thermohyd.oil import Oil
 from thermohyd.valve import Valve
-
-from .quick_compile import quick_jit
 
 
 DYNAMIC = tuple(field.name for field in fields(Dynamic))

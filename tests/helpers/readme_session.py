@@ -51,8 +51,8 @@ def run_block(block: str, session: dict[str, Any]) -> list[dict[str, str]]:
 def run_command(arguments: list[str]) -> int:
     from typer.testing import CliRunner
 
-    from thermohyd.identify import jax_setup
-    from thermohyd.identify.command_line import app
+    from thermohyd.identify.cli import jax_setup
+    from thermohyd.identify.cli.commands import app
 
     with patch.object(jax_setup, "set_up_jax", lambda: None):  # the session has set its own
         ran = CliRunner().invoke(app, arguments)
@@ -67,7 +67,7 @@ def make_small() -> None:
     from helpers.small_diagnosis import LIBRARY
     from thermohyd.identify.diagnosis import case
     from thermohyd.identify.diagnosis.library import Library
-    from thermohyd.identify.sensitivity import outputs, row_slopes, study
+    from thermohyd.identify.sensitivity import curves as row_slopes, static_figures as outputs, study
 
     jax.config.update("jax_disable_most_optimizations", True)
     patch.object(case, "library_for", lambda tests: Library(LIBRARY, {})).start()

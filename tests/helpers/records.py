@@ -8,7 +8,7 @@ from reference.oil import Oil, walther
 from reference.valve import Rows, Valve
 from scipy.signal import lfilter
 
-from thermohyd.identify.record import BenchRecord, Channel, TestRecord, ValveData
+from thermohyd.identify.bench.record import BenchRecord, Channel, TestRecord, ValveData
 from thermohyd.oil_definition import OilDefinition
 
 

@@ -12,10 +12,9 @@ from reference import static_tests as reference
 from reference.oil import Oil, walther
 from reference.valve import Effects, Rows, Valve
 
-from thermohyd.identify.record import BenchRecord, Channel, TestRecord, ValveData
+from helpers.records import NOISE, POINTS, STROKE, noise_of
+from thermohyd.identify.bench.record import BenchRecord, Channel, TestRecord, ValveData
 from thermohyd.oil_definition import OilDefinition
-
-from .records import NOISE, POINTS, STROKE, noise_of
 
 
 CONDITIONS = tuple((t + 273.15, p) for t in (0.0, 30.0, 60.0) for p in (70e5, 210e5))  # K, Pa

@@ -6,14 +6,13 @@ from unittest.mock import patch
 
 from reference.valve import Rows
 
+from helpers.small_bench import small_record
+from thermohyd.identify.bench.record import BenchRecord
 from thermohyd.identify.diagnosis import case as case_module
 from thermohyd.identify.diagnosis.case import Case, open_case
 from thermohyd.identify.diagnosis.diagnose import diagnose_case
 from thermohyd.identify.diagnosis.library import Library
 from thermohyd.identify.diagnosis.result import DiagnosisResult
-from thermohyd.identify.record import BenchRecord
-
-from .small_bench import small_record
 
 
 # No coupled effect and no heat: one program serves every refit.

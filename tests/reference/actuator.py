@@ -6,10 +6,10 @@ from typing import Literal
 import numpy as np
 from scipy.optimize import root
 
-from .edge import volume_flow
-from .oil import T40, Array, Oil
-from .static_tests import IDEAL
-from .valve import Effects, Valve
+from reference.edge import volume_flow
+from reference.oil import T40, Array, Oil
+from reference.static_tests import IDEAL
+from reference.valve import Effects, Valve
 
 
 P_ATM = 1.013e5

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import expit
 
-from .roots import bracketed_newton, damped_newton
-from .valve import Plant
+from reference.roots import bracketed_newton, damped_newton
+from reference.valve import Plant
 
 
 Q_LIMIT = 80.0  # of q: a drop of 1e-35 of the supply

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from .oil import Oil, walther
-from .valve import Effects, Rows, Valve
+from reference.oil import Oil, walther
+from reference.valve import Effects, Rows, Valve
 
 
 FOLDER = Path(__file__).parents[1] / "conformance"

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from .actuator import Dynamic, Jack, Machine, Run
-from .oil import seed_oil
-from .valve import Valve
+from reference.actuator import Dynamic, Jack, Machine, Run
+from reference.oil import seed_oil
+from reference.valve import Valve
 
 
 FOLDER = Path(__file__).parents[1] / "conformance" / "dynamic"

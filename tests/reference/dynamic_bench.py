@@ -5,12 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
-from .actuator import SIZES, Dynamic, Jack, Machine, Run
-from .oil import seed_oil
-from .sample_text import LABEL, csv_text
-from .static_tests import IDEAL
-from .step_test import READINGS, equilibrium, readings
-from .valve import Effects, Valve
+from reference.actuator import SIZES, Dynamic, Jack, Machine, Run
+from reference.oil import seed_oil
+from reference.sample_text import LABEL, csv_text
+from reference.static_tests import IDEAL
+from reference.step_test import READINGS, equilibrium, readings
+from reference.valve import Effects, Valve
 
 
 VALVE = Valve(edge_radius=8e-6, clearance=2.5e-6, underlap=6e-6, discharge_coefficient=0.68, transition_number=90.0)

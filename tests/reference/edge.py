@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .oil import Array, Oil
+from reference.oil import Array, Oil
 
 
 def gap(u: Array, c: Array, r: Array) -> np.ndarray:

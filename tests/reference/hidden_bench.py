@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from . import static_tests
-from .oil import Oil, walther
-from .valve import Effects, Rows, Valve
+from reference import static_tests
+from reference.oil import Oil, walther
+from reference.valve import Effects, Rows, Valve
 
 
 STROKE = 213e-6  # m

@@ -5,12 +5,12 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from . import static_tests
-from .balance import blocked, connected, solve_ports
-from .edge import gap
-from .hidden_bench import CHANNELS, STROKE, Bench
-from .oil import T40
-from .valve import Effects, Plant, Rows, Valve, plant_of
+from reference import static_tests
+from reference.balance import blocked, connected, solve_ports
+from reference.edge import gap
+from reference.hidden_bench import CHANNELS, STROKE, Bench
+from reference.oil import T40
+from reference.valve import Effects, Plant, Rows, Valve, plant_of
 
 
 SILTING_TIME = 60.0  # s, of a run, in which the silt settles

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .hidden_bench import Bench, random_bench
-from .hidden_size import delta, parameter_columns, whitened
-from .hidden_strengths import EITHER_SIGN, FAMILIES, OUTSIDE, STRENGTHS
-from .valve import Effects
+from reference.hidden_bench import Bench, random_bench
+from reference.hidden_size import delta, parameter_columns, whitened
+from reference.hidden_strengths import EITHER_SIGN, FAMILIES, OUTSIDE, STRENGTHS
+from reference.valve import Effects
 
 
 SEEDS = {1: 20260101, 2: 77003, 3: 515151}  # set 1 is for development, set 2 and 3 are looked at once at the end

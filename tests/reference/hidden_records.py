@@ -13,13 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from . import hidden_outside
-from .hidden_bench import CHANNELS, OILS, noise_of
-from .hidden_plan import Hidden, deltas, plan
-from .hidden_size import delta, parameter_columns, whitened
-from .make_samples import write_text
-from .sample_text import LABEL, csv_text
-from .valve import Effects
+from reference import hidden_outside
+from reference.hidden_bench import CHANNELS, OILS, noise_of
+from reference.hidden_plan import Hidden, deltas, plan
+from reference.hidden_size import delta, parameter_columns, whitened
+from reference.make_samples import write_text
+from reference.sample_text import LABEL, csv_text
+from reference.valve import Effects
 
 
 # The unit of each reading in the files, its size in SI, and how it is written.

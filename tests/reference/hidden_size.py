@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from .hidden_bench import Bench
-from .valve import Effects
+from reference.hidden_bench import Bench
+from reference.valve import Effects
 
 
 # A step of each identified parameter, for central differences [SI].

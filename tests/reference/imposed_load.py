@@ -7,9 +7,9 @@ the load flow arrives at the sending port's temperature, without a throttling ri
 
 import numpy as np
 
-from .balance import PortState, has_lines, line_losses
-from .roots import bracketed_newton, damped_newton
-from .valve import Plant
+from reference.balance import PortState, has_lines, line_losses
+from reference.roots import bracketed_newton, damped_newton
+from reference.valve import Plant
 
 
 TEMPERATURE_SCALE = 10.0  # K, of a temperature equation's imbalance

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import expit
 
-from .oil import Oil
-from .valve import Rows
+from reference.oil import Oil
+from reference.valve import Rows
 
 
 PARAMETERS = ("edge_radius", "clearance", "underlap", "discharge_coefficient", "transition_number", "null_bias")

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .oil import Oil
-from .static_tests import IDEAL, blocked_state
-from .valve import Effects, Plant, Rows, Valve
+from reference.oil import Oil
+from reference.static_tests import IDEAL, blocked_state
+from reference.valve import Effects, Plant, Rows, Valve
 
 
 # States, in this order, and the step of a central difference in each: small beside its range, large beside rounding.

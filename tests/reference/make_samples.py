@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from . import sample_actuator, sample_raw_log, sample_seed_valve
-from .sample_text import LABEL, csv_text
+from reference import sample_actuator, sample_raw_log, sample_seed_valve
+from reference.sample_text import LABEL, csv_text
 
 
 def write_text(path: Path, text: str) -> None:

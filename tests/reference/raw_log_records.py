@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from . import static_tests
-from .oil import Oil, walther
-from .valve import Rows, Valve
+from reference import static_tests
+from reference.oil import Oil, walther
+from reference.valve import Rows, Valve
 
 
 STROKE = 213e-6

@@ -1,8 +1,8 @@
 """The dynamic sample records: data/seed_actuator, and data/hidden_dynamic with effects that the program must find."""
 
-from .actuator import Dynamic
-from .dynamic_bench import Bench, frequency_table, plain, step_table, toml
-from .sample_text import csv_text
+from reference.actuator import Dynamic
+from reference.dynamic_bench import Bench, frequency_table, plain, step_table, toml
+from reference.sample_text import csv_text
 
 
 FREQUENCIES = tuple(round(2.0 * 1.25**i, 3) for i in range(20))

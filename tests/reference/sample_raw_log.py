@@ -5,10 +5,10 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.signal import lfilter
 
-from . import static_tests
-from .oil import Oil, walther
-from .sample_text import truth_table
-from .valve import Rows, Valve
+from reference import static_tests
+from reference.oil import Oil, walther
+from reference.sample_text import truth_table
+from reference.valve import Rows, Valve
 
 
 VALVE = Valve(

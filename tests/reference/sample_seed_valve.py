@@ -4,10 +4,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from . import static_tests
-from .oil import seed_oil
-from .sample_text import truth_table
-from .valve import Rows, Valve
+from reference import static_tests
+from reference.oil import seed_oil
+from reference.sample_text import truth_table
+from reference.valve import Rows, Valve
 
 
 VALVE = Valve(null_bias=1.5e-6)  # the seed paper's valve, but for a small null bias

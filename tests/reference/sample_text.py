@@ -1,6 +1,6 @@
 """The texts that the sample records share: the label, the CSV layout, the table of the truth."""
 
-from .valve import Valve
+from reference.valve import Valve
 
 
 LABEL = "# synthetic: made by the reference simulator, not measured"

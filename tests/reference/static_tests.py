@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from .balance import PortState, blocked, connected, solve_ports
-from .imposed_load import solve_imposed
-from .oil import T40, Oil
-from .valve import Effects, Plant, Rows, Valve, plant_of
+from reference.balance import PortState, blocked, connected, solve_ports
+from reference.imposed_load import solve_imposed
+from reference.oil import T40, Oil
+from reference.valve import Effects, Plant, Rows, Valve, plant_of
 
 
 IDEAL = Effects()

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import root
 
-from .actuator import SIZES, STATES, Machine
+from reference.actuator import SIZES, STATES, Machine
 
 
 READINGS = ("spool_position", "pressure_a", "pressure_b", "piston_position", "piston_velocity")

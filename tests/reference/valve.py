@@ -4,8 +4,8 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from .edge import volume_flow
-from .oil import T40, Array, Oil
+from reference.edge import volume_flow
+from reference.oil import T40, Array, Oil
 
 
 @dataclass(frozen=True)

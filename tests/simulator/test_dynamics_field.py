@@ -13,10 +13,9 @@ from reference.actuator import STATES, Dynamic, Machine
 from reference.conformance_dynamic import machine_of
 from reference.valve import Effects
 
-from thermohyd.dynamics.plant import Plant
-from thermohyd.dynamics.state import State
+from thermohyd.dynamics.machine import Plant, State
 from thermohyd.dynamics.vector_field import vector_field
-from thermohyd.effects.registry import DYNAMIC_EFFECTS, EFFECTS, effect, with_effects
+from thermohyd.effects.library import DYNAMIC_EFFECTS, EFFECTS, effect, with_effects
 
 
 # What acts in motion; the others belong to a flowmeter, a gauge or a sweep, or to the static heat models.

@@ -14,7 +14,7 @@ from reference.conformance_dynamic import machine_of
 
 from thermohyd.dynamics.integrate import Gradient
 from thermohyd.dynamics.simulate import simulate_step
-from thermohyd.effects.registry import with_effects
+from thermohyd.effects.library import with_effects
 
 
 NAMES = ("edge_radius", "clearance", "null_bias")

@@ -11,10 +11,8 @@ from helpers.quick_compile import quick_jit
 from reference.actuator import Dynamic, volumes
 from reference.conformance_dynamic import machine_of, readings_of
 
-from thermohyd.dynamics.plant import Surroundings, plant_of
-from thermohyd.dynamics.state import State
+from thermohyd.dynamics.machine import State, Surroundings, Walls, plant_of
 from thermohyd.dynamics.vector_field import rates_at
-from thermohyd.dynamics.walls import Walls
 
 
 MACHINE = machine_of("closed_adiabatic")

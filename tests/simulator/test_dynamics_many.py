@@ -16,7 +16,7 @@ from thermohyd import simulate_many
 from thermohyd.dynamics.integrate import NO_EQUILIBRIUM
 from thermohyd.dynamics.lanes import over_lanes
 from thermohyd.dynamics.simulate import simulate_step
-from thermohyd.effects.registry import with_effects
+from thermohyd.effects.library import with_effects
 
 
 READINGS = ("spool_position", "pressure_a", "pressure_b", "piston_position", "piston_velocity", "temperature_a")

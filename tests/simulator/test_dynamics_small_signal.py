@@ -14,10 +14,9 @@ from thermohyd.actuator import Actuator
 from thermohyd.actuator_performance import performance
 from thermohyd.dynamics.equilibrium import equilibrium, scaling_of
 from thermohyd.dynamics.inputs import Kind, step_inputs
-from thermohyd.dynamics.plant import plant_of
-from thermohyd.dynamics.small_signal import frequency_response, linearise
-from thermohyd.dynamics.walls import Walls
-from thermohyd.effects.registry import with_effects
+from thermohyd.dynamics.linear import frequency_response, linearise
+from thermohyd.dynamics.machine import Walls, plant_of
+from thermohyd.effects.library import with_effects
 
 
 TS = temperature_at(30.0)

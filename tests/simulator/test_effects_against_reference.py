@@ -18,7 +18,7 @@ from reference.oil import Oil as ReferenceOil, walther
 from reference.valve import Effects, Rows, Valve as ReferenceValve
 
 from thermohyd.conditions import Conditions
-from thermohyd.effects.registry import EFFECTS, with_effects
+from thermohyd.effects.library import EFFECTS, with_effects
 from thermohyd.oil import oil_from_definition
 from thermohyd.oil_definition import OilDefinition
 from thermohyd.static_tests import blocked_port_readings, control_flow, load_flow

@@ -10,7 +10,7 @@ from helpers.quick_compile import quick_compile
 from helpers.valves import STROKE, seed_valve
 
 from thermohyd.conditions import Conditions
-from thermohyd.effects.registry import EFFECTS, with_effects
+from thermohyd.effects.library import EFFECTS, with_effects
 from thermohyd.static_tests import blocked_port_readings, control_flow, leakage_flow, load_flow
 
 

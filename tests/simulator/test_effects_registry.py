@@ -11,8 +11,8 @@ from helpers.valves import seed_valve
 from reference.valve import Effects
 
 from thermohyd.conditions import operating_points
-from thermohyd.effects import registry
-from thermohyd.effects.registry import EFFECTS, effect, with_effects
+from thermohyd.effects import library as registry
+from thermohyd.effects.library import EFFECTS, effect, with_effects
 from thermohyd.static_tests import leakage_flow
 from thermohyd.valve import rowwise
 

@@ -12,9 +12,15 @@ from hypothesis import given, settings, strategies as st
 
 from thermohyd.conditions import operating_points
 from thermohyd.edge import MeteringEdge, at_opening, mass_flow, tanhc
-from thermohyd.gains import flow_pressure_gain, pressure_gain
 from thermohyd.oil import at_temperature
-from thermohyd.static_tests import control_flow, leakage_flow, load_flow, load_pressure
+from thermohyd.static_tests import (
+    control_flow,
+    flow_pressure_gain,
+    leakage_flow,
+    load_flow,
+    load_pressure,
+    pressure_gain,
+)
 
 
 TESTS = {"leakage": leakage_flow, "pressure_gain": load_pressure, "flow_gain": control_flow, "load_flow": load_flow}

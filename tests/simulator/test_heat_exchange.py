@@ -10,10 +10,11 @@ import pytest
 from helpers.quick_compile import quick_compile
 from helpers.valves import seed_valve
 
-from thermohyd import heat_exchange, heat_information as identifiability, wall_tests
+from thermohyd import heat as heat_exchange, wall_tests
 from thermohyd.conditions import operating_points
-from thermohyd.effects.registry import with_effects
-from thermohyd.heat_exchange import HeatExchange, effectiveness, eta_from_ntu, wall_state
+from thermohyd.effects.library import with_effects
+from thermohyd.heat import HeatExchange, effectiveness, eta_from_ntu, wall_state
+from thermohyd.identify import heat_study as identifiability
 from thermohyd.oil import specific_heat, throttling_rise
 from thermohyd.static_tests import blocked_port_readings, control_flow
 from thermohyd.valve import true_oil

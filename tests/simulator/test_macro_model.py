@@ -7,8 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from thermohyd import macro_model
-from thermohyd.macro_model import MacroModel, eq6_flow, eq6_position
+from thermohyd import flow_curve as macro_model
+from thermohyd.flow_curve import MacroModel, eq6_flow, eq6_position
 
 
 def draws(count: int = 20_000):

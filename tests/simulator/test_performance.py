@@ -14,13 +14,12 @@ from reference.linear_actuator import Bench, Jack, jacobian, some
 from reference.oil import seed_oil as reference_oil
 from reference.valve import Effects, Valve as ReferenceValve
 
-from thermohyd import closed_loop
+from thermohyd import control_loop as closed_loop
 from thermohyd.actuator import Actuator
 from thermohyd.actuator_performance import Performance, performance
 from thermohyd.conditions import operating_points
-from thermohyd.effects.registry import with_effects
-from thermohyd.gains import flow_gain, flow_pressure_gain, pressure_gain
-from thermohyd.static_tests import leakage_flow
+from thermohyd.effects.library import with_effects
+from thermohyd.static_tests import flow_gain, flow_pressure_gain, leakage_flow, pressure_gain
 
 
 CENTISTOKES = (30, 300, 4000)

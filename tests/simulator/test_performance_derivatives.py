@@ -15,7 +15,7 @@ from helpers.valves import seed_valve
 from thermohyd import actuator_performance, performance_derivatives
 from thermohyd.actuator import Actuator, seed_actuator
 from thermohyd.actuator_performance import performance
-from thermohyd.effects.registry import with_effects
+from thermohyd.effects.library import with_effects
 from thermohyd.performance_derivatives import performance_with_derivatives
 
 

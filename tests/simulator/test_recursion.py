@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from thermohyd.recursion import linear_recursion
+from thermohyd.numerics import linear_recursion
 
 
 def plain(keep: np.ndarray, source: np.ndarray) -> np.ndarray:

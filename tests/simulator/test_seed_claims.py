@@ -10,10 +10,16 @@ from helpers.valves import STROKE, seed_oil, seed_valve, temperature_at
 
 from thermohyd.conditions import operating_points
 from thermohyd.edge import gap
-from thermohyd.gains import flow_gain, nondimensional_pressure_gain, pressure_gain
 from thermohyd.oil import kinematic_viscosity, throttling_rise
 from thermohyd.ports import blocked_ports
-from thermohyd.static_tests import control_flow, leakage_flow, port_pressures
+from thermohyd.static_tests import (
+    control_flow,
+    flow_gain,
+    leakage_flow,
+    nondimensional_pressure_gain,
+    port_pressures,
+    pressure_gain,
+)
 from thermohyd.valve import metering_edges, true_conditions
 
 

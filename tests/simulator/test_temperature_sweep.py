@@ -11,11 +11,10 @@ from helpers.quick_compile import quick_jit
 from helpers.valves import seed_valve
 
 from thermohyd.actuator import Actuator
-from thermohyd.dynamics.broken_loop import broken, loop_figures
-from thermohyd.dynamics.small_signal import Linearised
-from thermohyd.dynamics.step_figures import step_figures
+from thermohyd.dynamics.linear import Linearised, broken, loop_figures
+from thermohyd.dynamics.simulate import step_figures
 from thermohyd.dynamics.temperature_sweep import loop_sweep, step_sweep
-from thermohyd.effects.registry import with_effects
+from thermohyd.effects.library import with_effects
 
 
 PRESSURES: dict[str, Any] = {"supply_pressure": 210e5, "return_pressure": 2e5}

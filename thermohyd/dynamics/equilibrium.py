@@ -10,12 +10,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ..oil import density
-from .command import asked_position, loop_gain
+from thermohyd.oil import density
+
 from .flows import flows_at
-from .plant import Plant, Surroundings
-from .state import Scaling, State
-from .vector_field import instant, thrust
+from .machine import Plant, Scaling, State, Surroundings
+from .vector_field import asked_position, instant, loop_gain, thrust
 
 
 # Newton converges in 5 to 10 turns; the limit only ends a search that has no root (a force beyond what the supply holds).

@@ -12,8 +12,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Real
 
-from ..arguments import ArgumentTypeError, check_length, check_pressure, check_size, check_temperature, described
-from ..precision import require_float64
+from thermohyd.arguments import (
+    ArgumentTypeError,
+    check_length,
+    check_pressure,
+    check_size,
+    check_temperature,
+    described,
+)
+from thermohyd.numerics import require_float64
 
 
 Kind = Literal["setpoint", "current", "spool_position"]

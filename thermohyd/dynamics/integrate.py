@@ -8,11 +8,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from .plant import Plant
+from .machine import Plant, Scaling, State
 from .rosenbrock import Rodas5P
-from .sensitivity import run_along
-from .state import Scaling, State
-from .walk import TERM, Way
+from .variational import TERM, Way, run_along
 
 
 # forward: the variational equations along the run, for few parameters; reverse: the run is stored at checkpoints, for many.

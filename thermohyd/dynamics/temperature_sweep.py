@@ -1,4 +1,7 @@
-"""The position loop over oil temperature: step responses and margins, each by one compiled program for all temperatures."""
+"""The position loop over oil temperature: step responses and margins, each by one compiled program for all temperatures.
+
+How much more a valve passes per opening away from null than at null: what large motions take from a loop's gain margin.
+"""
 
 from collections.abc import Sequence
 from typing import NamedTuple, cast
@@ -9,19 +12,18 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Complex, Float, Real
 
-from ..actuator import Actuator
-from ..compiling import quickly
-from ..precision import require_float64
-from ..valve import Valve
-from .broken_loop import PULSATION, LoopFigures, broken, loop_figures
+from thermohyd.actuator import Actuator
+from thermohyd.actuator_performance import with_heat, without_instruments
+from thermohyd.conditions import Conditions
+from thermohyd.numerics import quickly, require_float64
+from thermohyd.static_tests import control_flow
+from thermohyd.valve import Valve
+
 from .inputs import StepInputs, step_inputs
 from .integrate import FAILURES, NO_EQUILIBRIUM
-from .motion import motion_of
-from .plant import Heat, plant_of
-from .simulate import StepReadings, simulate_step
-from .small_signal import linearise, refuse_backlash
-from .step_figures import StepFigures, step_figures
-from .walls import Walls
+from .linear import PULSATION, LoopFigures, broken, linearise, loop_figures, refuse_backlash
+from .machine import Heat, Walls, motion_of, plant_of
+from .simulate import StepFigures, StepReadings, simulate_step, step_figures
 
 
 RTOL = 1e-7  # leaves 3e-5 of a reading's range where the piston sticks and slips, 2e-6 elsewhere
@@ -213,3 +215,38 @@ def _require(failure: np.ndarray, temperature: np.ndarray) -> None:
     for kelvin, code in zip(temperature, failure, strict=True):
         if code:
             raise RuntimeError(f"{FAILURES[int(code)]} (at {kelvin - 273.15:.4g} degC)")
+
+
+OPENINGS = np.geomspace(1e-3, 1.0, 48)  # of the stroke
+KEPT = {"adiabatic": 1.0, "isothermal": 0.0}
+
+
+def largest_gain_rise(
+    valve: Valve,
+    temperatures: Sequence[float] | Real[np.ndarray, " temperatures"] | Float[Array, " temperatures"],
+    *,
+    supply_pressure: float,
+    return_pressure: float = 0.0,
+    heat: str = "adiabatic",
+) -> np.ndarray:
+    """Largest flow per opening Q(x)/x over the stroke as a factor of that at null, at temperatures [K]; 1 where null is steepest.
+
+    To a motion of amplitude x a symmetric flow curve that bends upwards has a gain (its describing function) between Q'(0)
+    and the largest Q(x)/x. The gain margin at null divided by this factor is what is left for any amplitude: below 1 a
+    loop that is stable at rest may keep swinging once moved. Without load, spool clipped at its stroke; pressures in Pa.
+    """
+    require_float64("largest_gain_rise")
+    warm = np.asarray(temperatures, dtype=float)
+    bare = with_heat(without_instruments(valve), KEPT[heat])
+    opening = np.tile(OPENINGS, warm.size) * float(valve.stroke)
+    full = lambda value: jnp.full(opening.size, float(value))
+    at = Conditions(
+        jnp.asarray(opening), full(supply_pressure), full(return_pressure), jnp.asarray(warm.repeat(OPENINGS.size))
+    )
+    gain = (np.asarray(_flow(bare, at)) / opening).reshape(warm.size, OPENINGS.size)
+    return np.max(gain, axis=1) / gain[:, 0]
+
+
+@eqx.filter_jit
+def _flow(valve: Valve, at: Conditions) -> Float[Array, " rows"]:
+    return control_flow(valve, at)

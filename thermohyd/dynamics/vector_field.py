@@ -1,14 +1,88 @@
-"""The actuator's equations of motion put together: rates of change of a state at a time."""
+"""The actuator's equations of motion put together: rates of change of a state at a time.
+
+From the command to the spool: controller, clip, play, flow force, and the spool's own second order (MODEL section 7).
+
+Forces on the piston beside the pressures': friction and end stops (MODEL section 7).
+"""
 
 import equinox as eqx
+import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .chambers import Sources, chamber_rates, chamber_sources
-from .command import against_flow_force, asked_position, spool_acceleration, through_play
-from .flows import Flows, flows_at
-from .piston import dry_friction, end_stops
-from .plant import Plant, Surroundings
-from .state import State
+from .flows import Flows, Sources, chamber_rates, chamber_sources, flows_at
+from .machine import Motion, Plant, State, Surroundings
+
+
+PLAY_TIME = 1e-4  # s, tau_p: how fast the play follows
+
+
+def loop_gain(plant: Plant) -> Float[Array, ""]:
+    """Spool command per position error X_n K_A K_p/I_rated [-]."""
+    j = plant.actuator
+    return plant.valve.stroke * j.amplifier_gain * j.sensor_gain / j.rated_current
+
+
+def wanted_position(plant: Plant, command: Float[Array, ""], position: Float[Array, ""]) -> Float[Array, ""]:
+    """The spool position [m] that the controller or the command asks for, however far."""
+    if plant.kind == "setpoint":
+        return loop_gain(plant) * (command - position)
+    if plant.kind == "current":
+        return plant.polarity * plant.valve.stroke * command / plant.actuator.rated_current
+    return command
+
+
+def asked_position(plant: Plant, command: Float[Array, ""], position: Float[Array, ""]) -> Float[Array, ""]:
+    """The same before the chain: x_c clipped to +-X_n."""
+    return jnp.clip(wanted_position(plant, command, position), -plant.valve.stroke, plant.valve.stroke)
+
+
+def through_play(
+    plant: Plant, asked: Float[Array, ""], play: Float[Array, ""] | None
+) -> tuple[Float[Array, ""], Float[Array, ""] | None]:
+    """(what a play of width b passes on [m], dy/dt of its state [m/s])."""
+    width = plant.motion.backlash
+    if width is None or play is None:
+        return asked, None
+    ahead = asked - play
+    within = jnp.clip(ahead, -0.5 * width, 0.5 * width)
+    return asked - within, (ahead - within) / PLAY_TIME
+
+
+def against_flow_force(plant: Plant, passed: Float[Array, ""], flows: Flows) -> Float[Array, ""]:
+    """x_c - k F [m]: the jets close the spool against a stage of finite stiffness."""
+    if plant.motion.flow_force is None or flows.force is None:
+        return passed
+    return passed - plant.motion.flow_force * flows.force
+
+
+def spool_acceleration(
+    plant: Plant, target: Float[Array, ""], spool: Float[Array, ""], speed: Float[Array, ""]
+) -> Float[Array, ""]:
+    """x'' = omega^2 (x_c - x) - 2 xi omega x' [m/s2]."""
+    omega = 2.0 * jnp.pi * plant.actuator.spool_frequency
+    return jnp.square(omega) * (target - spool) - 2.0 * plant.actuator.spool_damping * omega * speed
+
+
+SLIDING_SPEED = 1e-3  # m/s, v_ref: above it dry friction is fully there
+STRIBECK_SPEED = 10e-3  # m/s, v_s
+STOP_STIFFNESS = 1e8  # N/m
+STOP_DAMPING = 1e5  # N s/m
+
+
+def dry_friction(motion: Motion, velocity: Float[Array, ""]) -> Float[Array, ""]:
+    """F_c tanh(v/v_ref) + (F_s - F_c) exp(-(v/v_s)^2) tanh(v/v_ref) [N], against the motion."""
+    sliding = jnp.tanh(velocity / SLIDING_SPEED)
+    force = motion.coulomb_friction * sliding
+    if motion.stribeck_friction is not None:
+        force = force + motion.stribeck_friction * jnp.exp(-jnp.square(velocity / STRIBECK_SPEED)) * sliding
+    return force
+
+
+def end_stops(stroke: Float[Array, ""], position: Float[Array, ""], velocity: Float[Array, ""]) -> Float[Array, ""]:
+    """Force of the stops at +-stroke/2 [N], against z: a spring and a damper that push while pushed in and never pull."""
+    high, low = position - 0.5 * stroke, -0.5 * stroke - position
+    push = jnp.where(high > 0.0, jnp.maximum(STOP_STIFFNESS * high + STOP_DAMPING * velocity, 0.0), 0.0)
+    return push - jnp.where(low > 0.0, jnp.maximum(STOP_STIFFNESS * low - STOP_DAMPING * velocity, 0.0), 0.0)
 
 
 def thrust(plant: Plant, around: Surroundings, state: State) -> Float[Array, ""]:

@@ -7,8 +7,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..conditions import Conditions
-from ..effect import AbstractConditionEffect, as_amount
+from thermohyd.conditions import Conditions
+
+from .effect import AbstractConditionEffect, as_amount
 
 
 def sweep_direction(position: Float[Array, " rows"], run: Float[Array, " rows"] | None) -> Float[Array, " rows"]:

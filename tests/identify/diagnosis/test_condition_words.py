@@ -2,7 +2,7 @@
 
 import pytest
 
-from thermohyd.identify.diagnosis.condition_words import region_words
+from thermohyd.identify.diagnosis.where import region_words
 
 
 @pytest.mark.parametrize(

@@ -10,10 +10,10 @@ import pytest
 from helpers.fake_diagnosis import fake_diagnosis
 from typer.testing import CliRunner
 
-from thermohyd.identify import jax_setup
-from thermohyd.identify.command_line import app
-from thermohyd.identify.diagnosis.diagnosis_files import diagnosis_files
-from thermohyd.identify.errors import BenchInputError
+from thermohyd.identify.bench.errors import BenchInputError
+from thermohyd.identify.cli import jax_setup
+from thermohyd.identify.cli.commands import app
+from thermohyd.identify.report.diagnosis_page import diagnosis_files
 
 
 def stand_in(monkeypatch, name: str, **functions) -> None:
@@ -55,7 +55,7 @@ def bench(monkeypatch):
     monkeypatch.setattr(jax_setup, "set_up_jax", lambda: None)
     monkeypatch.setenv("COLUMNS", "110")
     monkeypatch.delenv("THERMOHYD_DEBUG", raising=False)
-    monkeypatch.setattr("thermohyd.identify.several_records.read_record", made.read_record)
+    monkeypatch.setattr("thermohyd.identify.cli.several_records.read_record", made.read_record)
     stand_in(monkeypatch, "diagnose", diagnose=made.diagnose)
     stand_in(monkeypatch, "model_of_diagnosis", model_content=lambda result: {"schema": "a model"})
     stand_in(monkeypatch, "diagnosis_files", diagnosis_files=lambda result, model: {"report.html": result.headline})

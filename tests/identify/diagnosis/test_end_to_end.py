@@ -12,7 +12,7 @@ import pytest
 
 HIDDEN = Path(str(files("thermohyd.data"))) / "hidden"
 NOTHING, SINGLE, RIVALS = "bench_27", "bench_76", "bench_69"
-SCRIPT = "from thermohyd.identify.command_line import main; main()"
+SCRIPT = "from thermohyd.identify.cli.commands import main; main()"
 
 
 @pytest.fixture(scope="module")

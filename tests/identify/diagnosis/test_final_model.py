@@ -10,8 +10,8 @@ from thermohyd.identify.diagnosis.held_out import split_rows
 from thermohyd.identify.diagnosis.library_fit import LibraryFit
 from thermohyd.identify.diagnosis.record_noise import NoiseFound
 from thermohyd.identify.diagnosis.search import search
-from thermohyd.identify.fitted import Fitted
-from thermohyd.identify.noise_correlation import NoiseCorrelation
+from thermohyd.identify.fitting.outcome import Fitted
+from thermohyd.identify.noise.correlation import NoiseCorrelation
 
 
 WHITE = NoiseCorrelation()

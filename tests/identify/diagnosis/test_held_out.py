@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from helpers.small_bench import REACH, conditions_only
 
+from thermohyd.identify.bench.record import Channel, TestRecord
 from thermohyd.identify.diagnosis.held_out import split_rows
-from thermohyd.identify.record import Channel, TestRecord
 
 
 def split_of(test: TestRecord) -> tuple[np.ndarray, str]:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from helpers.small_bench import REACH, conditions_only
 
-from thermohyd.effects.registry import EFFECTS
+from thermohyd.effects.library import EFFECTS
 from thermohyd.identify.diagnosis.library import coupled, dear, library_for
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from thermohyd.identify.diagnosis.projection import Projection
+from thermohyd.identify.diagnosis.screening import Projection
 
 
 @pytest.fixture

@@ -8,9 +8,9 @@ from helpers.records import NOISE
 from helpers.small_bench import REACH, conditions_only, rows_of
 from helpers.small_diagnosis import small_case
 
+from thermohyd.identify.bench.record import Channel, TestRecord
 from thermohyd.identify.diagnosis.record_noise import first_noise, repeats_of
-from thermohyd.identify.noise_correlation import NoiseCorrelation
-from thermohyd.identify.record import Channel, TestRecord
+from thermohyd.identify.noise.correlation import NoiseCorrelation
 
 
 def ar1(rng: np.random.Generator, runs: np.ndarray, phi: float) -> np.ndarray:

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from helpers.linear_fit import LinearProblem, linear_library
 
-from thermohyd.effects.registry import EFFECTS
-from thermohyd.identify.diagnosis.confirmation import closed, exchange_fits, held_out_result, mean_square
+from thermohyd.effects.library import EFFECTS
+from thermohyd.identify.diagnosis.final_model import closed, exchange_fits, held_out_result, mean_square
 from thermohyd.identify.diagnosis.held_out import split_rows
 from thermohyd.identify.diagnosis.rivals import ALIKE, rivals_of, settle_rivals
 

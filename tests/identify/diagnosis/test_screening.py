@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from helpers.linear_fit import linear_fit
 
-from thermohyd.effects.registry import EFFECTS
+from thermohyd.effects.library import EFFECTS
 from thermohyd.identify.diagnosis.screening import Screen, screen
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from helpers.linear_fit import LinearProblem, linear_library
 
-from thermohyd.effects.registry import EFFECTS
+from thermohyd.effects.library import EFFECTS
 from thermohyd.identify.diagnosis.library_fit import LibraryProblem
 from thermohyd.identify.diagnosis.search import Found, implausible, merit, needed_beside, pair_gain, prune, search
 

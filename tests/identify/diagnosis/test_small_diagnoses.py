@@ -7,7 +7,7 @@ import pytest
 from helpers.small_bench import record_of, small_record
 from helpers.small_diagnosis import CASES, DRIFT, MIDDLE, opened, small_case, small_diagnosis
 
-from thermohyd.identify.diagnosis.choice import choose
+from thermohyd.identify.diagnosis.case import choose
 from thermohyd.identify.diagnosis.diagnose import diagnose_case
 from thermohyd.identify.diagnosis.result import DiagnosisResult
 

@@ -7,8 +7,8 @@ from helpers.small_bench import conditions_only
 from scipy.signal import lfilter
 from scipy.stats import kstest
 
-from thermohyd.identify.diagnosis.smooth_basis import lack_of_fit, smooth_block, smooth_columns
-from thermohyd.identify.noise_correlation import NoiseCorrelation
+from thermohyd.identify.diagnosis.left_over import lack_of_fit, smooth_block, smooth_columns
+from thermohyd.identify.noise.correlation import NoiseCorrelation
 
 
 WHITE, AR = NoiseCorrelation(), NoiseCorrelation(1.0, 0.6)

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from helpers.small_diagnosis import DRIFT, MIDDLE, small_case
 
-from thermohyd.identify.diagnosis.learning import learn
-from thermohyd.identify.diagnosis.variation_terms import LearnedTerm, term_values
-from thermohyd.identify.diagnosis.variations import term_columns, variations_of
+from thermohyd.identify.diagnosis.left_over import learn, term_columns, variations_of
+from thermohyd.identify.model.learned_terms import LearnedTerm, term_values
 
 
 def test_noise_asks_for_none():

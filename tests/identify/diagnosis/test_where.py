@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from helpers.small_bench import CONDITIONS, conditions_only
 
+from thermohyd.identify.bench.record import TestRecord
 from thermohyd.identify.diagnosis.result import Region
 from thermohyd.identify.diagnosis.where import MOST_REGIONS, regions
-from thermohyd.identify.fit_result import ChannelFit
-from thermohyd.identify.record import TestRecord
+from thermohyd.identify.fitting.result import ChannelFit
 
 
 STD = 2.0

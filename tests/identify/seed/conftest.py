@@ -2,7 +2,7 @@
 
 import pytest
 
-from thermohyd.identify.seed.seed_study import SeedStudy, seed_study
+from thermohyd.identify.seed.study import SeedStudy, seed_study
 
 
 @pytest.fixture(scope="session")

@@ -8,11 +8,10 @@ import pytest
 from rich.console import Console
 from typer.testing import CliRunner
 
-from thermohyd.identify import jax_setup
-from thermohyd.identify.command_line import app
-from thermohyd.identify.seed import seed_study as seed_module
-from thermohyd.identify.seed.seed_files import CAPTIONS
-from thermohyd.identify.seed.seed_terminal import print_seed
+from thermohyd.identify.cli import jax_setup
+from thermohyd.identify.cli.commands import app
+from thermohyd.identify.seed import study as seed_module
+from thermohyd.identify.seed.report import CAPTIONS, print_seed
 
 
 @pytest.fixture

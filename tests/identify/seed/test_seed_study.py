@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 from helpers.valves import seed_valve as helper_valve, temperature_at as helper_temperature
 
+from thermohyd import seed_paper as paper
 from thermohyd.conditions import operating_points
-from thermohyd.identify.seed import seed_valve as paper
-from thermohyd.identify.seed.claim import thickest_within
-from thermohyd.identify.seed.leakage_claims import heat_gap
-from thermohyd.identify.seed.pressure_claims import bar_secant, bar_slope
+from thermohyd.identify.seed.blocked_port_claims import bar_secant, bar_slope, heat_gap
+from thermohyd.identify.seed.curves import thickest_within
 from thermohyd.static_tests import leakage_flow
 
 

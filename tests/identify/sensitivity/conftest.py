@@ -4,7 +4,7 @@ is enough, and what a study fills up to one size is filled up to a small one."""
 import pytest
 from helpers.quick_compile import quick_compile
 
-from thermohyd.identify.sensitivity import outputs, row_slopes, study
+from thermohyd.identify.sensitivity import curves as row_slopes, static_figures as outputs, study
 
 
 SMALL = {

@@ -9,14 +9,12 @@ import pytest
 from thermohyd.actuator import seed_actuator
 from thermohyd.actuator_performance import performance
 from thermohyd.conditions import operating_points
-from thermohyd.gains import flow_gain, flow_pressure_gain, pressure_gain
-from thermohyd.identify.sensitivity.drift import CAUSES, temperature_drifts
-from thermohyd.identify.sensitivity.performance_drift import performance_drifts
-from thermohyd.identify.sensitivity.row_slopes import COLUMNS, nominal_rows, slopes_at
-from thermohyd.identify.sensitivity.subject import seed_model
+from thermohyd.identify.sensitivity.curves import COLUMNS, nominal_rows, slopes_at
+from thermohyd.identify.sensitivity.drift import CAUSES, performance_drifts, temperature_drifts
+from thermohyd.identify.sensitivity.source import seed_model
 from thermohyd.identify.sensitivity.varied import valve_of_model
 from thermohyd.oil_definition import kinematic_viscosity_of
-from thermohyd.static_tests import leakage_flow
+from thermohyd.static_tests import flow_gain, flow_pressure_gain, leakage_flow, pressure_gain
 
 
 KELVIN = np.array([253.15, 313.15, 343.15])

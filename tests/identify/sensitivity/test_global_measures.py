@@ -3,8 +3,14 @@
 import numpy as np
 import pytest
 
-from thermohyd.identify.sensitivity.dgsm import derivative_measures, uniform_constant
-from thermohyd.identify.sensitivity.sobol import base_of, sobol_indices, sobol_samples, total_along
+from thermohyd.identify.sensitivity.global_measures import (
+    base_of,
+    derivative_measures,
+    sobol_indices,
+    sobol_samples,
+    total_along,
+    uniform_constant,
+)
 
 
 A, B = 7.0, 0.1

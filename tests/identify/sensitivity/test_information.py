@@ -10,20 +10,21 @@ from reference.oil import Oil, walther
 from reference.valve import Rows, Valve
 
 from thermohyd.identify.sensitivity.curves import curve_slopes
-from thermohyd.identify.sensitivity.design import d_optimal_points, next_tests, sweeps
-from thermohyd.identify.sensitivity.factors import IDENTIFIED, factors_of
-from thermohyd.identify.sensitivity.information import (
+from thermohyd.identify.sensitivity.next_test import (
     Measurements,
+    ReadingNoise,
     covariance_of,
+    d_optimal_points,
     fisher_information,
     marginal_stds,
+    next_tests,
     shares,
+    sweeps,
 )
-from thermohyd.identify.sensitivity.reading_noise import ReadingNoise
 from thermohyd.identify.sensitivity.settings import Settings
+from thermohyd.identify.sensitivity.source import seed_model, subject_of_model
 from thermohyd.identify.sensitivity.study import information_study
-from thermohyd.identify.sensitivity.subject import seed_model, subject_of_model
-from thermohyd.identify.sensitivity.varied import valve_of_model
+from thermohyd.identify.sensitivity.varied import IDENTIFIED, factors_of, valve_of_model
 
 
 MODEL = seed_model()

@@ -8,11 +8,10 @@ from reference.oil import Oil, walther
 from reference.valve import Effects, Rows, Valve
 
 from thermohyd.conditions import operating_points
-from thermohyd.gains import flow_gain, pressure_gain
-from thermohyd.identify.sensitivity.factors import factors_of
-from thermohyd.identify.sensitivity.outputs import OUTPUTS, SWEEP, StaticTests
-from thermohyd.identify.sensitivity.subject import seed_model
-from thermohyd.identify.sensitivity.varied import valve_of_model
+from thermohyd.identify.sensitivity.source import seed_model
+from thermohyd.identify.sensitivity.static_figures import OUTPUTS, SWEEP, StaticTests
+from thermohyd.identify.sensitivity.varied import factors_of, valve_of_model
+from thermohyd.static_tests import flow_gain, pressure_gain
 
 
 NAMES = [output.name for output in OUTPUTS]
@@ -77,6 +76,6 @@ def test_slopes_agree_with_central_differences(tests, samples):
 
 def test_chunks_do_not_show(tests, samples, monkeypatch):
     whole = tests.outputs(samples)[0]
-    monkeypatch.setattr("thermohyd.identify.sensitivity.outputs.CHUNK", 5)
+    monkeypatch.setattr("thermohyd.identify.sensitivity.static_figures.CHUNK", 5)
     # A program for fewer rows rounds in its own way, and a processor with wider vectors in another: 8e-13 was seen.
     np.testing.assert_allclose(tests.outputs(samples[:7])[0], whole[:7], rtol=3e-12)

@@ -8,8 +8,8 @@ import pytest
 from helpers.commands import command
 
 from thermohyd.data import sample_record
-from thermohyd.identify.sensitivity.factors import FACTORS
-from thermohyd.identify.sensitivity.outputs import OUTPUTS
+from thermohyd.identify.sensitivity.static_figures import OUTPUTS
+from thermohyd.identify.sensitivity.varied import FACTORS
 
 
 FEW = ("--evaluations", "2048")
@@ -24,7 +24,7 @@ def run(monkeypatch):
 @pytest.fixture
 def model_file(tmp_path):
     """A model.json with a covariance of three parameters, an effect of sweeps and a clearance that grows."""
-    from thermohyd.identify.sensitivity.subject import seed_model
+    from thermohyd.identify.sensitivity.source import seed_model
 
     seed = seed_model()
     content = {

@@ -11,10 +11,9 @@ from reference.step_test import readings
 from reference.valve import Valve
 from rich.console import Console
 
-from thermohyd.dynamics.step_figures import step_figures
-from thermohyd.identify.servo import tables, words
-from thermohyd.identify.servo.servo_files import servo_files
-from thermohyd.identify.servo.terminal import print_servo
+from thermohyd.dynamics.simulate import step_figures
+from thermohyd.identify.servo import study as tables, words
+from thermohyd.identify.servo.report import print_servo, servo_files
 
 
 BENCH = Bench(valve=Valve(edge_radius=15e-6, clearance=2e-6, underlap=15e-6, discharge_coefficient=0.7))

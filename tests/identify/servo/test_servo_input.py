@@ -9,10 +9,8 @@ import pytest
 
 from thermohyd.data import sample_record
 from thermohyd.identify.sensitivity.settings import Settings
-from thermohyd.identify.sensitivity.sources import read_source
-from thermohyd.identify.sensitivity.subject import seed_model
-from thermohyd.identify.servo.request import Request, read_request, read_temperatures
-from thermohyd.identify.servo.subject import subject_of
+from thermohyd.identify.sensitivity.source import read_source, seed_model
+from thermohyd.identify.servo.subject import Request, read_request, read_temperatures, subject_of
 
 
 @pytest.fixture

@@ -1,0 +1,104 @@
+"""Is what a record says physically possible (else an error), and is it usual (else a warning)? Columns against each other."""
+
+import numpy as np
+
+from .columns import likely_unit
+from .record import TestRecord
+from .test_file import BenchTable
+from .valve_tables import BenchFile
+
+
+LOW_SUPPLY = 10e5  # Pa: below it servovalves are not tested
+LOWEST_REACH = 0.01  # of the stroke: a sweep within it resolves no edge
+BEYOND_OIL = 40.0  # K that the viscosity may be extrapolated without a word
+FREE_FLOW = 3.0  # times the flow through the open slots without any loss: beyond it no valve
+SATURATED = 1.5  # times the supply: no static load pressure exceeds it
+
+
+def check_supply(table: BenchTable, bench: BenchFile, supply: np.ndarray, back: np.ndarray) -> None:
+    """Raise BenchInputError where the supply pressure [Pa] does not exceed the return pressure: nothing flows then."""
+    low = np.flatnonzero(supply <= back)
+    if not len(low):
+        return
+    row = int(low[0])
+    what = f"the supply pressure, {supply[row] / 1e5:.4g} bar, does not exceed the return pressure, {back[row] / 1e5:.4g} bar"
+    if "supply_pressure" not in table.values and "return_pressure" not in table.values:
+        conditions = bench.source.root.table("conditions")
+        assert conditions is not None  # a supply pressure stands there
+        raise conditions.error(f"{what}; is the unit right?", "supply_pressure")
+    name = "supply_pressure" if "supply_pressure" in table.values else "return_pressure"
+    more = "" if len(low) == 1 else f" (so in {len(low):,} rows)"
+    raise table.error(name, row, f"{what}{more}; is the unit right? Leave out rows without supply")
+
+
+def static_warnings(test: TestRecord, table: BenchTable, bench: BenchFile) -> tuple[str, ...]:
+    """What is unusual about a static test, one sentence each."""
+    file = test.path.name
+    found = list(condition_warnings(test, table, bench))
+    stroke = bench.valve.stroke
+    reach = float(np.abs(test.spool_position).max(initial=0.0))
+    if test.rows > 1 and reach < LOWEST_REACH * stroke:
+        name = "current" if test.abscissa == "current" else "spool_position"
+        found.append(
+            f"{file}: {name} reaches only {100.0 * reach / stroke:.2g} % of {'the rated one' if name == 'current' else 'the stroke'}: "
+            "is its unit right?"
+        )
+    for channel in test.channels:
+        if channel.name in ("leakage_flow", "flow"):
+            found += _flow_warning(test, bench, file, channel.name, channel.value)
+        elif channel.name in ("load_pressure", "pressure_a", "pressure_b"):
+            over = np.flatnonzero(np.abs(channel.value) > SATURATED * test.supply_pressure + 1e5)
+            if len(over):
+                row = int(over[0])
+                found.append(
+                    f"{file}: {channel.name} is {channel.value[row] / 1e5:.4g} bar at a supply of "
+                    f"{test.supply_pressure[row] / 1e5:.4g} bar{_place(table, row, len(over))}: no load pressure exceeds its "
+                    "supply; are the units right?"
+                )
+    return tuple(found)
+
+
+def condition_warnings(test: TestRecord, table: BenchTable, bench: BenchFile) -> tuple[str, ...]:
+    """What is unusual about the supply pressure and the temperature of a test."""
+    file = test.path.name
+    found = []
+    supply = float(np.median(test.supply_pressure))
+    if supply < LOW_SUPPLY:
+        unit = table.units.get("supply_pressure")
+        likely = None if unit is None else likely_unit("pressure", supply / unit.scale)
+        hint = f"are the values in {likely}?" if likely is not None else "is the unit right?"
+        found.append(f"{file}: the supply pressure is {supply / 1e5:.3g} bar, low for a servovalve; {hint}")
+    if bench.oil.coldest is not None and bench.oil.hottest is not None:
+        low, high = bench.oil.coldest, bench.oil.hottest
+        coldest, hottest = float(test.temperature.min()), float(test.temperature.max())
+        if coldest < low - BEYOND_OIL or hottest > high + BEYOND_OIL:
+            found.append(
+                f"{file}: the oil is at {_degrees(coldest, hottest)}, but its viscosity is given for {_degrees(low, high)} "
+                "only: what it is there is a guess, and with it the result; is the unit of temperature right?"
+            )
+    return tuple(found)
+
+
+def _flow_warning(test: TestRecord, bench: BenchFile, file: str, name: str, flow: np.ndarray) -> list[str]:
+    """No valve passes more than its open slots would without any loss: w X_n sqrt(2 dp / rho)."""
+    drop = np.maximum(test.supply_pressure - test.return_pressure, 0.0)
+    free = bench.valve.slot_width * bench.valve.stroke * np.sqrt(2.0 * drop / bench.oil.density)
+    over = np.flatnonzero(np.abs(flow) > FREE_FLOW * free)
+    if not len(over):
+        return []
+    row = int(over[np.abs(flow[over]).argmax()])
+    line = "" if test.lines is None else f" ({'in one row' if len(over) == 1 else f'so in {len(over):,} rows'})"
+    return [
+        f"{file}: {name} reaches {flow[row] * 6e4:.4g} l/min{line}, but slots of this width and stroke pass "
+        f"{free[row] * 6e4:.3g} l/min at most: are the units right, of the flow and in [valve]?"
+    ]
+
+
+def _place(table: BenchTable, row: int, count: int) -> str:
+    more = "" if count == 1 else f" and in {count - 1:,} more"
+    return f" in {table.source.word} {table.lines[row]}{more}"
+
+
+def _degrees(low: float, high: float) -> str:
+    least, most = f"{low - 273.15:.3g}", f"{high - 273.15:.3g}"
+    return f"{least} degC" if least == most else f"{least} to {most} degC"

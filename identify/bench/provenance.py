@@ -1,0 +1,152 @@
+"""What a result was made from: files with hashes, date, program version, valve, oil, conditions; in words and for JSON."""
+
+import hashlib
+from collections.abc import Iterable
+from dataclasses import asdict
+from datetime import datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .record import BenchRecord, Provenance, RecordFile, TestRecord
+from .shown_units import significant
+
+
+# {condition: (unit, factor, offset, words before)}: shown = factor * SI + offset
+_CONDITIONS = {
+    "temperature": ("degC", 1.0, -273.15, ""),
+    "supply_pressure": ("bar", 1e-5, 0.0, "supply "),
+    "return_pressure": ("bar", 1e-5, 0.0, "return "),
+    "load_pressure": ("bar", 1e-5, 0.0, "load "),
+    "spool_position": ("um", 1e6, 0.0, "spool "),
+    "frequency": ("Hz", 1.0, 0.0, ""),
+}
+# {field of ValveData: (words, unit, factor)}
+_GEOMETRY = {
+    "stroke": ("stroke", "um", 1e6),
+    "slot_width": ("slot width", "mm", 1e3),
+    "land_diameter": ("land diameter", "mm", 1e3),
+    "rated_flow": ("rated flow", "l/min", 6e4),
+    "rated_pressure_drop": ("at", "bar", 1e-5),
+    "rated_current": ("rated current", "mA", 1e3),
+}
+
+
+def provenance_of(folder: Path, description: Path, tests: Iterable[TestRecord]) -> Provenance:
+    """Of a record that is being read: its description (bench.toml) and the files of its tests. Raises OSError."""
+    files = [RecordFile(_name(description, folder), _hash(description), None, None)]
+    for test in tests:
+        used = test.rows if test.channels else 0
+        files.append(RecordFile(_name(test.path, folder), _hash(test.path), test.rows, used))
+    now = datetime.now().astimezone().isoformat(timespec="seconds")
+    return Provenance(str(folder.resolve()), tuple(files), now, version("thermohyd"))
+
+
+def _name(path: Path, folder: Path) -> str:
+    return path.relative_to(folder).as_posix() if path.is_relative_to(folder) else str(path)
+
+
+def _hash(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def record_json(record: BenchRecord) -> dict[str, Any]:
+    """record, oil, geometry and conditions (the range of each, per test), SI. The actuator where there are dynamic tests."""
+    made = record.provenance
+    content = {
+        "record": {
+            "name": record.name,
+            "path": str(record.folder) if made is None else made.path,
+            "files": [] if made is None else [asdict(file) for file in made.files],
+            "date": None if made is None else made.date,
+            "version": version("thermohyd") if made is None else made.version,
+        },
+        "oil": asdict(record.oil),
+        "geometry": asdict(record.valve),
+        "conditions": {name: _ranges(test) for name, test in record.all_tests.items()},
+    }
+    if record.dynamic is not None:
+        content["actuator"] = asdict(record.dynamic.actuator)
+    return content
+
+
+def _ranges(test: TestRecord) -> dict[str, list[float]]:
+    """{condition: [least, greatest]} of a test, SI; the position of a dynamic test is no condition."""
+    columns = [name for name in _CONDITIONS if name != "spool_position" or test.place is test.spool_position]
+    values = {name: getattr(test, name, None) for name in columns}
+    return {name: [float(np.min(v)), float(np.max(v))] for name, v in values.items() if v is not None and np.size(v)}
+
+
+def record_line(record: BenchRecord) -> str:
+    """The same in one line for a terminal."""
+    made = record.provenance
+    parts = [f"record {record.folder if made is None else made.path}"]
+    if made is not None:
+        rows = sum(file.rows or 0 for file in made.files)
+        parts[0] += f", {len(made.files)} files, {rows:,} rows, read {made.date[:16].replace('T', ' ')}"
+    where = _shown(_of_all(record), ("temperature", "supply_pressure"))
+    parts += [", ".join(part for part in (record.oil.name, where) if part)]
+    parts += [f"thermohyd {version('thermohyd') if made is None else made.version}"]
+    return "; ".join(part for part in parts if part)
+
+
+def record_rows(record: BenchRecord) -> list[tuple[str, str]]:
+    """(label, words): a block of a report."""
+    made = record.provenance
+    rows = [("record", str(record.folder) if made is None else made.path)]
+    if made is not None:
+        rows.append(("read", f"{made.date.replace('T', ' ')} by thermohyd {made.version}"))
+    rows += [("valve", _geometry(record)), ("oil", _oil(record))]
+    for name, test in record.all_tests.items():
+        rows.append((name.replace("_", " "), f"{test.rows:,} rows: {_shown(_ranges(test), _CONDITIONS)}"))
+    return rows
+
+
+def file_rows(record: BenchRecord) -> list[tuple[str, str, str, str]]:
+    """(name, rows, rows used, SHA-256) of each file."""
+    files = () if record.provenance is None else record.provenance.files
+    number = lambda count: "" if count is None else f"{count:,}"
+    return [(file.name, number(file.rows), number(file.used), file.sha256) for file in files]
+
+
+def _geometry(record: BenchRecord) -> str:
+    valve = record.valve
+    found = {key: getattr(valve, key) for key in _GEOMETRY}
+    parts = [
+        f"{words} {found[key] * factor:.5g} {unit}"
+        for key, (words, unit, factor) in _GEOMETRY.items()
+        if found[key] is not None
+    ]
+    return f"{valve.name}: {', '.join(parts)}"
+
+
+def _oil(record: BenchRecord) -> str:
+    oil = record.oil
+    viscosity = [
+        f"{significant(10.0 ** (10.0 ** (oil.viscosity_a - oil.viscosity_b * np.log10(c + 273.15))) - 0.7, 3)} cSt at {c} degC"
+        for c in (40, 100)
+    ]
+    words = f"{', '.join(viscosity)}, {oil.density:.0f} kg/m3 at 15 degC"
+    return f"{oil.name}: {words}" if oil.name else words
+
+
+def _of_all(record: BenchRecord) -> dict[str, list[float]]:
+    found: dict[str, list[float]] = {}
+    for test in record.all_tests.values():
+        for name, (low, high) in _ranges(test).items():
+            known = found.get(name, [low, high])
+            found[name] = [min(known[0], low), max(known[1], high)]
+    return found
+
+
+def _shown(ranges: dict[str, list[float]], names: Iterable[str]) -> str:
+    parts = []
+    for name in names:
+        if name in ranges:
+            unit, factor, offset, before = _CONDITIONS[name]
+            low, high = (f"{value * factor + offset:.4g}" for value in ranges[name])
+            parts.append(f"{before}{low if low == high else f'{low} to {high}'} {unit}".replace("-0 ", "0 "))
+    return ", ".join(parts)

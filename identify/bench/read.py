@@ -1,0 +1,355 @@
+"""Read a bench record: a folder with bench.toml and one CSV per test, checked, in SI units. No JAX here.
+
+Read the step and frequency tests of a record: columns checked against what an actuator can be told and can do.
+
+Parts of a test's table that static and dynamic tests share: file, conditions, readings, runs.
+"""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from .cells import BadCellsError, BadCellsOfTest
+from .columns import CONDITIONS, READINGS
+from .errors import BenchInputError, listed, quoted, suggestion
+from .headers import likely_header, mapping
+from .plausibility import check_supply, condition_warnings, static_warnings
+from .provenance import provenance_of
+from .record import BenchRecord, Channel, DynamicData, DynamicTest, TestRecord
+from .sweeps import first_step_back, sweep_direction, sweep_rate
+from .test_file import BenchTable, read_bench_csv
+from .test_tables import DynamicTestTable, StaticTest
+from .units import to_si
+from .valve_tables import BenchFile, read_bench_toml
+
+
+NAME = "bench.toml"
+
+
+def read_tables(bench: BenchFile) -> dict[str, BenchTable]:
+    """The files of all tests as columns, by test. Raises BenchInputError; about bad cells one for all files."""
+    tables: dict[str, BenchTable] = {}
+    bad: list[BadCellsOfTest] = []
+    for test in (*bench.tests.values(), *bench.dynamic.values()):
+        try:
+            tables[test.name] = _read_table(test, bench)
+        except BadCellsError as error:
+            bad += error.tests
+    if bad:
+        raise BadCellsError(bad, bench.source.path.parent)
+    return tables
+
+
+def _read_table(test: StaticTest, bench: BenchFile) -> BenchTable:
+    if not _is_file(test.file):
+        endings = (".csv", ".csv.gz", ".xlsx", ".parquet")
+        found = sorted(p.name for p in bench.source.path.parent.iterdir() if p.name.lower().endswith(endings))
+        hint = suggestion(test.file.name, found) if found else "the folder holds no CSV file"
+        raise test.table.error(f"there is no file {quoted(test.table.data['file'])}; {hint}", "file")
+    return read_bench_csv(test, bench.valve)
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False
+
+
+def missing(table: BenchTable, test: StaticTest, what: str) -> BenchInputError:
+    """An error: the test lacks a column. what: its name first, then what else there is to say of it."""
+    has = listed([quoted(header) for header in table.source.header], 8)
+    standard = what.split()[0]
+    likely = likely_header(test, standard, table.unused)
+    way = f"; if that is {quoted(likely)}, write {mapping(test, {standard: likely})}" if likely else ""
+    return table.error(None, None, f"the {test.name} test needs a column {what}, but the file has {has}{way}")
+
+
+def condition(table: BenchTable, bench: BenchFile, test: StaticTest, name: str) -> np.ndarray:
+    """A condition per row: its column, or the value of `[conditions]`. Raises BenchInputError."""
+    if name in table.values:
+        return table.values[name]
+    if name in bench.conditions:
+        return np.full(table.rows, bench.conditions[name])
+    example = {"supply_pressure": "70 bar", "temperature": "40 degC"}[name]
+    likely = likely_header(test, name, table.unused)
+    way = f"; or, if it is {quoted(likely)}, {mapping(test, {name: likely})}" if likely else ""
+    raise bench.source.root.table_error(
+        "conditions",
+        f'{name} is missing: {test.file.name} has no such column; write {name} = "{example}" in [conditions]{way}',
+    )
+
+
+def channels_of(table: BenchTable, test: StaticTest, found: tuple[str, ...]) -> tuple[Channel, ...]:
+    """The readings with what the user says of their noise."""
+    channels = []
+    for reading in found:
+        std, source = table.values.get(f"{reading}_std"), "declared per row"
+        if std is None and reading in test.noise:
+            std, source = np.full(table.rows, test.noise[reading]), f"declared in {NAME}"
+        channels.append(Channel(reading, table.values[reading], std, "" if std is None else source))
+    return tuple(channels)
+
+
+def runs(table: BenchTable) -> tuple[np.ndarray, tuple[str, ...]]:
+    """(code of each row's run, names of the runs)"""
+    if table.run is None:
+        return np.zeros(table.rows, dtype=int), ("",)
+    codes, names = pd.factorize(table.run)
+    return codes.astype(int), tuple(str(name) for name in names)
+
+
+def read_dynamic(bench: BenchFile, tables: dict[str, BenchTable], *, readings_required: bool) -> DynamicData | None:
+    """The dynamic tests with their actuator; None where the record has none. Raises BenchInputError."""
+    if bench.actuator is None:
+        return None
+    tests = {name: _read(test, tables[name], bench, readings_required) for name, test in bench.dynamic.items()}
+    return DynamicData(bench.actuator, tests, bench.actuator_given)
+
+
+def _read(test: DynamicTestTable, table: BenchTable, bench: BenchFile, required: bool) -> DynamicTest:
+    run, run_names = runs(table)
+    step = test.name == "step"
+    time = _time(table, test, run) if step else None
+    frequency = None if step else _frequency(table, test)
+    command, kind = _command(table, test, bench)
+    found = tuple(reading for reading in READINGS[test.name] if reading in table.values)
+    if required and not found:
+        raise missing(table, test, f"{' or '.join(_examples(test))}, a reading")
+    for reading in found:
+        _check_reading(table, bench, test, reading)
+    given = {name: condition(table, bench, test, name) for name in CONDITIONS}
+    check_supply(table, bench, given["supply_pressure"], given["return_pressure"])
+    zeros = np.zeros(table.rows)
+    return DynamicTest(
+        name=test.name,
+        path=test.file,
+        spool_position=zeros,
+        supply_pressure=given["supply_pressure"],
+        return_pressure=given["return_pressure"],
+        temperature=given["temperature"],
+        channels=channels_of(table, test, found),
+        run=run,
+        run_names=run_names,
+        direction=zeros,
+        time=time,
+        lines=table.lines,
+        table=table.table,
+        notes=table.notes,
+        command=command,
+        command_kind=kind,
+        external_force=table.values.get("external_force"),
+        frequency=frequency,
+        output=test.output,
+        absolute=test.absolute,
+    )
+
+
+def _examples(test: DynamicTestTable) -> tuple[str, ...]:
+    return (
+        ("piston_position [mm]", "pressure_a [bar]") if test.name == "step" else ("amplitude_ratio [1]", "phase [deg]")
+    )
+
+
+def _time(table: BenchTable, test: DynamicTestTable, run: np.ndarray) -> np.ndarray:
+    """Time strictly rising within each run of at least two rows."""
+    if "time" not in table.values:
+        raise missing(table, test, "time [s]")
+    time = table.values["time"]
+    for code in np.unique(run):
+        rows = np.flatnonzero(run == code)
+        if len(rows) < 2:
+            raise table.error("time", int(rows[0]), "a run of a step test needs at least two rows")
+        back = np.flatnonzero(np.diff(time[rows]) <= 0.0)
+        if len(back):
+            raise table.error(
+                "time",
+                int(rows[back[0] + 1]),
+                "time must rise from row to row within a run; give each run of the test its own name in a column run",
+            )
+    return time
+
+
+def _frequency(table: BenchTable, test: DynamicTestTable) -> np.ndarray:
+    if "frequency" not in table.values:
+        raise missing(table, test, "frequency [Hz]")
+    found = table.values["frequency"]
+    wrong = np.flatnonzero(found <= 0.0)
+    if len(wrong):
+        raise table.error("frequency", int(wrong[0]), "a frequency must be above zero")
+    return found
+
+
+def _command(table: BenchTable, test: DynamicTestTable, bench: BenchFile) -> tuple[np.ndarray, str]:
+    """(command per row, its kind). A frequency test without a command runs about 0."""
+    assert bench.actuator is not None
+    closed = bench.actuator.closed_loop
+    if "command" not in table.values:
+        if test.name == "step":
+            example = "command [mm], a setpoint of the piston" if closed else "command [um] or command [mA]"
+            raise missing(table, test, example)
+        by_current = table.kinds.get("amplitude_ratio", "").endswith("per current")
+        return np.zeros(table.rows), "setpoint" if closed else "current" if by_current else "spool_position"
+    command = table.values["command"]
+    kind = "setpoint" if closed else "current" if table.kinds["command"] == "current" else "spool_position"
+    rated = bench.valve.rated_current
+    if kind == "current" and rated is None:
+        raise bench.source.root.table_error(
+            "valve", f'rated_current is missing, but {test.file.name} has a current; write rated_current = "25 mA"'
+        )
+    limit, words = {
+        "setpoint": (0.5 * bench.actuator.piston_stroke, "half the piston's stroke"),
+        "current": (2.0 * (rated or np.inf), "twice the rated current"),
+        "spool_position": (2.0 * bench.valve.stroke, "twice the stroke"),
+    }[kind]
+    _check_size(table, "command", command, limit, words)
+    return command, kind
+
+
+def _check_reading(table: BenchTable, bench: BenchFile, test: DynamicTestTable, reading: str) -> None:
+    assert bench.actuator is not None
+    if reading == "spool_position":
+        _check_size(table, reading, table.values[reading], 2.0 * bench.valve.stroke, "twice the stroke")
+    if reading == "piston_position":
+        _check_size(table, reading, table.values[reading], bench.actuator.piston_stroke, "the piston's stroke")
+    if reading == "amplitude_ratio":
+        wrong = np.flatnonzero(table.values[reading] <= 0.0)
+        if len(wrong):
+            raise table.error(reading, int(wrong[0]), "an amplitude ratio must be above zero; it is a ratio, not dB")
+
+
+def _check_size(table: BenchTable, name: str, values: np.ndarray, limit: float, words: str) -> None:
+    far = np.flatnonzero(np.abs(values) > limit * (1.0 + 1e-9))
+    if len(far):
+        row = int(far[0])
+        cell = table.text(name, row)
+        shown = f"{limit * 1e3:.6g} {'mA' if 'current' in words else 'mm'}"
+        raise table.error(name, row, f"{cell} is beyond {words} ({shown}); is the unit right?")
+
+
+def record_folder(path: str | Path) -> Path:
+    """The folder of a record that is named by itself or by its bench.toml."""
+    path = Path(path)
+    return path.parent if path.name == NAME and not os.path.isdir(path) else path
+
+
+def read_record(folder: str | Path, *, readings_required: bool = True) -> BenchRecord:
+    """The record in a folder (BENCH_FORMAT), or the one whose bench.toml is named. With `readings_required=False`
+    (predictions) readings may be missing: a test without any then has no channels.
+
+    Raises BenchInputError, and nothing else, for whatever is wrong with the folder or its files.
+    """
+    folder = record_folder(folder)
+    try:
+        if not folder.is_dir():
+            what = f"is a file; give the folder of the record or its {NAME}" if folder.exists() else "no such folder"
+            raise BenchInputError(what, file=folder)
+        if not (folder / NAME).is_file():
+            raise BenchInputError(f"holds no {NAME}; `thermohyd new` writes a template", file=folder)
+    except (OSError, ValueError) as error:  # a name that no file system takes
+        raise BenchInputError(f"cannot be read ({error})", file=folder) from None
+    bench = read_bench_toml(folder / NAME)
+    tables = read_tables(bench)
+    tests = {test.name: _read_test(test, tables[test.name], bench, readings_required) for test in bench.tests.values()}
+    dynamic = read_dynamic(bench, tables, readings_required=readings_required)
+    moving = {} if dynamic is None else dynamic.tests
+    warnings = [w for name, test in tests.items() for w in static_warnings(test, tables[name], bench)]
+    for name, test in moving.items():
+        warnings += condition_warnings(test, tables[name], bench)
+    try:
+        provenance = provenance_of(folder, folder / NAME, (*tests.values(), *moving.values()))
+    except OSError as error:  # gone since it was read
+        raise BenchInputError(f"cannot be read ({error.strerror})", file=error.filename) from None
+    return BenchRecord(
+        folder,
+        bench.valve.name,
+        bench.valve,
+        bench.oil,
+        tests,
+        bench.start,
+        warnings=tuple(warnings),
+        dynamic=dynamic,
+        provenance=provenance,
+    )
+
+
+def _read_test(test: StaticTest, table: BenchTable, bench: BenchFile, readings_required: bool) -> TestRecord:
+    position, abscissa = _position(table, bench, test)
+    given = {name: condition(table, bench, test, name) for name in CONDITIONS}
+    check_supply(table, bench, given["supply_pressure"], given["return_pressure"])
+    load_pressure = None
+    if test.name == "load_flow":
+        load_pressure = table.values.get("load_pressure")
+        if load_pressure is None:
+            raise missing(table, test, "load_pressure [bar], the imposed load pressure")
+    channels = _channels(table, test, readings_required)
+    run, run_names = runs(table)
+    time = table.values.get("time")
+    if time is not None and (back := first_step_back(time, run)) is not None:
+        raise table.error(
+            "time",
+            back,
+            "time runs backwards within one run; keep the order of the sweep, and give each sweep its own run",
+        )
+    return TestRecord(
+        name=test.name,
+        path=test.file,
+        spool_position=position,
+        supply_pressure=given["supply_pressure"],
+        return_pressure=given["return_pressure"],
+        temperature=given["temperature"],
+        channels=channels,
+        run=run,
+        run_names=run_names,
+        direction=sweep_direction(position, run),
+        load_pressure=load_pressure,
+        time=time,
+        rate=None if time is None else sweep_rate(position, time, run),
+        lines=table.lines,
+        abscissa=abscissa,
+        table=table.table,
+        notes=table.notes,
+    )
+
+
+def _position(table: BenchTable, bench: BenchFile, test: StaticTest) -> tuple[np.ndarray, str]:
+    valve = bench.valve
+    if "spool_position" in table.values:
+        name, position = "spool_position", table.values["spool_position"]
+    elif "current" in table.values:
+        name = "current"
+        if valve.rated_current is None:
+            raise bench.source.root.table_error(
+                "valve", f'rated_current is missing, but {test.file.name} has a current; write rated_current = "25 mA"'
+            )
+        position = valve.stroke * table.values["current"] / valve.rated_current * valve.polarity
+    else:
+        raise missing(table, test, "spool_position [um] or current [mA]")
+    far = np.flatnonzero(np.abs(position) > 2.0 * valve.stroke)
+    if len(far):
+        row = int(far[0])
+        cell = table.text(name, row)
+        limit, full = "the stroke", f"{valve.stroke * 1e6:.6g} um"
+        if name == "current" and valve.rated_current is not None:
+            limit, full = "the rated current", f"{valve.rated_current * 1e3:.6g} mA"
+        number = float(np.abs(position[far[0]]) / table.units[name].scale) if name == "spool_position" else 0.0
+        fitting = (u for u in ("um", "mm", "inch") if 0.02 * valve.stroke <= to_si(number, u) <= 2.0 * valve.stroke)
+        hint = next((f" In {unit} it would fit" for unit in fitting), "")
+        raise table.error(name, row, f"{cell} is beyond twice {limit} ({full}); is the unit right?{hint}")
+    return position, name
+
+
+def _channels(table: BenchTable, test: StaticTest, required: bool) -> tuple[Channel, ...]:
+    found = [reading for reading in READINGS[test.name] if reading in table.values]
+    if required:
+        if not found:
+            what = {"pressure_gain": "load_pressure [bar], or pressure_a and pressure_b"}
+            reading, kind = next(iter(READINGS[test.name].items()))
+            example = "l/min" if kind == "flow" else "bar"
+            raise missing(table, test, what.get(test.name, f"{reading} [{example}]"))
+        if len(found) == 1 and found[0] in ("pressure_a", "pressure_b"):
+            other = {"pressure_a": "pressure_b", "pressure_b": "pressure_a"}[found[0]]
+            raise missing(table, test, f"{other} [bar] beside {found[0]}")
+    return channels_of(table, test, tuple(found))

@@ -1,0 +1,223 @@
+"""The `[tests.<name>]` tables of a bench.toml: which file, what noise, and which kind of quantity each column holds.
+
+The `noise` of a test in bench.toml: what the user knows of its readings' scatter.
+
+The `[actuator]` table: the jack, its load and its loop, with the defaults that BENCH_FORMAT states.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from .columns import ABSOLUTE_RATIO, READINGS, columns_of, columns_of_frequency, columns_of_step
+from .errors import quoted
+from .record import DYNAMIC_TESTS, STATIC_TESTS, ActuatorData, ValveData
+from .toml_file import TomlTable
+from .units import parse_quantity
+
+
+def read_noise(table: TomlTable, readings: Mapping[str, str] | None = None) -> dict[str, float]:
+    """{reading: standard deviation, SI} of a `[tests.<name>]` table: one quantity for all readings, or a table.
+
+    readings: {name: kind} where the test's own keys decide it. Raises BenchInputError.
+    """
+    readings = READINGS[table.path[-1]] if readings is None else readings
+    if "noise" not in table:
+        return {}
+    each = table.table("noise") if isinstance(table.data["noise"], dict) else None
+    if each is not None:
+        each.refuse_unknown(tuple(readings), "reading")
+        return {r: each.as_quantity(r, text, readings[r], sign="positive") for r, text in each.data.items()}
+    if len(set(readings.values())) > 1:
+        example = ", ".join(f'{reading} = "..."' for reading in list(readings)[:2])
+        raise table.error(f"the readings differ in kind; write one value per reading: {{ {example} }}", "noise")
+    return {r: table.as_quantity("noise", table.data["noise"], kind, sign="positive") for r, kind in readings.items()}
+
+
+# Key: kind of quantity, sign, default (BENCH_FORMAT).
+ACTUATOR = {
+    "piston_area": ("area", "positive", "12 cm^2"),
+    "chamber_volume": ("volume", "positive", "60 cm^3"),
+    "piston_stroke": ("length", "positive", "50 mm"),
+    "moving_mass": ("mass", "positive", "50 kg"),
+    "viscous_friction": ("viscous friction", "not negative", "2000 N s/m"),
+    "coulomb_friction": ("force", "not negative", "0 N"),
+    "jack_leakage": ("leakage conductance", "not negative", "0 m^3/s/Pa"),
+    "spool_frequency": ("frequency", "positive", "100 Hz"),
+    "spool_damping": ("plain number", "positive", "0.7"),
+    "external_force": ("force", "", "0 N"),
+}
+CONTROLLER = {"amplifier_gain": "amplifier gain", "sensor_gain": "sensor gain"}
+HEAT = ("adiabatic", "isothermal")
+
+
+def read_actuator(table: TomlTable, valve: ValveData) -> ActuatorData:
+    """The table in SI. Raises BenchInputError where it says something that an actuator cannot be."""
+    table.refuse_unknown((*ACTUATOR, "controller", "heat"))
+    value = {}
+    for key, (kind, sign, default) in ACTUATOR.items():
+        given = table.quantity(key, kind, sign=sign)
+        value[key] = parse_quantity(default, kind) if given is None else given
+    swept = 0.5 * value["piston_area"] * value["piston_stroke"]
+    if not value["chamber_volume"] > swept:
+        key = "chamber_volume" if "chamber_volume" in table else None
+        raise table.error(
+            f"the chamber volume {value['chamber_volume'] * 1e6:.6g} cm^3 must be larger than piston_area * "
+            f"piston_stroke / 2 = {swept * 1e6:.6g} cm^3, which the piston sweeps from mid stroke",
+            key,
+        )
+    check_word(table, "heat", HEAT)
+    gains: dict[str, float] = {}
+    controller = table.table("controller")
+    if controller is not None:
+        controller.refuse_unknown(tuple(CONTROLLER))
+        for key, kind in CONTROLLER.items():
+            gain = controller.quantity(key, kind, sign="positive")
+            if gain is None:
+                raise controller.error(f"{key} is missing; a controller needs amplifier_gain and sensor_gain")
+            gains[key] = gain
+        if valve.rated_current is None:
+            raise controller.error("a controller drives the valve by a current: [valve] needs rated_current")
+    return ActuatorData(**value, **gains, heat=str(table.data.get("heat", HEAT[0])))
+
+
+def check_word(table: TomlTable, key: str, words: tuple[str, ...]) -> None:
+    """Raise BenchInputError where a key holds none of the words."""
+    if key in table and table.data[key] not in words:
+        raise table.error(f"must be one of {', '.join(words)}", key)
+
+
+TEST_KEYS = ("file", "noise", "columns", "ignore", "missing", "skip_rows", "sheet")
+OUTPUTS = ("spool_position", "piston_velocity", "piston_position")
+
+
+@dataclass(frozen=True)
+class StaticTest:
+    """A `[tests.<name>]` table: where its rows are, and what the user says about its columns."""
+
+    name: str
+    file: Path
+    noise: dict[str, float]  # {reading: standard deviation, SI}
+    columns: dict[str, str]  # {standard column: the user's header}
+    ignore: tuple[str, ...]
+    table: TomlTable  # for messages
+    skip_missing: bool = False  # leave out rows with an empty cell or NaN, instead of refusing them
+    skip_rows: int = 0  # lines above the headers
+    sheet: str | None = None  # of an .xlsx file; None: its first
+
+    @property
+    def kinds(self) -> dict[str, tuple[str, ...]]:
+        """{standard column: kinds of quantity that its unit may be of}"""
+        return {name: (kind,) for name, kind in columns_of(self.name).items()}
+
+    @property
+    def percent_of_stroke(self) -> tuple[str, ...]:
+        """Columns that may be given in percent of the valve's stroke."""
+        return ("spool_position",)
+
+
+@dataclass(frozen=True)
+class DynamicTestTable(StaticTest):
+    """A `[tests.step]` or `[tests.frequency]` table. ratio_kind: None, known from the command's unit only."""
+
+    closed_loop: bool = False
+    output: str = "spool_position"
+    absolute: bool = False
+
+    @property
+    def kinds(self) -> dict[str, tuple[str, ...]]:
+        if self.name == "step":
+            return columns_of_step(self.closed_loop)
+        known = columns_of_frequency(self.closed_loop, "plain number")
+        if not self.absolute:
+            return known
+        ratios = (ABSOLUTE_RATIO[self.output, False],) + (
+            () if self.closed_loop else (ABSOLUTE_RATIO[self.output, True],)
+        )
+        return {**known, "amplitude_ratio": ratios, "amplitude_ratio_std": ratios}
+
+    @property
+    def percent_of_stroke(self) -> tuple[str, ...]:
+        return ("spool_position",) if self.closed_loop else ("spool_position", "command")
+
+
+def read_tests(table: TomlTable, actuator: ActuatorData) -> tuple[dict[str, StaticTest], dict[str, DynamicTestTable]]:
+    """(static tests, dynamic tests) by name, in the order of the file. Raises BenchInputError."""
+    names = (*STATIC_TESTS, *DYNAMIC_TESTS)
+    table.refuse_unknown(names, "test")
+    if not table.data:
+        raise table.error(f"is empty; add one of {', '.join(f'[tests.{name}]' for name in names)}")
+    static: dict[str, StaticTest] = {}
+    dynamic: dict[str, DynamicTestTable] = {}
+    for name in table.data:
+        test = table.table(name)
+        assert test is not None
+        test.refuse_unknown((*TEST_KEYS, "output", "absolute") if name == "frequency" else TEST_KEYS)
+        file = test.text("file")
+        if file is None:
+            raise test.error(f'file is missing; write for example file = "{name}.csv"')
+        path = test.source.path.parent / file
+        if name in DYNAMIC_TESTS:
+            dynamic[name] = _dynamic(name, path, test, actuator.closed_loop)
+        else:
+            known = tuple(columns_of(name))
+            static[name] = StaticTest(
+                name, path, read_noise(test), _mapping(test, known), _ignored(test), test, **_layout(test)
+            )
+    return static, dynamic
+
+
+def _dynamic(name: str, path: Path, test: TomlTable, closed: bool) -> DynamicTestTable:
+    check_word(test, "output", OUTPUTS)
+    output, absolute = str(test.data.get("output", OUTPUTS[0])), test.flag("absolute")
+    if output == "piston_position" and not closed and not absolute:
+        raise test.error(
+            "a piston position in open loop has no low-frequency asymptote: write absolute = true, or give [actuator] "
+            "the controller that closes the loop",
+            "output" if "output" in test else None,
+        )
+    told: dict[str, Any] = {"closed_loop": closed, "output": output, "absolute": absolute}
+    plain = DynamicTestTable(name, path, {}, {}, (), test, **told)
+    readings = {reading: plain.kinds[reading][0] for reading in READINGS[name]}
+    columns = _mapping(test, tuple(plain.kinds))
+    return DynamicTestTable(
+        name, path, read_noise(test, readings), columns, _ignored(test), test, **_layout(test), **told
+    )
+
+
+def _mapping(test: TomlTable, columns: tuple[str, ...]) -> dict[str, str]:
+    table = test.table("columns")
+    if table is None:
+        return {}
+    table.refuse_unknown(("run", *columns), "standard column")
+    found = {}
+    for column in table.data:
+        header = table.text(column)
+        assert header is not None
+        if header in found.values():
+            raise table.error(f"{quoted(header)} stands for two columns", column)
+        found[column] = header
+    return found
+
+
+def _ignored(test: TomlTable) -> tuple[str, ...]:
+    names = test.data.get("ignore", [])
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise test.error('must be a list of headers, such as ignore = ["remarks"]', "ignore")
+    return tuple(name.strip() for name in names)
+
+
+def _layout(test: TomlTable) -> dict[str, Any]:
+    """What the user says of the file itself, as keyword arguments of a test."""
+    if "missing" in test and test.data["missing"] != "skip":
+        raise test.error(
+            'must be "skip", which leaves out rows with an empty cell or NaN (without it they are refused)', "missing"
+        )
+    skip_rows = test.data.get("skip_rows", 0)
+    if isinstance(skip_rows, bool) or not isinstance(skip_rows, int) or skip_rows < 0:
+        raise test.error(f"{quoted(skip_rows)} must be the number of lines above the headers, such as 3", "skip_rows")
+    sheet = test.text("sheet")
+    if sheet is not None and not str(test.data.get("file")).lower().endswith(".xlsx"):
+        raise test.error("only an .xlsx file has sheets", "sheet")
+    return {"skip_missing": "missing" in test, "skip_rows": skip_rows, "sheet": sheet}

@@ -1,0 +1,248 @@
+"""Read and check a record's bench.toml: everything but the CSV files.
+
+The `[oil]` table of a bench.toml as an OilDefinition: a preset or viscosity points, and further properties.
+
+The `[start]` table: where each parameter starts, what is held, what is known beforehand.
+"""
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from thermohyd.data import oil_preset
+from thermohyd.identify.fitting.parameters import IN_MOTION, heat_retention, identified_by_default, identified_in_motion
+from thermohyd.oil_definition import OilDefinition, walther_coefficients
+
+from .columns import CONDITIONS, impossible, wrong_size
+from .errors import quoted
+from .record import ActuatorData, StartValue, ValveData
+from .test_tables import DynamicTestTable, StaticTest, read_actuator, read_tests
+from .toml_file import TomlSource, TomlTable
+from .units import number_of
+
+
+# Properties beside the viscosity, each with its kind of quantity; all at 15 degC and zero gauge pressure.
+PROPERTIES = {
+    "density": "density",
+    "expansion": "thermal expansion",
+    "bulk_modulus": "pressure",
+    "specific_heat": "specific heat",
+    "pressure_viscosity": "compressibility",
+}
+OIL_KEYS = ("preset", "viscosity", *PROPERTIES, "name")
+
+
+def read_oil(table: TomlTable) -> OilDefinition:
+    """The oil, SI; what the table lacks takes the preset's or the model's defaults. Raises BenchInputError."""
+    table.refuse_unknown(OIL_KEYS)
+    preset = table.text("preset")
+    if preset is not None and "viscosity" in table:
+        raise table.error("both a preset and viscosity points; keep one of them", "viscosity")
+    if preset is not None:
+        try:
+            oil = oil_preset(preset)
+        except ValueError as error:
+            raise table.error(str(error), "preset") from None
+    else:
+        oil = _oil_of_points(table)
+    # A pressure viscosity of zero is a value of its own: no rise with pressure.
+    signs = {key: "not negative" if key == "pressure_viscosity" else "positive" for key in PROPERTIES}
+    given = {key: table.quantity(key, kind, sign=signs[key]) for key, kind in PROPERTIES.items()}
+    name = table.text("name")
+    oil = replace(oil, **{key: value for key, value in given.items() if value is not None})
+    return oil if name is None else replace(oil, name=name)
+
+
+def _oil_of_points(table: TomlTable) -> OilDefinition:
+    example = 'viscosity = [["-40 degC", "4000 cSt"], ["70 degC", "30 cSt"]]'
+    if "viscosity" not in table:
+        raise table.error(f'the oil is missing; write preset = "mil-prf-5606", or points: {example}')
+    points = table.data["viscosity"]
+    if not isinstance(points, list) or not all(isinstance(p, list) and len(p) == 2 for p in points):
+        raise table.error(f"must be a list of points, each a temperature and a viscosity: {example}", "viscosity")
+    temperatures = [table.as_quantity("viscosity", p[0], "temperature") for p in points]
+    viscosities = [table.as_quantity("viscosity", p[1], "kinematic viscosity") for p in points]
+    try:
+        law = walther_coefficients(temperatures, viscosities)
+    except ValueError as error:
+        raise table.error(str(error), "viscosity") from None
+    return OilDefinition(
+        *law, source="viscosity points of the record", coldest=min(temperatures), hottest=max(temperatures)
+    )
+
+
+START_KEYS = ("value", "fixed", "std", "min", "max")
+
+
+@dataclass(frozen=True)
+class _Limits:
+    """What a parameter can be at all, whatever the user says (SI)."""
+
+    kind: str
+    lower: float
+    upper: float
+    words: str
+
+
+def read_start(table: TomlTable, valve: ValveData, actuator: ActuatorData | None) -> dict[str, StartValue]:
+    """{parameter: StartValue}, SI. A plain quantity is a starting value that stays free. Raises BenchInputError.
+
+    actuator: None where the record has no dynamic test, whose parameters are then unknown here.
+    """
+    stroke = valve.stroke
+    within = _Limits("length", -stroke, stroke, "within the stroke")
+    limits = {
+        "edge_radius": _Limits("length", 0.0, stroke, "from zero to the stroke"),
+        "clearance": _Limits("length", 1e-9, stroke, "above zero, up to the stroke"),
+        "underlap": within,
+        "discharge_coefficient": _Limits("plain number", 1e-3, 10.0, "from 0.001 to 10"),
+        "transition_number": _Limits("plain number", 1e-3, 1e6, "from 0.001 to 1000000"),
+        "null_bias": within,
+        "heat_retention": _Limits("plain number", 0.0, 1.0, "from 0 (isothermal) to 1 (adiabatic)"),
+        "spool_frequency": _Limits("frequency", 0.01, 1e5, "from 0.01 to 100000 Hz"),
+        "spool_damping": _Limits("plain number", 1e-3, 100.0, "from 0.001 to 100"),
+        "bulk_modulus_factor": _Limits("plain number", 1e-3, 10.0, "from 0.001 to 10"),
+        "viscous_friction": _Limits("viscous friction", 0.0, 1e8, "from 0 to 100000000 N s/m"),
+    }
+    nominal = {info.name: info.nominal for info in (*identified_by_default(valve).values(), heat_retention())}
+    if actuator is None:
+        limits = {name: limit for name, limit in limits.items() if name not in IN_MOTION}
+    else:
+        nominal |= {info.name: info.nominal for info in identified_in_motion(actuator).values()}
+    table.refuse_unknown(tuple(limits), "parameter")
+    start = {}
+    for name in table.data:
+        if isinstance(table.data[name], dict):
+            entry = table.table(name)
+            assert entry is not None
+            start[name] = _read_entry(entry, limits[name], nominal[name], stroke)
+        else:
+            value = table.quantity(name, limits[name].kind, full_scale=stroke)
+            assert value is not None
+            _check(table, name, value, limits[name])
+            start[name] = StartValue(value)
+    return start
+
+
+def _check(table: TomlTable, key: str, value: float, limits: _Limits) -> None:
+    if not limits.lower <= value <= limits.upper:
+        raise table.error(f"{quoted(table.data[key])} is out of range; it must be {limits.words}", key)
+
+
+def _read_entry(entry: TomlTable, limits: _Limits, nominal: float, stroke: float) -> StartValue:
+    entry.refuse_unknown(START_KEYS)
+    found: dict[str, float | None] = {}
+    for key in ("value", "min", "max"):
+        number = found[key] = entry.quantity(key, limits.kind, full_scale=stroke)
+        if number is not None:
+            _check(entry, key, number, limits)
+    value, lower, upper = found["value"], found["min"], found["max"]
+    if lower is not None and upper is not None and not lower < upper:
+        raise entry.error("min must be below max", "min")
+    if value is None:
+        value = min(max(nominal, -float("inf") if lower is None else lower), float("inf") if upper is None else upper)
+    if (lower is not None and value < lower) or (upper is not None and value > upper):
+        raise entry.error(f"the starting value {quoted(entry.data['value'])} lies outside min and max", "value")
+    std = entry.quantity("std", limits.kind, full_scale=stroke, sign="positive")
+    freed = "fixed" in entry and not entry.flag("fixed")
+    return StartValue(value, fixed=entry.flag("fixed"), freed=freed, prior_std=std, lower=lower, upper=upper)
+
+
+TABLES = ("valve", "oil", "conditions", "tests", "actuator", "start")
+SIZED = {
+    "stroke": "length",
+    "slot_width": "length",
+    "land_diameter": "length",
+    "rated_flow": "flow",
+    "rated_pressure_drop": "pressure",
+    "rated_current": "current",
+}
+VALVE = ("name", *SIZED, "polarity")
+
+
+@dataclass(frozen=True)
+class BenchFile:
+    """A bench.toml, SI units. actuator: None without dynamic tests; actuator_given: its table is in the file."""
+
+    source: TomlSource
+    valve: ValveData
+    oil: OilDefinition
+    conditions: dict[str, float]
+    tests: dict[str, StaticTest]
+    dynamic: dict[str, DynamicTestTable]
+    actuator: ActuatorData | None
+    actuator_given: bool
+    start: dict[str, StartValue] = field(default_factory=dict)
+
+
+def read_bench_toml(path: Path) -> BenchFile:
+    """Raises BenchInputError with file, line and key."""
+    root = TomlSource(path).root
+    root.refuse_unknown(TABLES, "table")
+    valve = _valve(_needed(root, "valve"), path)
+    oil = read_oil(_needed(root, "oil"))
+    conditions = _conditions(root.table("conditions"))
+    table = root.table("actuator")
+    actuator = read_actuator(TomlTable(root.source, ("actuator",), {}) if table is None else table, valve)
+    tests, dynamic = read_tests(_needed(root, "tests"), actuator)
+    start = root.table("start")
+    used = actuator if dynamic else None
+    starts = {} if start is None else read_start(start, valve, used)
+    return BenchFile(root.source, valve, oil, conditions, tests, dynamic, used, table is not None, starts)
+
+
+def _needed(root: TomlTable, name: str) -> TomlTable:
+    table = root.table(name)
+    if table is None:
+        holds = {
+            "valve": "stroke and slot_width",
+            "oil": "a preset or viscosity points",
+            "tests": "[tests.leakage]",
+        }
+        raise root.error(f"[{name}] is missing; it holds {holds[name]}")
+    return table
+
+
+def _valve(table: TomlTable, path: Path) -> ValveData:
+    table.refuse_unknown(VALVE)
+    sizes = {key: _size(table, key, kind) for key, kind in SIZED.items()}
+    stroke, slot_width = sizes["stroke"], sizes["slot_width"]
+    if stroke is None or slot_width is None:
+        key, example = ("stroke", "213 um") if stroke is None else ("slot_width", "12 mm")
+        raise table.error(f'{key} is missing; write for example {key} = "{example}"')
+    polarity = table.data.get("polarity", 1)
+    if isinstance(polarity, bool) or polarity not in (1, -1):
+        raise table.error(
+            f"{quoted(polarity)} must be 1, or -1 where a positive current gives a negative flow", "polarity"
+        )
+    return ValveData(
+        name=table.text("name") or path.absolute().parent.name,
+        stroke=stroke,
+        slot_width=slot_width,
+        land_diameter=sizes["land_diameter"],
+        rated_flow=sizes["rated_flow"],
+        rated_pressure_drop=sizes["rated_pressure_drop"],
+        rated_current=sizes["rated_current"],
+        polarity=int(polarity),
+    )
+
+
+def _size(table: TomlTable, key: str, kind: str) -> float | None:
+    value = table.quantity(key, kind, sign="positive")
+    if value is not None and (problem := wrong_size(key, value, number_of(table.data[key]))):
+        raise table.error(f"{quoted(table.data[key])} {problem}", key)
+    return value
+
+
+def _conditions(table: TomlTable | None) -> dict[str, float]:
+    found = {"return_pressure": 0.0}
+    if table is None:
+        return found
+    table.refuse_unknown(tuple(CONDITIONS))
+    for key, kind in CONDITIONS.items():
+        value = table.quantity(key, kind)
+        if value is None:
+            continue
+        if problem := impossible(kind, value, number_of(table.data[key])):
+            raise table.error(f"{quoted(table.data[key])} {problem}", key)
+        found[key] = value
+    return found

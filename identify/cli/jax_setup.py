@@ -1,0 +1,75 @@
+"""How the command line sets JAX up: double precision, quiet, with the user's own compilation cache. Never at import."""
+
+import contextlib
+import os
+import time
+import warnings
+from pathlib import Path
+
+from platformdirs import user_cache_dir
+
+from thermohyd.identify.interruption import always_when_interrupted
+
+
+# Compiled programs of old versions pile up; beyond this the oldest go.
+LARGEST_CACHE = 512 * 1024**2  # bytes
+# An entry this young may still be in the writing when the process is interrupted.
+UNFINISHED = 2.0  # s
+
+
+def set_up_jax() -> None:
+    """Import JAX the way every command needs it. Call it before anything else imports JAX or equinox.
+
+    Run-time checks inside compiled code are off: they are host callbacks, and JAX caches no program that holds one.
+    Records are checked before, result codes after.
+    """
+    os.environ.setdefault("EQX_ON_ERROR", "off")
+    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # else a line per cache hit on some processors (jax #38445)
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    if "JAX_COMPILATION_CACHE_DIR" in os.environ:
+        return  # the user's own choice
+    folder = compilation_cache()
+    if folder is not None:
+        always_when_interrupted(lambda: drop_unfinished(folder))
+        jax.config.update("jax_compilation_cache_dir", str(folder))
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+        jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
+        warnings.filterwarnings("ignore", message=".*persistent compilation cache.*")
+
+
+def compilation_cache() -> Path | None:
+    """The user's own folder for compiled programs, made if need be; None where it cannot be written.
+
+    Never a shared folder: JAX runs what it finds there.
+    """
+    folder = Path(user_cache_dir("thermohyd")) / "jax"
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    except (OSError, RuntimeError):
+        return None
+    if not os.access(folder, os.R_OK | os.W_OK | os.X_OK):
+        return None
+    _prune(folder)
+    return folder
+
+
+def drop_unfinished(folder: Path) -> None:
+    """Remove the entries that may be cut short: JAX never writes an entry again that exists, nor can it read such a one."""
+    for file in folder.iterdir():
+        with contextlib.suppress(OSError):
+            if time.time() - file.stat().st_mtime < UNFINISHED:
+                file.unlink()
+
+
+def _prune(folder: Path) -> None:
+    # JAX's own size limit stops working for good once a process was killed between its two writes per entry
+    with contextlib.suppress(OSError):
+        files = sorted((file.stat().st_mtime, file.stat().st_size, file) for file in folder.iterdir())
+        size = sum(bytes_ for _, bytes_, _ in files)
+        for _, bytes_, file in files:
+            if size <= LARGEST_CACHE:
+                break
+            file.unlink(missing_ok=True)
+            size -= bytes_

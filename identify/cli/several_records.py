@@ -1,0 +1,135 @@
+"""Compute the records of one command: all are read before any is computed, and one that fails does not lose the others.
+
+What a command tells its user while it works: a live line on a terminal, a few plain lines elsewhere.
+"""
+
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Generic, TypeVar
+
+from rich.console import Console
+from rich.text import Text
+
+from thermohyd.identify.bench.errors import BenchInputError, quoted
+from thermohyd.identify.bench.read import read_record, record_folder
+from thermohyd.identify.bench.record import BenchRecord
+from thermohyd.identify.interruption import when_interrupted
+from thermohyd.identify.report.files import Writer, checked_folder, write_all
+
+from .process import in_words, wants_the_whole_story
+
+
+Progress = Callable[[str], None]
+Result = TypeVar("Result")
+
+
+@dataclass
+class Outcome(Generic[Result]):
+    """What became of each record, by the name of its folder."""
+
+    results: dict[str, Result] = field(default_factory=dict)
+    failed: dict[str, str] = field(default_factory=dict)  # {name: reason}
+    folders: dict[str, Path] = field(default_factory=dict)  # {name: where its files were written}
+
+
+def read_records(benches: Sequence[Path], out: Path | None, progress: Progress) -> dict[str, BenchRecord]:
+    """{name of the folder: record}. Raises BenchInputError for the first bad one, where two would share a folder of
+    results, and where one's folder of results cannot be written."""
+    names = _names([record_folder(bench) for bench in benches], out)
+    if out is not None and len(names) > 1:
+        for name in names:
+            checked_folder(str(out / name))
+    records = {}
+    for name, bench in zip(names, benches, strict=True):
+        progress(f"reading {bench}")
+        records[name] = read_record(bench)
+    return records
+
+
+def _names(benches: Sequence[Path], out: Path | None) -> list[str]:
+    first: dict[str, Path] = {}
+    names = []
+    for bench in benches:
+        name = bench.resolve().name or "record"
+        if name in first:
+            if out is not None:
+                raise BenchInputError(
+                    f"has the folder name {quoted(name)} of another record of this command, {first[name]}: the results of both "
+                    f"would go to {out / name}. Rename one, or give each a command of its own",
+                    file=bench,
+                )
+            name = str(bench) if str(bench) not in first else f"{bench} ({len(names) + 1})"
+        first[name] = bench
+        names.append(name)
+    return names
+
+
+def compute_all(
+    records: Mapping[str, BenchRecord],
+    compute: Callable[[BenchRecord, Progress], Result],
+    files: Callable[[Result], dict[str, bytes | str]],
+    out: Path | None,
+    progress: Progress,
+    command: str,
+) -> Outcome[Result]:
+    """Compute each record, and write its files as soon as it is done: DIR itself for one record, DIR/<name> for several.
+
+    What a single record raises passes through; of several, a failure is kept in words and the others go on.
+    """
+    outcome: Outcome[Result] = Outcome()
+    for number, (name, record) in enumerate(records.items(), 1):
+        before = f"record {number} of {len(records)}, {name}: " if len(records) > 1 else ""
+        try:
+            result = compute(record, _said(progress, before))
+            if out is not None:
+                progress(f"{before}drawing")
+                folder = out / name if len(records) > 1 else out
+                write_all(folder, files(result), Writer(command, str(record.folder.resolve())))
+                outcome.folders[name] = folder
+            outcome.results[name] = result
+        except Exception as error:
+            if len(records) == 1 or wants_the_whole_story():
+                raise
+            outcome.failed[name] = in_words(error)
+    return outcome
+
+
+def _said(progress: Progress, before: str) -> Progress:
+    return lambda words: progress(before + words)
+
+
+def confession(outcome: Outcome[Result], missed: Iterable[tuple[str, str]]) -> str:
+    """What the command has to confess at its end, in one sentence; empty where all went well.
+
+    missed: (name, reason) of the records that gave a result, but not a good one.
+    """
+    reasons = {**outcome.failed, **dict(missed)}
+    if len(outcome.results) == 1 and not outcome.failed:
+        return next(iter(reasons.values()), "")
+    if not reasons:
+        return ""
+    words = "; ".join(f"{name}: {reason}" for name, reason in reasons.items())
+    return f"{len(reasons)} of {len(outcome.results) + len(outcome.failed)} records failed: {words}"
+
+
+# Where stderr is a file, only a run that takes long says that it is alive.
+SILENT_SECONDS = 10.0
+
+
+@contextmanager
+def progress_on(console: Console) -> Iterator[Callable[[str], None]]:
+    """A function that takes a sentence about what is going on now; the live line vanishes at the end."""
+    if console.is_terminal:
+        with console.status(Text("starting")) as status, when_interrupted(status.stop):
+            yield lambda words: status.update(Text(words))
+        return
+    began = time.monotonic()
+
+    def say(words: str) -> None:
+        if time.monotonic() - began > SILENT_SECONDS:
+            console.print(Text(f"{words} ..."))
+
+    yield say

@@ -1,0 +1,131 @@
+"""Several fits in a terminal: one line for each record, and what the command has to confess at its end.
+
+Several diagnoses in a terminal: one line for each record.
+
+What a `diagnose` of one or several records has to confess at its end.
+"""
+
+from collections.abc import Mapping
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from thermohyd.identify.bench.shown_units import beside, display_unit, significant
+from thermohyd.identify.diagnosis.result import DiagnosisResult
+from thermohyd.identify.fitting.result import FitResult, ParameterEstimate
+from thermohyd.identify.report.diagnosis_report import COLOURS
+from thermohyd.identify.report.diagnosis_words import changed, excess, percent, reading_words
+from thermohyd.identify.report.fit_report import chi2_band
+
+from .several_records import Outcome, confession
+
+
+CELL = 20  # characters of "-12.3456 +/- 0.0012"
+
+
+def print_summary_of_fits(results: Mapping[str, FitResult], console: Console) -> None:
+    """{name: result}, in the order given; user text is never read as markup. A parameter per row, a record per column, so that
+    any number of parameters fits; records that do not fit beside each other follow below."""
+    if not results:
+        return
+    widest = max(len(name) for result in results.values() for name in [*result.parameters, "reduced chi-square"])
+    each = max(CELL, *(len(record) + 2 for record in results))
+    count = max(1, (console.width - widest - 8) // each)
+    records = list(results)
+    for first in range(0, len(records), count):
+        console.print(_table({name: results[name] for name in records[first : first + count]}))
+
+
+def _table(results: Mapping[str, FitResult]) -> Table:
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 2, 0, 0), pad_edge=False, show_edge=False, header_style="bold")
+    table.add_column("parameter", no_wrap=True)
+    table.add_column("unit", no_wrap=True)
+    for record in results:
+        table.add_column(Text(record), justify="right", overflow="fold")
+    for name in dict.fromkeys(name for result in results.values() for name in result.parameters):
+        estimates = [result.parameters.get(name) for result in results.values()]
+        unit = next(display_unit(estimate.unit).label for estimate in estimates if estimate is not None)
+        table.add_row(Text(name), Text(unit), *[_cell(estimate) for estimate in estimates])
+    table.add_row(Text("reduced chi-square"), Text("-"), *[_chi2(result) for result in results.values()])
+    return table
+
+
+def _cell(estimate: ParameterEstimate | None) -> Text:
+    if estimate is None:
+        return Text("")
+    factor = display_unit(estimate.unit).factor
+    std = None if estimate.std is None else estimate.std * factor
+    value = beside(estimate.value * factor, std)
+    if estimate.fixed:
+        return Text(f"{value} fixed", style="dim")
+    if std is None:
+        return Text(f"{value} {'AT BOUND' if estimate.at_bound else 'NO ERROR'}", style="bold red")
+    return Text(f"{value} +/- {beside(std, std)}")
+
+
+def _chi2(result: FitResult) -> Text:
+    words = significant(result.reduced_chi2, 3)
+    if not result.converged:
+        return Text(f"{words} NOT CONVERGED", style="bold red")
+    return Text(words, style="yellow" if result.reduced_chi2 > chi2_band(result.degrees_of_freedom)[1] else "")
+
+
+def unsettled(outcome: Outcome[FitResult]) -> str:
+    """What a `fit` has to confess, in one sentence; empty where all went well."""
+    return confession(
+        outcome,
+        (
+            (name, f"the fit did not converge: {result.message}")
+            for name, result in outcome.results.items()
+            if not result.converged
+        ),
+    )
+
+
+def print_summary_of_many(results: Mapping[str, DiagnosisResult], console: Console) -> None:
+    """{name: result}, in the order given; user text is never read as markup."""
+    if not results:
+        return
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, show_edge=False, header_style="bold")
+    columns = ("record", "verdict", "effects", "misses most", ">red. chi2", ">held out")
+    for title in columns:
+        table.add_column(title.lstrip(">"), justify="right" if title.startswith(">") else "left", overflow="fold")
+    for name, result in results.items():
+        gap = excess(result.gap_before) + (f" -> {excess(result.gap_after)}" if changed(result) else "")
+        cells = (_added(result), _worst(result), gap, _held_out(result))
+        table.add_row(Text(name), Text(result.verdict, style=COLOURS[result.verdict]), *[Text(cell) for cell in cells])
+    console.print(table)
+
+
+def _added(result: DiagnosisResult) -> str:
+    """Names of what was added, each with the rivals that the data cannot tell from it."""
+    words = [" or ".join([e.name, *(rival.name for rival in e.alternatives)]) for e in result.effects]
+    words += [f"learned {v.quantity}({v.variable})" for v in result.variations if v.learned]
+    return " + ".join(words) or "none"
+
+
+def _worst(result: DiagnosisResult) -> str:
+    if not result.where:
+        return ""
+    worst = result.where[0]
+    return f"{reading_words(worst.test, worst.channel)} {percent(worst.share)}"
+
+
+def _held_out(result: DiagnosisResult) -> str:
+    if result.held_out is None or not changed(result):
+        return ""
+    return f"{percent(result.held_out.gap_closed)} closed"
+
+
+def unsettled_diagnoses(outcome: Outcome[DiagnosisResult]) -> str:
+    """In one sentence; empty where all went well."""
+    return confession(
+        outcome,
+        (
+            (name, f"the fit did not converge: {result.after.message}")
+            for name, result in outcome.results.items()
+            if not result.after.converged
+        ),
+    )

@@ -1,0 +1,277 @@
+"""Smooth curves over a record's conditions: what a misfit of no known cause would look like, and a test for it.
+
+Second tier: which model quantity would have to vary smoothly with which variable for the rest of the gap to close.
+
+A quantity's own column times Legendre polynomials of a variable: after Kristensen, Madsen and Jørgensen (Computers and
+Chemical Engineering 28, 2004), who let suspect parameters drift to see where a model is deficient. Empirical: it says
+where to look, not why.
+
+Add a smooth variation to the model at the user's word: its coefficients fitted together with everything else.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.polynomial import legendre
+from scipy.special import fdtrc
+
+from thermohyd.identify.bench.record import DynamicTest, TestRecord
+from thermohyd.identify.model.learned_terms import ABSOLUTE, LearnedTerm, legendre_basis, term_values, variable_values
+from thermohyd.identify.noise.correlation import NoiseCorrelation
+from thermohyd.identify.noise.whitening import whiten_on_host, whitening_of
+
+from .library_fit import Key, LibraryFit, LibraryProblem, Noise
+from .result import Variation
+from .screening import Projection
+
+
+DEGREE = 5
+DEGREE_IN_TIME, MOST_RUNS_APART = 9, 4
+
+
+def smooth_columns(test: TestRecord) -> np.ndarray:
+    """(rows, k): Legendre polynomials over the position, alone and times temperature, supply pressure and direction.
+
+    The position counts by its rank: a bench puts its points where the curve moves. Over time, run by run, in motion.
+    """
+    if isinstance(test, DynamicTest):
+        return smooth_in_time(test)
+    order = np.argsort(np.argsort(test.spool_position, kind="stable"), kind="stable")
+    place = 2.0 * order / max(test.rows - 1, 1) - 1.0
+    shapes = legendre.legvander(place, DEGREE)
+    factors: list[np.ndarray] = [np.ones(test.rows)]
+    for column in (test.temperature, test.supply_pressure, test.load_pressure):
+        scaled = _scaled(column)
+        if scaled is not None:
+            factors.append(scaled)
+            if len(np.unique(np.round(scaled, 1))) > 2:
+                factors.append(scaled**2)
+    blocks = [shapes * factor[:, None] for factor in factors]
+    if len(np.unique(test.direction)) > 1:
+        blocks.append(shapes[:, :4] * test.direction[:, None])
+        rate = _scaled(None if test.rate is None else np.abs(test.rate))
+        if rate is not None:
+            blocks.append(shapes[:, :2] * (test.direction * rate)[:, None])
+    return np.concatenate(blocks, axis=1)
+
+
+def smooth_in_time(test: DynamicTest) -> np.ndarray:
+    """(rows, k): Legendre polynomials over each run's rows; runs beyond the first few share theirs."""
+    degree = DEGREE_IN_TIME if test.frequency is None else DEGREE
+    shared = np.minimum(test.run, MOST_RUNS_APART - 1)
+    columns = np.zeros((test.rows, (degree + 1) * (int(shared.max()) + 1)))
+    for code in np.unique(test.run):
+        rows = np.flatnonzero(test.run == code)
+        rank = np.argsort(np.argsort(test.place[rows], kind="stable"), kind="stable")
+        first = int(shared[rows[0]]) * (degree + 1)
+        columns[rows, first : first + degree + 1] = legendre.legvander(2.0 * rank / max(len(rows) - 1, 1) - 1.0, degree)
+    return columns
+
+
+def _scaled(column: np.ndarray | None) -> np.ndarray | None:
+    """From -1 to 1; None where it does not vary."""
+    if column is None:
+        return None
+    low, high = float(np.min(column)), float(np.max(column))
+    if high - low <= 1e-3 * max(abs(high), abs(low), 1e-300):
+        return None
+    return 2.0 * (column - low) / (high - low) - 1.0
+
+
+def smooth_block(problem: LibraryProblem, rows: int) -> np.ndarray:
+    """Smooth columns of every channel, whitened like a residual of `rows` rows (priors last, untouched)."""
+    where = problem.rows()
+    blocks = []
+    for key, place in where.items():
+        columns = whitened(problem, key, smooth_columns(problem.tests[key[0]]))
+        block = np.zeros((rows, columns.shape[1]))
+        block[place] = columns
+        blocks.append(block)
+    return np.concatenate(blocks, axis=1)
+
+
+def whitened(problem: LibraryProblem, key: Key, columns: np.ndarray) -> np.ndarray:
+    """Columns (rows, k) over a channel's rows, in shares of its noise, whitened as its residuals are."""
+    test = problem.tests[key[0]]
+    weight = 1.0 / problem.noise.std[key]
+    filter_ = whitening_of(problem.noise.correlation[key], problem.sweeps(key[0]), test.rows)
+    return whiten_on_host(filter_, columns * weight[:, None])
+
+
+@dataclass(frozen=True)
+class LackOfFit:
+    """F test of smooth curves beside a fitted model."""
+
+    p_value: float
+    chi2: float  # that the curves would take off
+    freedom: int
+
+
+def lack_of_fit(problem: LibraryProblem, fit: LibraryFit, block: np.ndarray, scale: float = 1.0) -> LackOfFit:
+    """Whether smooth curves over the conditions still explain something beside `fit`; the rest measures the noise."""
+    used = fit.used
+    base = Projection.beside(fit.nuisance[used])
+    residual = base(fit.residual[used])
+    more = Projection.beside(base(block[used]))
+    taken = float(np.sum((more.q.T @ residual) ** 2))
+    rest = float(np.sum(residual**2)) - taken
+    freedom = len(residual) - base.rank - more.rank
+    if more.rank == 0 or freedom < 10:
+        return LackOfFit(1.0, taken, more.rank)
+    noise = max(rest / freedom, scale**2 * 0.5)
+    return LackOfFit(float(fdtrc(more.rank, freedom, taken / more.rank / noise)), taken, more.rank)
+
+
+# Quantities by the column of the library that holds their derivative.
+COLUMNS = {
+    "discharge_coefficient": "discharge_coefficient",
+    "transition_number": "transition_number",
+    "clearance": "clearance",
+    "edge_radius": "edge_radius",
+    "underlap": "underlap",
+    "null_bias": "null_bias",
+    "viscosity": "viscosity_shift",
+}
+VARIABLES = (
+    "spool_position", "opening", "temperature", "supply_pressure", "load_pressure", "flow_number", "direction", "rate",
+    "elapsed",
+)  # fmt: skip
+DEGREE_OF_VARIATION = 3
+LEVEL = 1e-3
+MOST = 3
+CURVE_POINTS = 41
+MICRON = 1e-6  # unit of an absolute quantity's coefficients while they are solved for
+
+
+def variations_of(problem: LibraryProblem, fit: LibraryFit, most: int = MOST) -> tuple[Variation, ...]:
+    """The leading smooth variations beside `fit`, those that closes most first; empty where none is beyond chance."""
+    base = Projection.beside(fit.nuisance)
+    residual = base(fit.residual)
+    rows = len(residual)
+    found: list[tuple[float, Variation]] = []
+    tried = list(_columns(problem, fit))
+    for quantity, variable, values, centre, reach, columns in tried:
+        left = base(columns)
+        own, singular, right = np.linalg.svd(left, full_matrices=False)
+        seen = singular > 1e-3 * max(float(np.max(np.linalg.norm(columns, axis=0))), 1e-300)
+        if not seen.any():
+            continue
+        loads = own[:, seen].T @ residual
+        gain, rank = float(loads @ loads), int(seen.sum())
+        rest = (float(residual @ residual) - gain) / max(rows - base.rank - rank, 1)
+        p = min(1.0, len(tried) * float(fdtrc(rank, rows, gain / rank / rest)))
+        if p > LEVEL:
+            continue
+        inverse = right[seen].T / singular[seen]
+        coefficients = -(inverse @ loads)
+        unit = MICRON if quantity in ABSOLUTE else 1.0
+        grid = np.linspace(float(np.min(values)), float(np.max(values)), CURVE_POINTS)
+        shapes = legendre_basis(grid, centre, reach, DEGREE_OF_VARIATION)[:, 1 : columns.shape[1] + 1]
+        band = np.sqrt(max(rest, 1.0)) * np.linalg.norm(shapes @ inverse, axis=1)
+        excess = max(fit.chi2 - rows, gain)
+        variation = Variation(
+            quantity, variable, "m" if quantity in ABSOLUTE else "1", grid, unit * (shapes @ coefficients), unit * band,
+            gain, p, float(np.clip(gain / excess, 0.0, 1.0)), (0.0, *(unit * coefficients)), centre, reach,
+        )  # fmt: skip
+        found.append((gain - 3.0 * rank, variation))
+    found.sort(key=lambda item: -item[0])
+    return tuple(variation for _, variation in found[:most])
+
+
+def _columns(
+    problem: LibraryProblem, fit: LibraryFit
+) -> Iterator[tuple[str, str, np.ndarray, float, float, np.ndarray]]:
+    """(quantity, variable, its values over all rows, centre, reach, whitened columns (rows, degrees)) of every pair."""
+    at = _white(problem, fit)
+    reference = {"underlap": fit.values["underlap"], "null_bias": fit.values["null_bias"], "oil": problem.record.oil}
+    for variable in VARIABLES:
+        try:
+            of_test = {name: variable_values(variable, test, reference) for name, test in problem.tests.items()}
+        except ValueError:  # a column that this record does not have
+            continue
+        values = np.concatenate([of_test[key[0]] for key in problem.rows()])
+        low, high = float(np.min(values)), float(np.max(values))
+        if not np.isfinite(high - low) or high - low <= 1e-9 * max(abs(low), abs(high), 1e-300):
+            continue
+        centre, reach = 0.5 * (low + high), 0.5 * (high - low)
+        levels = len(np.unique(np.round((values - centre) / reach, 2)))
+        shapes = legendre_basis(values, centre, reach, min(DEGREE_OF_VARIATION, max(levels - 1, 1)))[:, 1:]
+        for quantity in COLUMNS:
+            yield quantity, variable, values, centre, reach, _times(problem, at, quantity, shapes)
+
+
+def term_columns(problem: LibraryProblem, fit: LibraryFit, term: LearnedTerm) -> np.ndarray:
+    """Whitened columns (rows, degrees) of a term's coefficients but the constant one; absolute ones per micron."""
+    reference = {"underlap": term.underlap, "null_bias": term.null_bias, "oil": problem.record.oil}
+    values = np.concatenate(
+        [variable_values(term.variable, problem.tests[key[0]], reference) for key in problem.rows()]
+    )
+    shapes = legendre_basis(values, term.centre, term.reach, len(term.coefficients) - 1)[:, 1:]
+    if term.quantity not in ABSOLUTE:  # a column holds the slope to the fitted value, which the term multiplies
+        now = np.concatenate([term_values(term, problem.tests[key[0]], problem.record.oil) for key in problem.rows()])
+        shapes = shapes / (1.0 + now)[:, None]
+    columns = _times(problem, _white(problem, fit), term.quantity, shapes)
+    return columns if problem.used is None else columns * fit.used[:, None]
+
+
+def _white(problem: LibraryProblem, fit: LibraryFit) -> LibraryFit:
+    """Columns at a fit in units of the noise, not whitened."""
+    white = Noise(problem.noise.std, dict.fromkeys(problem.noise.correlation, NoiseCorrelation()))
+    return problem.with_noise(white).evaluate(fit.values, fit.effects)
+
+
+def _times(problem: LibraryProblem, at: LibraryFit, quantity: str, shapes: np.ndarray) -> np.ndarray:
+    """A quantity's own column times shapes (readings, degrees), whitened; zero in the rows of priors."""
+    size = MICRON if quantity in ABSOLUTE else _size(quantity, at)
+    slope = at.column(COLUMNS[quantity]) * size
+    block = np.zeros((len(at.residual), shapes.shape[1]))
+    first = 0
+    for key, place in problem.rows().items():
+        count = place.stop - place.start
+        filter_ = whitening_of(problem.noise.correlation[key], problem.sweeps(key[0]), count)
+        block[place] = whiten_on_host(filter_, slope[place, None] * shapes[first : first + count])
+        first += count
+    return block
+
+
+def _size(quantity: str, fit: LibraryFit) -> float:
+    """What a relative change of 1 is in the column's own unit."""
+    return 1.0 + fit.values.get("viscosity_shift", 0.0) if quantity == "viscosity" else fit.values[quantity]
+
+
+ROUNDS = 6
+SETTLED = 1e-3  # of a coefficient's standard error
+
+
+def learn(
+    problem: LibraryProblem, fit: LibraryFit, variation: Variation
+) -> tuple[LibraryProblem, LibraryFit, LearnedTerm]:
+    """The problem with the variation as a term of the model, its fit, and the term.
+
+    Gauss-Newton in the coefficients, with the parameters refitted at every round: the compiled fit takes the term as
+    data, so learning compiles nothing.
+    """
+    term = LearnedTerm(
+        variation.quantity, variation.variable, variation.centre, variation.reach,
+        tuple(0.0 for _ in variation.coefficients), fit.values["underlap"], fit.values["null_bias"],
+    )  # fmt: skip
+    best, best_term = fit, term
+    for _ in range(ROUNDS):
+        columns = term_columns(problem.with_terms(term), fit, term)[fit.used]
+        base = Projection.beside(fit.nuisance[fit.used])
+        left, residual = base(columns), base(fit.residual[fit.used])
+        own, singular, right = np.linalg.svd(left, full_matrices=False)
+        seen = singular > 1e-6 * singular[0]
+        loads = own[:, seen].T @ residual
+        step = -(right[seen].T / singular[seen]) @ loads
+        unit = 1e-6 if term.quantity in ABSOLUTE else 1.0
+        term = replace(
+            term, coefficients=(0.0, *(c + unit * s for c, s in zip(term.coefficients[1:], step, strict=True)))
+        )
+        fit = problem.with_terms(term).fit(fit.effects, fit.values)
+        if fit.chi2 < best.chi2:
+            best, best_term = fit, term
+        if float(np.max(np.abs(loads))) < SETTLED:
+            break
+    return problem.with_terms(best_term), best, best_term

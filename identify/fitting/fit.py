@@ -1,0 +1,210 @@
+"""The fit: parameters of a valve from its bench record, with error bars that allow for what the noise really is."""
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from thermohyd.identify.bench.errors import BenchInputError
+from thermohyd.identify.bench.record import BenchRecord, TestRecord
+from thermohyd.identify.noise.level import ChannelNoise, initial_noise, reweighted
+from thermohyd.identify.reduction.reduce import reduce_test
+from thermohyd.numerics import require_float64
+
+from .boxes import Box
+from .least_squares import LeastSquaresResult, multi_start, solve
+from .outcome import Fitted, Key, fit_result, uncertainty_of
+from .parameters import ParameterPlan, plan_parameters
+from .profile_intervals import covariance_holds, profile_intervals
+from .result import FitResult, StartOutcome
+from .starts import hop, null_position, reversed_channels, warning_of, with_signs_turned
+from .static_readings import FitArgs, base_valve, box_of, channel_slices, prior_rows, residual_of, static_data
+
+
+# Rounds of re-estimating unknown noise from the residuals; each starts from the last optimum and costs a few steps.
+MOST_ROUNDS = 8
+SETTLED = 0.01  # relative change of every channel's noise
+STARTS = 4
+# Two unscreened candidates: a screening is a second program to compile, and hopping finds what they do not.
+CANDIDATES = 2
+# A search stops a hundred-thousandth of a standard error from its optimum: one step earlier than the solver's default.
+CLOSE_ENOUGH = 1e-5
+PROFILE_CLOSE_ENOUGH = 1e-2  # chi-square is then right to 1e-4
+# An end counts as an optimum up to here: a twentieth of a standard error is nothing to anybody.
+BELIEVE_BELOW = 0.05
+SLOPES = 1e-3  # the same, from where on an end may lie on the slope of a kink: then the other side is looked at
+MOST_BETTER = 4  # times that a profile may run into a deeper optimum
+TINY = 1e-12  # chi-square per reading of readings that the model meets to rounding: nothing is left to judge by
+
+Progress = Callable[[str], None]
+
+
+def fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | None = None) -> FitResult:
+    """Fit the free parameters of a record's valve to all its static tests at once, then those of motion to the dynamic ones.
+
+    Raises BenchInputError where the record cannot determine anything (no readings, everything held, fewer readings than
+    parameters) and RuntimeError in single precision. A fit that does not converge is returned with `converged` False.
+    """
+    require_float64("fit")
+    began = time.perf_counter()
+    if record.dynamic is None:
+        result = _with_intervals(run_fit(record, starts=starts, progress=progress), progress)
+    else:
+        # Here, not above: a static fit does not wait for the solvers of motion.
+        from .fit_motion import fit_motion, joined
+
+        static = _with_intervals(run_fit(record, starts=starts, progress=progress), progress) if record.tests else None
+        known = None if static is None else {name: found.value for name, found in static.parameters.items()}
+        result, _ = fit_motion(record, progress, known)
+        result = result if static is None else joined(static, result)
+    return replace(result, seconds=time.perf_counter() - began)
+
+
+def run_fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | None = None) -> Fitted:
+    """Reduce, start, solve, and settle the noise; everything but the words."""
+    say = progress or (lambda _: None)
+    tests: dict[str, TestRecord] = {}
+    warnings = list(record.warnings)
+    for name, test in record.tests.items():
+        if not test.channels:
+            raise BenchInputError("has no reading to fit", file=test.path)
+        if test.rows > 2000:
+            say(f"reducing {name}: {test.rows:,} rows")
+        turned = reversed_channels(test)
+        warnings += [warning_of(test, channel) for channel in turned]
+        tests[name] = reduce_test(with_signs_turned(test, turned))
+    plans = plan_parameters(record.valve, record.start)
+    free = tuple(name for name, plan in plans.items() if not plan.fixed)
+    noise = {(t.name, c.name): initial_noise(t, c) for t in tests.values() for c in t.channels}
+    readings = sum(len(n.std) for n in noise.values())
+    if not free:
+        raise BenchInputError("[start] holds every parameter fixed; free at least one", file=record.folder)
+    if readings < len(free):
+        raise BenchInputError(
+            f"{readings} readings cannot determine {len(free)} parameters; hold some in [start] or add rows",
+            file=record.folder,
+        )
+    problem = Problem(record, tests, plans, free)
+    say(f"fitting {len(free)} parameters to {readings:,} readings")
+    first = problem.first_starts()
+    outcomes = multi_start(
+        residual_of(free),
+        problem.boxes,
+        problem.args(noise),
+        first,
+        count=starts,
+        candidates=CANDIDATES,
+        tolerance=CLOSE_ENOUGH,
+        believe=BELIEVE_BELOW,
+        progress=say,
+    )
+    say("restarts beside the best of them")
+    solution = problem.hop(outcomes[0], noise)
+    lower = solution.cost < outcomes[0].cost
+    told = [problem.outcome(solution, restart=lower), *map(problem.outcome, outcomes if lower else outcomes[1:])]
+    for _ in range(MOST_ROUNDS):
+        settled = problem.settle(noise, solution)
+        change = max(_change(noise[key], settled[key]) for key in noise)
+        noise = settled
+        if change < SETTLED:
+            break
+        solution = problem.solve(problem.args(noise), solution.p)
+    if solution.relative_offset > SLOPES:
+        solution = problem.hop(solution, noise)
+    return Fitted(record, tests, plans, free, noise, solution, tuple(told), tuple(warnings))
+
+
+def _with_intervals(fitted: Fitted, progress: Progress | None) -> FitResult:
+    """The fit in figures; its intervals by profiles of chi-square where the covariance at the optimum does not hold."""
+    say = progress or (lambda _: None)
+    problem = Problem(fitted.record, fitted.tests, fitted.plans, fitted.free)
+    for _ in range(MOST_BETTER):
+        known, best, noise = uncertainty_of(fitted), fitted.solution, fitted.noise
+        if not best.converged or best.cost <= TINY * len(best.residual):
+            break
+        reach, args = known.reach(len(fitted.free)), problem.args(noise)
+        hold = lambda start, held, args=args: problem.solve(args, start, held)
+        matrix = known.covariance.matrix / np.sqrt(np.outer(known.inflation, known.inflation))
+        if covariance_holds(best, problem.boxes, matrix, reach * float(np.sqrt(np.median(known.inflation))), hold):
+            break
+        say("intervals by profiles of chi-square")
+        std = np.sqrt(np.diag(matrix))
+        found = profile_intervals(best, problem.boxes, std, reach**2 * known.inflation, hold, say)
+        if found.better is None:
+            return fit_result(fitted, uncertainty=known, intervals=found.intervals)
+        say("a profile found a better optimum")
+        better = problem.hop(problem.solve(args, found.better.p), noise)
+        noise = problem.settle(noise, better)
+        better = problem.solve(problem.args(noise), better.p)
+        fitted = replace(fitted, noise=noise, solution=better if better.converged else problem.hop(better, noise))
+    return fit_result(fitted)
+
+
+def _change(before: ChannelNoise, after: ChannelNoise) -> float:
+    return float(np.max(np.abs(after.used / before.used - 1.0)))
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One record's least-squares problem; only the noise changes between its solves."""
+
+    record: BenchRecord
+    tests: dict[str, TestRecord]
+    plans: dict[str, ParameterPlan]
+    free: tuple[str, ...]
+
+    @property
+    def boxes(self) -> list:
+        return [box_of(self.plans[name]) for name in self.free]
+
+    def args(self, noise: dict[Key, ChannelNoise]) -> FitArgs:
+        values = {name: plan.start for name, plan in self.plans.items()}
+        valve = base_valve(self.record, values, heat="heat_retention" in self.free)
+        data = static_data(self.tests, {key: n.used for key, n in noise.items()})
+        return FitArgs(valve, data, *prior_rows([self.plans[name] for name in self.free]))
+
+    def first_starts(self) -> list[np.ndarray]:
+        """The nominal valve; and the same with its null where the curves show it, unless the user placed it."""
+        nominal = np.array([self.plans[name].start for name in self.free])
+        null = null_position(self.tests)
+        plan = self.plans["null_bias"]
+        if null is None or plan.fixed or plan.given:
+            return [nominal]
+        shifted = nominal.copy()
+        shifted[self.free.index("null_bias")] = np.clip(null, plan.lower, plan.upper)
+        return [shifted, nominal]
+
+    def settle(self, noise: dict[Key, ChannelNoise], solution: LeastSquaresResult) -> dict[Key, ChannelNoise]:
+        """Noise re-estimated from the residuals, where it is not known; each channel pays its share of the parameters."""
+        new = {}
+        jacobian = solution.jacobian * np.array([self.plans[name].info.scale for name in self.free])
+        leverage = _leverage(jacobian)
+        for key, rows in channel_slices(self.tests).items():
+            misfit = solution.residual[rows] * noise[key].used
+            freedom = max(1.0 - float(np.sum(leverage[rows])) / len(misfit), 0.05)
+            new[key] = reweighted(noise[key], misfit, freedom)
+        return new
+
+    def solve(self, args: FitArgs, start: np.ndarray, held: Mapping[int, float] | None = None) -> LeastSquaresResult:
+        """From `start`, with the parameters of these indices held at these values."""
+        boxes = self.boxes
+        for i, value in (held or {}).items():
+            boxes[i] = Box(boxes[i].name, value, boxes[i].scale, value, value, held=True)
+        tolerance = PROFILE_CLOSE_ENOUGH if held else CLOSE_ENOUGH
+        return solve(residual_of(self.free), boxes, args, start, tolerance=tolerance, believe=BELIEVE_BELOW)
+
+    def hop(self, best: LeastSquaresResult, noise: dict[Key, ChannelNoise]) -> LeastSquaresResult:
+        args = self.args(noise)
+        return hop(best, self.free, lambda start: self.solve(args, start))
+
+    def outcome(self, result: LeastSquaresResult, restart: bool = False) -> StartOutcome:
+        start = dict(zip(self.free, (float(v) for v in result.start), strict=True))
+        return StartOutcome(start, result.cost, result.converged, result.message, result.steps, restart)
+
+
+def _leverage(jacobian: np.ndarray) -> np.ndarray:
+    """Diagonal of the hat matrix: how much of a parameter each reading uses up."""
+    q, r = np.linalg.qr(jacobian)
+    alive = np.abs(np.diag(r)) > 1e-12 * max(float(np.max(np.abs(np.diag(r)))), 1e-300)
+    return np.sum(q[:, alive] ** 2, axis=1)

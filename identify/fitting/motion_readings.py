@@ -1,0 +1,287 @@
+"""A record's dynamic tests as one function of named parameters and amounts: readings and derivatives at its rows.
+
+Residuals and their columns from a simulator's readings: weighted, masked, whitened if need be, priors last.
+
+Step tests with derivatives: the runs of a record in one program, its readings and their slopes in a vector of names.
+
+Frequency tests with derivatives: the small-signal response at each operating point, by forward mode.
+
+A record's valve and actuator as the simulator's modules, with some of their parameters and effects as a vector.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from thermohyd.actuator import Actuator
+from thermohyd.dynamics.equilibrium import equilibrium, scaling_of
+from thermohyd.dynamics.inputs import StepInputs
+from thermohyd.dynamics.integrate import NO_EQUILIBRIUM, integrate
+from thermohyd.dynamics.linear import Output, frequency_response
+from thermohyd.dynamics.machine import Heat, Plant, State, Walls, plant_of, transducer_gain
+from thermohyd.effects.library import with_effects
+from thermohyd.identify.bench.record import ActuatorData, BenchRecord, DynamicTest
+from thermohyd.numerics import quickly
+from thermohyd.valve import Valve
+
+from .motion_runs import FrequencyRuns, StepRuns, frequency_runs, step_runs
+from .parameters import IN_MOTION, ParameterPlan
+from .static_readings import base_valve
+
+
+def actuator_of(data: ActuatorData, rated_current: float | None, values: Mapping[str, float] | None = None) -> Actuator:
+    """The simulator's actuator of an `[actuator]` table, with the identified `values` in the place of its own."""
+    own = {
+        name: getattr(data, name)
+        for name in ActuatorData.__dataclass_fields__
+        if name != "heat" and getattr(data, name) is not None
+    }
+    if rated_current is not None:
+        own["rated_current"] = rated_current
+    own |= {name: value for name, value in (values or {}).items() if name in IN_MOTION}
+    return Actuator(**own)
+
+
+def valve_of(record: BenchRecord, values: Mapping[str, float], effects: Mapping[str, float] | None = None) -> Valve:
+    """The record's valve with parameters and held effects."""
+    own = {name: value for name, value in values.items() if name not in IN_MOTION}
+    return with_effects(base_valve(record, own), dict(effects or {}))
+
+
+def machine(
+    valve: Valve, actuator: Actuator, names: tuple[str, ...], effects: tuple[str, ...], p: Float[Array, " all"]
+) -> tuple[Valve, Actuator]:
+    """Both with the parameters `names` and the amounts of `effects`, in this order, taken from `p` (all,)."""
+    given = {name: p[i] for i, name in enumerate(names)}
+    moving = {name: value for name, value in given.items() if name in IN_MOTION}
+    still = {name: value for name, value in given.items() if name not in IN_MOTION}
+    amounts = {name: jnp.asarray(p[len(names) + i]) for i, name in enumerate(effects)}
+    return with_effects(replace(valve, **still), amounts), replace(actuator, **moving)
+
+
+STEP_READINGS = ("spool_position", "pressure_a", "pressure_b", "piston_position", "piston_velocity")
+# A hundred times looser than the simulator's own: a thousandth of what a transducer's noise allows, in a third of the steps.
+TOLERANCE = 1e-6
+MOST_STEPS = 20_000
+
+
+class Given(eqx.Module):
+    """What a run is made of beside the vector of parameters and amounts."""
+
+    valve: Valve
+    actuator: Actuator
+    polarity: Float[Array, ""]
+
+
+class Plan(eqx.Module):
+    """Names of the vector's entries, and how the chambers keep heat: all that a compiled program depends on."""
+
+    names: tuple[str, ...] = eqx.field(static=True)
+    effects: tuple[str, ...] = eqx.field(static=True)
+    heat: Heat = eqx.field(static=True)
+    tolerance: float = eqx.field(static=True, default=TOLERANCE)
+
+    def plant(self, p: Float[Array, " all"], given: Given, inputs: StepInputs) -> Plant:
+        valve, actuator = machine(given.valve, given.actuator, self.names, self.effects, p)
+        return plant_of(valve, actuator, inputs, heat=self.heat, walls=Walls(), polarity=given.polarity)
+
+
+def _read(state: State, valve: Valve) -> Float[Array, " readings"]:
+    return jnp.stack(
+        [state.spool / transducer_gain(valve), state.pressure[0], state.pressure[1], state.position, state.velocity]
+    )
+
+
+@quickly
+def readings_and_slopes(
+    plan: Plan, p: Float[Array, " all"], given: Given, inputs: StepInputs
+) -> tuple[Float[Array, "runs rows readings"], Float[Array, "runs rows readings all"], Int[Array, " runs"]]:
+    """(readings in the order of STEP_READINGS, SI; their derivatives to the vector; an index into `integrate.FAILURES`)."""
+
+    def read(q: Array, inputs: StepInputs) -> tuple[Array, tuple[Array, Array]]:
+        plant = plan.plant(q, given, inputs)
+        scaling = scaling_of(plant, plant.surroundings(inputs.time[0]))
+        start, found = equilibrium(plant, scaling, inputs.time[0])
+        rtol = atol = plan.tolerance
+        run = integrate(plant, scaling, start, gradient="forward", rtol=rtol, atol=atol, max_steps=MOST_STEPS)
+        readings = jax.vmap(lambda state: _read(state, plant.valve))(run.states)
+        return readings, (readings, jnp.where(found, run.failure, NO_EQUILIBRIUM))
+
+    def one(inputs: StepInputs) -> tuple[Array, Array, Array]:
+        slopes, (readings, failure) = jax.jacfwd(lambda q: read(q, inputs), has_aux=True)(p)
+        return readings, slopes, failure
+
+    return jax.vmap(one)(inputs)
+
+
+FREQUENCY_READINGS = ("amplitude_ratio", "phase")
+NO_RESPONSE = ("backlash",)  # effects without a small-signal response
+
+
+@quickly
+def responses_all(
+    plan: Plan,
+    p: Float[Array, " all"],
+    given: Given,
+    inputs: StepInputs,
+    frequency: Float[Array, "runs frequencies"],
+    output: Output,
+    absolute: bool,
+    polarity: int,
+) -> tuple[Float[Array, "runs frequencies 2"], Float[Array, "runs frequencies 2 all"], Bool[Array, " runs"]]:
+    """(amplitude ratio and phase [rad], their derivatives to the vector, whether there is an equilibrium)."""
+    seen = tuple(name for name in plan.effects if name not in NO_RESPONSE)
+    entries = [i for i, name in enumerate((*plan.names, *plan.effects)) if name not in NO_RESPONSE]
+
+    def all_of(p: Array) -> tuple[Array, Array]:
+        valve, actuator = machine(given.valve, given.actuator, plan.names, seen, jnp.stack([p[i] for i in entries]))
+
+        def one(inputs: StepInputs, frequency: Array) -> tuple[Array, Array]:
+            found = frequency_response(
+                valve, actuator, inputs, frequency, output=output, absolute=absolute, heat=plan.heat, polarity=polarity,
+                throw=False,
+            )  # fmt: skip
+            return jnp.stack([found.amplitude_ratio, jnp.deg2rad(found.phase)], axis=-1), found.found
+
+        return jax.vmap(one)(inputs, frequency)
+
+    values, found = all_of(p)
+    slopes = jax.jacfwd(lambda q: all_of(q)[0])(p)
+    return values, slopes, found
+
+
+Key = tuple[str, str]  # test, channel
+
+
+@dataclass(frozen=True)
+class Readings:
+    """values {key: (rows,)}, slopes {key: (entries, rows)}, SI; a run that fails reads NaN. failure: 0, or why."""
+
+    values: dict[Key, np.ndarray]
+    slopes: dict[Key, np.ndarray]
+    failure: int
+
+
+@dataclass
+class DynamicSimulator:
+    """Tests, and the valve and actuator with everything that the vector does not hold. tolerance: of the steps, scaled."""
+
+    tests: dict[str, DynamicTest]
+    valve: Valve
+    actuator: Actuator
+    heat: str
+    polarity: int
+    tolerance: float = TOLERANCE
+    _runs: dict[str, Any] = field(default_factory=dict)
+
+    def read(self, names: tuple[str, ...], effects: tuple[str, ...], vector: np.ndarray) -> Readings:
+        """Readings and derivatives of all channels that the tests could have, at `vector`: parameters, then amounts."""
+        plan = Plan(names, effects, self.heat, self.tolerance)  # pyright: ignore[reportArgumentType]  # one of two words
+        given = Given(self.valve, self.actuator, jnp.asarray(float(self.polarity)))
+        p = jnp.asarray(vector, dtype=float)
+        found = Readings({}, {}, 0)
+        failure = 0
+        for name, test in self.tests.items():
+            runs = self._runs_of(name, test)
+            if isinstance(runs, StepRuns):
+                failure = max(failure, self._step(name, plan, p, given, runs, found))
+            else:
+                failure = max(failure, self._frequency(name, test, plan, p, given, runs, found))
+        return Readings(found.values, found.slopes, failure)
+
+    def _runs_of(self, name: str, test: DynamicTest) -> StepRuns | FrequencyRuns:
+        if name not in self._runs:
+            self._runs[name] = frequency_runs(test) if test.name == "frequency" else step_runs(test)
+        return self._runs[name]
+
+    def _step(self, name: str, plan: Plan, p: Any, given: Given, runs: StepRuns, into: Readings) -> int:
+        values, slopes, failures = (np.array(part) for part in readings_and_slopes(plan, p, given, runs.inputs))
+        values[failures != 0] = slopes[failures != 0] = np.nan
+        for i, channel in enumerate(STEP_READINGS):
+            into.values[name, channel] = values[runs.run, runs.place, i]
+            into.slopes[name, channel] = slopes[runs.run, runs.place, i].T
+        return int(np.max(failures))
+
+    def _frequency(
+        self, name: str, test: DynamicTest, plan: Plan, p: Any, given: Given, runs: FrequencyRuns, into: Readings
+    ) -> int:
+        values, slopes, found = (
+            np.array(part)
+            for part in responses_all(
+                plan,
+                p,
+                given,
+                runs.inputs,
+                runs.frequency,
+                test.output,  # pyright: ignore[reportArgumentType]  # one of three words, checked
+                test.absolute,
+                self.polarity,
+            )
+        )
+        values[~found] = slopes[~found] = np.nan
+        for i, channel in enumerate(FREQUENCY_READINGS):
+            into.values[name, channel] = values[runs.run, runs.place, i]
+            into.slopes[name, channel] = slopes[runs.run, runs.place, i].T
+        return 0 if np.all(found) else 1
+
+
+Whiten = Callable[[Key, np.ndarray], np.ndarray]
+
+
+@dataclass(frozen=True)
+class Weighing:
+    """weight {key: (rows,)}, 1/standard deviation and 0 where a row is masked out; pad: rows that a channel is padded to.
+
+    whiten(key, (entries, rows)): makes correlated noise white along the last axis; None where it is taken for white.
+    """
+
+    weight: Mapping[Key, np.ndarray]
+    pad: Callable[[int], int] = lambda rows: rows
+    whiten: Whiten | None = None
+
+
+def both_of(
+    simulator: DynamicSimulator,
+    names: tuple[str, ...],
+    effects: tuple[str, ...],
+    weighing: Weighing,
+    plans: Sequence[ParameterPlan],
+) -> Callable[[Any, Any], tuple[Any, Any]]:
+    """A function (p, args) -> residuals (m,) and columns (entries, m), as `least_squares.solve` takes it.
+
+    names, effects: what `p` holds. plans: of `names`, for their priors; each makes one row behind all readings.
+    """
+    value = np.array([plan.prior.value if plan.prior else plan.start for plan in plans])
+    tightness = np.array([1.0 / plan.prior.std if plan.prior else 0.0 for plan in plans])
+
+    def both(p: Any, args: Any) -> tuple[Any, Any]:
+        del args
+        vector = np.asarray(p, dtype=float)
+        found = simulator.read(names, effects, vector)
+        parts, columns = [], []
+        for key, test, reading in readings_of(simulator.tests):
+            weight = weighing.weight[key]
+            rows = np.concatenate([(found.values[key] - reading)[None], found.slopes[key]]) * weight
+            rows = np.where(weight > 0.0, rows, 0.0)  # a masked row may hold NaN
+            if weighing.whiten is not None:
+                rows = weighing.whiten(key, rows)
+            rows = np.pad(rows, ((0, 0), (0, weighing.pad(test.rows) - test.rows)))
+            parts.append(rows[0])
+            columns.append(rows[1:])
+        prior = np.zeros((len(vector), len(plans)))
+        prior[: len(plans)] = np.diag(tightness)
+        parts.append((vector[: len(plans)] - value) * tightness)
+        return jnp.asarray(np.concatenate(parts)), jnp.asarray(np.concatenate([*columns, prior], axis=1))
+
+    return both
+
+
+def readings_of(tests: Mapping[str, DynamicTest]) -> list[tuple[Key, DynamicTest, np.ndarray]]:
+    """Every measured channel: key, test, readings (rows,), in the order of the residuals."""
+    return [((name, c.name), test, c.value) for name, test in tests.items() for c in test.channels]

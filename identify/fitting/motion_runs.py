@@ -1,0 +1,106 @@
+"""The runs of a dynamic test as inputs of the simulator: stacked and padded."""
+
+from dataclasses import dataclass
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from thermohyd.dynamics.inputs import Linear, StepInputs, step_inputs
+from thermohyd.identify.bench.record import DynamicTest
+
+from .static_readings import padded_size
+
+
+BEHIND = 1e-9  # of a run's span, between pads behind its end
+
+
+@dataclass(frozen=True)
+class StepRuns:
+    """All runs of a step test. inputs: arrays lead with (runs,). run, place (rows,): where each row of the record lies."""
+
+    inputs: StepInputs
+    run: np.ndarray
+    place: np.ndarray
+
+
+@dataclass(frozen=True)
+class FrequencyRuns:
+    """All operating points of a frequency test; frequency (runs, padded) [Hz], run and place (rows,)."""
+
+    inputs: StepInputs
+    frequency: jax.Array
+    run: np.ndarray
+    place: np.ndarray
+
+
+def _places(test: DynamicTest) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
+    """(rows of each run, number of each row's run, its place in that run)"""
+    rows = [np.flatnonzero(test.run == code) for code in np.unique(test.run)]
+    run, place = np.zeros(test.rows, dtype=int), np.zeros(test.rows, dtype=int)
+    for number, own in enumerate(rows):
+        run[own], place[own] = number, np.arange(len(own))
+    return rows, run, place
+
+
+def step_runs(test: DynamicTest) -> StepRuns:
+    """The runs of a step test, each with its own clock kept."""
+    assert test.time is not None
+    rows, run, place = _places(test)
+    longest = padded_size(max(len(own) for own in rows))
+    inputs = [_inputs(test, own, test.time[own]) for own in rows]
+    return StepRuns(_stacked(inputs, [_padded(test.time[own], longest) for own in rows]), run, place)
+
+
+def frequency_runs(test: DynamicTest) -> FrequencyRuns:
+    """The operating points of a frequency test: the first row of each run."""
+    assert test.frequency is not None
+    rows, run, place = _places(test)
+    longest = padded_size(max(len(own) for own in rows))
+    # Two equal rows: the operating point stands still.
+    inputs = [_inputs(test, own[[0, 0]], np.array([0.0, 1.0])) for own in rows]
+    frequency = np.stack([np.pad(test.frequency[own], (0, longest - len(own)), mode="edge") for own in rows])
+    return FrequencyRuns(_stacked(inputs, [np.array([0.0, 1.0])] * len(rows)), jnp.asarray(frequency), run, place)
+
+
+def _inputs(test: DynamicTest, rows: np.ndarray, time: np.ndarray) -> StepInputs:
+    return step_inputs(
+        time,
+        test.command[rows],
+        test.command_kind,  # pyright: ignore[reportArgumentType]  # one of KINDS: the reader sees to it
+        supply_pressure=test.supply_pressure[rows],
+        return_pressure=test.return_pressure[rows],
+        temperature=test.temperature[rows],
+        external_force=None if test.external_force is None else test.external_force[rows],
+    )
+
+
+def _padded(time: np.ndarray, longest: int) -> np.ndarray:
+    """With rows behind the last one that cost the solver nothing."""
+    missing = longest - len(time)
+    return np.append(time, time[-1] + BEHIND * (time[-1] - time[0]) * np.arange(1, missing + 1))
+
+
+def _stacked(inputs: list[StepInputs], times: list[np.ndarray]) -> StepInputs:
+    most = {part: max(len(getattr(one, part).knots) for one in inputs) for part in ("command", "surroundings")}
+    ready = [
+        StepInputs(
+            jnp.asarray(time),
+            _with_knots(one.command, most["command"], time[-1]),
+            _with_knots(one.surroundings, most["surroundings"], time[-1]),
+            one.kind,
+            one.forced,
+        )
+        for one, time in zip(inputs, times, strict=True)
+    ]
+    return jax.tree.map(lambda *arrays: jnp.stack(arrays), *ready)
+
+
+def _with_knots(line: Linear, count: int, end: float) -> Linear:
+    """With bends of 0 behind the end, where the solver never comes."""
+    spare = count - len(line.knots)
+    if spare == 0:
+        return line
+    knots = jnp.concatenate([line.knots, end + 1.0 + jnp.arange(spare, dtype=line.knots.dtype)])
+    return eqx.tree_at(lambda one: (one.knots, one.bends), line, (knots, jnp.pad(line.bends, ((0, spare), (0, 0)))))

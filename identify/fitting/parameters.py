@@ -1,0 +1,130 @@
+"""The parameters that a fit can free: their names, units, nominal values and the box in which they make sense.
+
+What a dynamic fit frees and what it holds: the four parameters of motion, and static ones only at the user's word.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from thermohyd.identify.bench.record import ActuatorData, StartValue, ValveData
+
+
+@dataclass(frozen=True)
+class ParameterInfo:
+    """One identifiable parameter (MODEL section 5). `scale` is a natural step: what a fit thinks of as order one."""
+
+    name: str
+    unit: str
+    nominal: float
+    lower: float
+    upper: float
+    scale: float
+    meaning: str
+
+
+MICRON = 1e-6
+
+
+def identified_by_default(valve: ValveData) -> dict[str, ParameterInfo]:
+    """The six static parameters for a valve; the limits of underlap and null bias follow its stroke."""
+    half = 0.5 * valve.stroke
+    known = (
+        ParameterInfo("edge_radius", "m", 10 * MICRON, 0.0, 200 * MICRON, 5 * MICRON, "radius of the rounded edges"),
+        ParameterInfo("clearance", "m", 3 * MICRON, 0.05 * MICRON, 50 * MICRON, 1 * MICRON, "radial clearance"),
+        ParameterInfo("underlap", "m", 5 * MICRON, -half, half, 5 * MICRON, "opening between the arc centres at null"),
+        ParameterInfo("discharge_coefficient", "dimensionless", 0.7, 0.05, 2.0, 0.1, "C_qmax of the edges"),
+        ParameterInfo(
+            "transition_number", "dimensionless", 100.0, 1.0, 10000.0, 30.0, "lambda_c, laminar to turbulent"
+        ),
+        ParameterInfo("null_bias", "m", 0.0, -half, half, 5 * MICRON, "spool position at hydraulic null"),
+    )
+    return {info.name: info for info in known}
+
+
+def heat_retention() -> ParameterInfo:
+    """eta between the isothermal (0) and the adiabatic (1) model: held at 0 unless a record frees it."""
+    return ParameterInfo("heat_retention", "dimensionless", 0.0, 0.0, 1.0, 0.3, "share of the heat that the oil keeps")
+
+
+# Identified from motion (MODEL section 7); names of `thermohyd.actuator.Actuator`.
+IN_MOTION = ("spool_frequency", "spool_damping", "bulk_modulus_factor", "viscous_friction")
+
+
+def identified_in_motion(actuator: ActuatorData) -> dict[str, ParameterInfo]:
+    """The four parameters that dynamic tests identify; they start at the `[actuator]` table's values."""
+    hz, xi, f = actuator.spool_frequency, actuator.spool_damping, actuator.viscous_friction
+    known = (
+        ParameterInfo("spool_frequency", "Hz", hz, 0.02 * hz, 50.0 * hz, 0.3 * hz, "natural frequency of the spool"),
+        ParameterInfo("spool_damping", "dimensionless", xi, 0.01, max(20.0, 10.0 * xi), 0.3, "damping of the spool"),
+        ParameterInfo("bulk_modulus_factor", "dimensionless", 1.0, 0.01, 5.0, 0.3, "of the chambers' bulk modulus"),
+        ParameterInfo("viscous_friction", "N*s/m", f, 0.0, max(1e6, 20.0 * f), max(f, 500.0), "f of the piston"),
+    )
+    return {info.name: info for info in known}
+
+
+@dataclass(frozen=True)
+class Prior:
+    """A Gaussian prior on a free parameter: one more residual, (p - value)/std."""
+
+    value: float
+    std: float
+
+
+@dataclass(frozen=True)
+class ParameterPlan:
+    """What a fit does with one parameter: hold it at `start`, or free it inside its box."""
+
+    info: ParameterInfo
+    start: float
+    fixed: bool
+    lower: float
+    upper: float
+    prior: Prior | None = None
+    given: bool = False  # the start came from the user
+
+
+def plan_parameters(valve: ValveData, start: dict[str, StartValue]) -> dict[str, ParameterPlan]:
+    """Merge the defaults with a record's `[start]`; a box always contains its start."""
+    plans: dict[str, ParameterPlan] = {}
+    for info in (*identified_by_default(valve).values(), heat_retention()):
+        chosen = start.get(info.name)
+        if chosen is None:
+            held = info.name == "heat_retention"
+            plans[info.name] = ParameterPlan(info, info.nominal, held, info.lower, info.upper)
+            continue
+        lower = info.lower if chosen.lower is None else chosen.lower
+        upper = info.upper if chosen.upper is None else chosen.upper
+        prior = Prior(chosen.value, chosen.prior_std) if chosen.prior_std else None
+        plans[info.name] = ParameterPlan(
+            info, chosen.value, chosen.fixed, min(lower, chosen.value), max(upper, chosen.value), prior, given=True
+        )
+    return plans
+
+
+def plan_motion(
+    valve: ValveData, actuator: ActuatorData, start: Mapping[str, StartValue], known: Mapping[str, float] | None = None
+) -> dict[str, ParameterPlan]:
+    """{parameter: plan}: of motion first, free unless held in `[start]`; static ones held unless freed there.
+
+    known: static values that a fit of the record's static tests found; all of them are then held.
+    """
+    plans = {info.name: _plan(info, start.get(info.name), False) for info in identified_in_motion(actuator).values()}
+    for info in (*identified_by_default(valve).values(), heat_retention()):
+        chosen = start.get(info.name)
+        held = known is not None or chosen is None or not chosen.freed
+        plan = _plan(info, chosen, held)
+        if known is not None and info.name in known:
+            value = known[info.name]
+            plan = replace(plan, start=value, lower=min(plan.lower, value), upper=max(plan.upper, value), given=True)
+        plans[info.name] = plan
+    return plans
+
+
+def _plan(info, chosen: StartValue | None, held: bool) -> ParameterPlan:
+    if chosen is None:
+        return ParameterPlan(info, info.nominal, held, info.lower, info.upper)
+    lower = info.lower if chosen.lower is None else chosen.lower
+    upper = info.upper if chosen.upper is None else chosen.upper
+    prior = Prior(chosen.value, chosen.prior_std) if chosen.prior_std else None
+    lower, upper = min(lower, chosen.value), max(upper, chosen.value)
+    return ParameterPlan(info, chosen.value, held or chosen.fixed, lower, upper, prior, given=True)

@@ -1,0 +1,170 @@
+"""Intervals from the profile of chi-square, where the covariance at the optimum does not hold.
+
+A parameter is moved and held, the others adapt: the interval ends where chi-square has risen as far as the covariance would
+have it rise at its ends. It may be lopsided, it ends at a limit, and it sees what a slope at one point cannot: limits that
+others press against, kinks where an edge closes, other valleys nearby.
+Venzon and Moolgavkar, "A method for computing profile-likelihood-based confidence intervals", Applied Statistics 37, 1988.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .boxes import Box
+from .least_squares import LeastSquaresResult
+
+
+# Chi-square at the ends of the covariance's interval, against what it promises: beyond this share the profile is asked.
+HOLDS = 0.25
+MOST_STEPS, GROWTH = 14, 1.7
+REFINEMENTS, CLOSE = 5, 0.03  # of the bracket that holds an end; of the rise asked for
+HOPS = (1.0e-6, 4.0e-6)  # m of underlap, over the kinks that hold a search back
+LOWER = 1e-3  # fall of chi-square that makes another optimum
+
+# solve(start, {index: value}) -> the fit with these parameters held there.
+SolveHeld = Callable[[np.ndarray, dict[int, float]], LeastSquaresResult]
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A profile's ends (SI); `open_low`, `open_high`: the box ended before chi-square had risen enough."""
+
+    low: float
+    high: float
+    open_low: bool = False
+    open_high: bool = False
+
+
+@dataclass(frozen=True)
+class Profiles:
+    """intervals by index of the parameter. better: a deeper optimum that a profile ran into; then everything is to be redone."""
+
+    intervals: dict[int, Interval]
+    better: LeastSquaresResult | None = None
+
+
+def covariance_holds(
+    best: LeastSquaresResult, boxes: Sequence[Box], covariance: np.ndarray, reach: float, solve: SolveHeld
+) -> bool:
+    """Whether chi-square rises as the covariance (p, p) says, out to `reach` standard errors of every parameter either way.
+
+    False where a parameter sits at its limit, or where the way out of one leads out of the box.
+    """
+    if np.any(best.active != 0):
+        return False
+    every = range(len(boxes))
+    for i in every:
+        std = float(np.sqrt(covariance[i, i]))
+        if not std > 0.0:
+            return False
+        way = covariance[:, i] / std
+        promised = float(np.sum((best.jacobian @ way) ** 2)) * reach**2
+        for side in (-reach, reach):
+            p = best.p + side * way
+            if any(not box.lower <= value <= box.upper for box, value in zip(boxes, p, strict=True)):
+                return False
+            rise = solve(p, {j: float(p[j]) for j in every}).cost - best.cost
+            if not abs(rise - promised) <= HOLDS * promised:
+                return False
+    return True
+
+
+def profile_intervals(
+    best: LeastSquaresResult,
+    boxes: Sequence[Box],
+    std: np.ndarray,
+    rise: np.ndarray,
+    solve: SolveHeld,
+    say: Callable[[str], None] = lambda _: None,
+) -> Profiles:
+    """Interval of every parameter: where its profile of chi-square lies `rise` (p,) above `best`.
+
+    std (p,): a first idea of the distance, NaN where there is none.
+    """
+    found: dict[int, Interval] = {}
+    for i, box in enumerate(boxes):
+        say(f"profile of {box.name}")
+        ends: list[tuple[float, bool]] = []
+        for side in (-1.0, 1.0):
+            walk = _Walk(best, boxes, i, float(rise[i]), solve)
+            first = float(std[i]) * float(np.sqrt(rise[i])) if np.isfinite(std[i]) and std[i] > 0.0 else box.scale
+            end = walk.out(side, first)
+            if end is None:
+                return Profiles({}, walk.better)
+            ends.append(end)
+        (low, open_low), (high, open_high) = ends
+        found[i] = Interval(low, high, open_low, open_high)
+    return Profiles(found)
+
+
+@dataclass
+class _Walk:
+    """One parameter's way out from the optimum."""
+
+    best: LeastSquaresResult
+    boxes: Sequence[Box]
+    i: int
+    rise: float
+    solve: SolveHeld
+    better: LeastSquaresResult | None = None
+
+    def out(self, side: float, first: float) -> tuple[float, bool] | None:
+        """(value, whether the box ended first) of the end on one side; None where a deeper optimum was met: `better`."""
+        box, start = self.boxes[self.i], self.best.p
+        limit = box.lower if side < 0.0 else box.upper
+        inner, inner_rise, inner_p = float(start[self.i]), 0.0, start
+        step = first
+        for _ in range(MOST_STEPS):
+            value = inner + side * step
+            at_limit = (value - limit) * side >= 0.0
+            value = float(limit if at_limit else value)
+            if value == inner:
+                return value, True
+            found = self.at(value, inner_p)
+            risen = found.cost - self.best.cost
+            if risen < -LOWER * max(1.0, 1e-3 * self.best.cost):
+                self.better = found
+                return None
+            if risen >= self.rise:
+                return self.between(inner, inner_rise, inner_p, value, risen), False
+            inner, inner_rise, inner_p = value, max(risen, 0.0), found.p
+            if at_limit:
+                return value, True
+            step *= GROWTH
+        return inner, True
+
+    def at(self, value: float, start: np.ndarray) -> LeastSquaresResult:
+        """The other parameters' best beside this value: from the neighbouring one's, and from across the kinks."""
+        moved = start.copy()
+        moved[self.i] = value
+        found = self.solve(moved, {self.i: value})
+        names = [box.name for box in self.boxes]
+        if found.cost - self.best.cost < self.rise or "underlap" not in names or names[self.i] == "underlap":
+            return found
+        u = names.index("underlap")
+        for hop in HOPS:
+            for way in (hop, -hop):
+                other = found.p.copy()
+                other[u] = np.clip(other[u] + way, self.boxes[u].lower, self.boxes[u].upper)
+                tried = self.solve(other, {self.i: value})
+                if tried.cost < found.cost:
+                    found = tried
+        return found
+
+    def between(self, inner: float, inner_rise: float, inner_p: np.ndarray, outer: float, outer_rise: float) -> float:
+        """The value between two at which chi-square has risen enough: secants of its root, which is nearly straight."""
+        for _ in range(REFINEMENTS):
+            low, high, aim = np.sqrt(inner_rise), np.sqrt(outer_rise), np.sqrt(self.rise)
+            share = (aim - low) / (high - low) if high > low else 0.5
+            value = inner + float(np.clip(share, 0.1, 0.9)) * (outer - inner)
+            found = self.at(value, inner_p)
+            risen = max(found.cost - self.best.cost, 0.0)
+            if abs(risen - self.rise) <= CLOSE * self.rise:
+                return value
+            if risen < self.rise:
+                inner, inner_rise, inner_p = value, risen, found.p
+            else:
+                outer, outer_rise = value, risen
+        low, high, aim = np.sqrt(inner_rise), np.sqrt(outer_rise), np.sqrt(self.rise)
+        return inner + (aim - low) / (high - low) * (outer - inner) if high > low else outer

@@ -1,0 +1,123 @@
+"""What a fit returns: plain numbers and words, ready for the terminal, for JSON and for plots. No JAX here."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from thermohyd.identify.bench.record import BenchRecord
+
+
+# Reduced chi-square above which the program says that model and bench disagree (about 1.5 noise units RMS).
+DISAGREES = 2.0
+
+
+@dataclass(frozen=True)
+class ParameterEstimate:
+    """One parameter after the fit (SI).
+
+    `std` and `ci95` are None where there is no honest error bar; `why_no_error_bar` then says why
+    (held fixed, at its bound, no reading depends on it, a flat direction shared with ...). `by_profile`: the interval is
+    that of the profile of chi-square, and need not lie evenly about the value; `std` is then the root mean square about
+    the value of a normal law in two pieces with these sides, and at a bound there is an interval without a `std`.
+    `conditional_on`: parameters at their bounds, which std and interval take to stay there.
+    """
+
+    name: str
+    value: float
+    unit: str  # SI, pint spelling: "m", "dimensionless", ...
+    std: float | None
+    ci95: tuple[float, float] | None
+    start: float
+    lower: float
+    upper: float
+    at_bound: bool = False
+    fixed: bool = False
+    prior_std: float | None = None
+    why_no_error_bar: str = ""
+    by_profile: bool = False
+    conditional_on: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class ChannelFit:
+    """One channel of one test beside the fitted model, row by row (SI): what the plots draw and the report sums up."""
+
+    test: str
+    channel: str
+    position: np.ndarray
+    measured: np.ndarray
+    predicted: np.ndarray
+    std: np.ndarray  # noise of each point as the fit used it
+    predicted_std: np.ndarray  # from the parameters' covariance
+    direction: np.ndarray
+    run: np.ndarray
+    supply_pressure: np.ndarray
+    temperature: np.ndarray
+    residual_rms: float  # measured - predicted, over the points
+    noise: float  # typical noise standard deviation of one point
+    noise_source: str  # in words
+    reduced_chi2: float  # of this channel alone
+    autocorrelation: float  # of neighbouring residuals along the sweep
+    effective_size: float  # independent readings that the points are worth
+    noise_known: bool = True  # stated, or measured free of any model; else taken from the residuals themselves
+    neighbours: float | None = None  # scatter of neighbouring readings about a smooth curve, where that says something
+
+
+@dataclass(frozen=True)
+class StartOutcome:
+    """What one of the starts of the multi-start came to."""
+
+    start: dict[str, float]
+    cost: float  # chi-square reached
+    converged: bool
+    message: str
+    steps: int
+    restart: bool = False  # no start of its own: from beside the best end of the others, and lower than all of them
+
+
+@dataclass(frozen=True)
+class Identifiability:
+    """How well the data tell the parameters apart, in figures and in words."""
+
+    condition_number: float
+    singular_values: tuple[float, ...]
+    weak_directions: tuple[str, ...]  # "edge_radius and underlap trade off: +0.71 -0.70"
+    sentences: tuple[str, ...] = ()  # further remarks: known degeneracies, high correlations
+
+
+@dataclass(frozen=True)
+class FitResult:
+    """Everything that `fit` found. `covariance` is over `free` (names in order), SI units."""
+
+    record: BenchRecord
+    parameters: dict[str, ParameterEstimate]
+    free: tuple[str, ...]
+    covariance: np.ndarray
+    correlation: np.ndarray
+    reduced_chi2: float
+    chi2: float
+    degrees_of_freedom: float
+    channels: tuple[ChannelFit, ...]
+    identifiability: Identifiability
+    rows: int  # rows of the record as logged
+    points: int  # readings that the fit used after reduction
+    seconds: float
+    converged: bool
+    message: str
+    starts: tuple[StartOutcome, ...]
+    notes: tuple[str, ...] = ()  # what was reduced, where the noise came from, what was left out
+    warnings: tuple[str, ...] = ()
+    noise_freedom: float = np.inf  # degrees of freedom from which the noise was estimated; infinite: stated
+    verdict: tuple[str, ...] = field(default=())  # plain sentences: how well the ideal valve fits and where it misses
+
+    @property
+    def judged(self) -> bool:
+        """Whether the noise of every reading is known, so that agreement or misfit can be judged."""
+        return all(channel.noise_known for channel in self.channels)
+
+    @property
+    def standing(self) -> str:
+        """ "good": explained within a known noise; "open": that cannot be judged, or a parameter ends at its limit; "bad"."""
+        if not self.converged or any(c.noise_known and c.reduced_chi2 >= DISAGREES for c in self.channels):
+            return "bad"
+        return "good" if self.judged and not any(p.at_bound for p in self.parameters.values()) else "open"

@@ -1,0 +1,154 @@
+"""Where the hydraulic null lies, read off the curves: a start that spares the fit a search for it. NumPy only.
+
+Out of the wrong valley: an edge that closes exactly at a measured position makes a kink, and between kinks lie local minima.
+
+Where an opening passes zero the overlapped land starts at once, so every row near null puts a kink into the chi-square
+as a function of the underlap. A search that slid into a valley between two kinks is set down on the other side of them.
+
+Which way round a channel was wired: a load pressure or flow that falls as the spool opens is read with its sign turned.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from thermohyd.identify.bench.record import Channel, TestRecord
+
+from .least_squares import LeastSquaresResult
+
+
+def _sweeps(test: TestRecord) -> list[np.ndarray]:
+    """Row numbers of each stretch of one run in one direction under the same nominal conditions."""
+    changed = (np.diff(test.run) != 0) | (np.diff(test.direction) != 0)
+    return [part for part in np.split(np.arange(test.rows), np.flatnonzero(changed) + 1) if len(part) >= 5]
+
+
+def _crossing(position: np.ndarray, value: np.ndarray) -> float | None:
+    """Position where a reading crosses zero, by a line through the points around its middle sign change."""
+    order = np.argsort(position, kind="stable")
+    x, y = position[order], value[order]
+    changes = np.flatnonzero(np.sign(y[:-1]) * np.sign(y[1:]) < 0)
+    if len(changes) == 0:
+        return None
+    i = int(changes[len(changes) // 2])
+    return float(x[i] - y[i] * (x[i + 1] - x[i]) / (y[i + 1] - y[i]))
+
+
+def _peak(position: np.ndarray, value: np.ndarray) -> float | None:
+    """Centre of gravity of the part of a leakage curve above the middle of its range, if the curve has both flanks."""
+    half = 0.5 * (value.min() + value.max())
+    high = value > half
+    order = np.argsort(position, kind="stable")
+    if high.sum() < 3 or high[order[0]] or high[order[-1]]:
+        return None
+    return float(np.average(position[high], weights=value[high] - half))
+
+
+def null_position(tests: dict[str, TestRecord]) -> float | None:
+    """Spool position at hydraulic null [m], from the sharpest test that shows it; None where none does.
+
+    The pressure gain crosses zero most steeply, then the flow; the leakage's peak is the least sharp. Sweeps up and
+    down, and runs, are combined by their median.
+    """
+    ways = (
+        ("pressure_gain", "load_pressure", _crossing),
+        ("flow_gain", "flow", _crossing),
+        ("leakage", "leakage_flow", _peak),
+    )
+    for name, channel_name, way in ways:
+        test = tests.get(name)
+        channel = None if test is None else next((c for c in test.channels if c.name == channel_name), None)
+        if test is None or channel is None:
+            continue
+        found = [way(test.spool_position[rows], channel.value[rows]) for rows in _sweeps(test)]
+        sure = [null for null in found if null is not None]
+        if sure:
+            return float(np.median(sure))
+    return None
+
+
+MICRON = 1e-6
+# Tried on both sides, nearest last: rows near null lie a fraction of a micron to some microns apart.
+HOPS = (6.0, 3.0, 1.5, 0.75, 0.35)
+MOST_ROUNDS = 6
+BETTER = 1e-6  # relative fall of the cost that counts
+# A minimum on a kink has slopes on both sides, of this many standard errors at most; beyond it something else is wrong.
+STEEPEST_KINK = 1.0
+
+
+def hop(
+    best: LeastSquaresResult,
+    names: tuple[str, ...],
+    solve_from: Callable[[np.ndarray], LeastSquaresResult],
+    *,
+    hops: tuple[float, ...] = HOPS,
+    rounds: int = MOST_ROUNDS,
+) -> LeastSquaresResult:
+    """Restart from `best` with the underlap moved, take what is lower, until no move helps. Few, warm, cheap solves.
+
+    Where the search from every side ends at the same place and finds no way down, that place is a minimum although its
+    slope does not vanish: it lies on a kink, and the result says so.
+    """
+    if "underlap" not in names:
+        return best
+    i = names.index("underlap")
+    start = None
+    for _ in range(rounds):
+        start = best
+        for step in hops:
+            for side in (step, -step):
+                moved = start.p.copy()
+                moved[i] += side * MICRON
+                tried = solve_from(moved)
+                if tried.cost < best.cost * (1.0 - BETTER):
+                    best = tried
+        if best is start:
+            break
+    if best.converged:
+        return best
+    # A search that creeps along a kink for ever has ended too, once no hop from there leads lower.
+    return on_a_kink(replace(best, exhausted=True) if best is start else best)
+
+
+def on_a_kink(result: LeastSquaresResult) -> LeastSquaresResult:
+    """The same result, believed if its search ended by itself with no more slope than a kink has."""
+    if not (result.exhausted and result.relative_offset <= STEEPEST_KINK and np.all(np.isfinite(result.jacobian))):
+        return result
+    message = f"converged in {result.steps} steps, on a kink where an edge closes at a measured position"
+    return replace(result, converged=True, message=message)
+
+
+SIGNED = {"load_pressure": "p_A - p_B", "flow": "the flow from A to B"}
+# Correlation with the position below which a channel is reversed beyond doubt; a sound one has it near +1.
+REVERSED = -0.5
+
+
+def _reversed(position: np.ndarray, value: np.ndarray) -> bool:
+    if np.ptp(position) == 0.0 or np.ptp(value) == 0.0:
+        return False
+    return float(np.corrcoef(position, value)[0, 1]) < REVERSED
+
+
+def reversed_channels(test: TestRecord) -> tuple[str, ...]:
+    """Channels of a test whose sign contradicts the convention that +x gives positive flow and load pressure."""
+    if test.name == "load_flow":  # its flow follows the imposed load pressure as well
+        return ()
+    return tuple(c.name for c in test.channels if c.name in SIGNED and _reversed(test.spool_position, c.value))
+
+
+def with_signs_turned(test: TestRecord, names: tuple[str, ...]) -> TestRecord:
+    """The test with the readings of the named channels negated."""
+
+    def turned(channel: Channel) -> Channel:
+        return replace(channel, value=-channel.value) if channel.name in names else channel
+
+    return replace(test, channels=tuple(turned(c) for c in test.channels))
+
+
+def warning_of(test: TestRecord, name: str) -> str:
+    """What the user must know about a reversed channel."""
+    return (
+        f"{test.name}: {name} falls as the spool moves to +x, so its sign was turned: it is taken as minus {SIGNED[name]}. "
+        "If every test is reversed, it is the polarity in [valve] that is wrong"
+    )

@@ -1,0 +1,359 @@
+"""The static tests of a record as one differentiable function of the parameters: what the solver calls.
+
+Rows are padded to a few sizes (pads weigh nothing), so that records of similar length share one compiled program.
+Leakage and pressure gain are the same balance of blocked ports: their rows run through it together.
+
+The least-squares problem of a fit: whitened residuals of every channel, then the priors.
+"""
+
+import functools
+from collections.abc import Callable, Mapping
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from thermohyd.conditions import Conditions
+from thermohyd.identify.bench.record import BenchRecord, TestRecord
+from thermohyd.oil import oil_from_definition
+from thermohyd.static_tests import blocked_port_readings, control_flow, load_flow
+from thermohyd.valve import Valve
+
+from .boxes import Box
+from .least_squares import Residual
+from .parameters import ParameterPlan
+
+
+# The tests by the balance of the ports that they share.
+GROUPS = {"blocked": ("leakage", "pressure_gain"), "flow_gain": ("flow_gain",), "load_flow": ("load_flow",)}
+
+
+class ChannelRows(eqx.Module):
+    """One channel's readings: padded values [SI] and weights, 1/standard deviation; a pad weighs 0."""
+
+    test: str = eqx.field(static=True)
+    name: str = eqx.field(static=True)
+    value: Float[Array, " padded"]
+    weight: Float[Array, " padded"]
+
+
+class StaticData(eqx.Module):
+    """The conditions of every test and the readings beside them.
+
+    weights: of a test whose readings are means over bins, {test: (padded, nodes)}; its conditions then have one entry per
+    node, the nodes of a reading behind one another.
+    """
+
+    conditions: dict[str, Conditions]
+    channels: tuple[ChannelRows, ...]
+    weights: dict[str, Float[Array, "padded nodes"]]
+
+    def means(self, test: str, values: Float[Array, "*columns rows"]) -> Float[Array, "*columns padded"]:
+        """The model's values at a test's operating points, averaged as its readings are."""
+        weight = self.weights.get(test)
+        return values if weight is None else mean_over_nodes(values, weight)
+
+
+def mean_over_nodes(
+    values: Float[Array, "*columns rows"], weight: Float[Array | np.ndarray, "padded nodes"]
+) -> Float[Array, "*columns padded"]:
+    """Weighted means of the nodes of every reading."""
+    return jnp.sum(values.reshape(*values.shape[:-1], *weight.shape) * weight, axis=-1)
+
+
+def padded_size(rows: int) -> int:
+    """The next of a few sizes, at most an eighth above the number of rows."""
+    if rows <= 64:
+        return 64
+    step = 2 ** (int(rows - 1).bit_length() - 4)
+    return -(-rows // step) * step
+
+
+def coarse_size(rows: int) -> int:
+    """The next of fewer sizes, at most a half above the number of rows: for programs that take long to compile."""
+    if rows <= 256:
+        return 256
+    power = 1 << (int(rows - 1).bit_length() - 1)
+    return power + power // 2 if rows <= power + power // 2 else 2 * power
+
+
+Size = Callable[[int], int]
+
+
+def pad(values: np.ndarray, fill: float | None = None, size: Size = padded_size) -> Array:
+    """Pad with `fill`, by default with the last row, whose operating point is known to be sound."""
+    missing = size(len(values)) - len(values)
+    tail = np.full(missing, values[-1] if fill is None else fill, dtype=float)
+    return jnp.asarray(np.concatenate([np.asarray(values, dtype=float), tail]))
+
+
+def conditions_of(test: TestRecord, size: Size = padded_size) -> Conditions:
+    """A test's operating points, padded; of a reduced log the nodes of every point behind one another."""
+    nodes = test.nodes
+
+    def column(values: np.ndarray, offset: np.ndarray | None = None) -> Array:
+        if nodes is None:
+            return pad(values, size=size)
+        spread = np.repeat(np.asarray(values, dtype=float)[:, None], nodes.count, axis=1)
+        spread = spread if offset is None else spread + offset
+        missing = size(len(values)) - len(values)
+        return jnp.asarray(np.concatenate([spread, np.repeat(spread[-1:], missing, axis=0)]).ravel())
+
+    along = {} if nodes is None else {nodes.axis: nodes.offset}
+    return Conditions(
+        position=column(test.spool_position, along.get("spool_position")),
+        supply_pressure=column(test.supply_pressure),
+        return_pressure=column(test.return_pressure),
+        temperature=column(test.temperature),
+        load_pressure=None if test.load_pressure is None else column(test.load_pressure, along.get("load_pressure")),
+        time=None if test.time is None else column(test.time, None if nodes is None else nodes.time),
+        direction=column(test.direction),
+        run=column(test.run),
+        rate=None if test.rate is None else column(test.rate),
+    )
+
+
+def row_weights(test: TestRecord, size: Size = padded_size) -> Array | None:
+    """Weights of a reduced log's nodes, padded; None where every reading is a row."""
+    if test.nodes is None:
+        return None
+    missing = size(test.rows) - test.rows
+    return jnp.asarray(np.concatenate([test.nodes.weight, np.repeat(test.nodes.weight[-1:], missing, axis=0)]))
+
+
+def base_valve(record: BenchRecord, parameters: Mapping[str, float], heat: bool = False) -> Valve:
+    """The valve of a record with the given parameters; `heat` computes heat retention even where it starts at 0."""
+    numbers = dict(parameters)
+    eta = numbers.pop("heat_retention", 0.0)
+    return Valve(
+        oil=oil_from_definition(record.oil),
+        stroke=record.valve.stroke,
+        slot_width=record.valve.slot_width,
+        heat_retention=jnp.asarray(eta) if heat or eta > 0.0 else None,
+        land_diameter=None if record.valve.land_diameter is None else jnp.asarray(record.valve.land_diameter),
+        **numbers,  # pyright: ignore[reportArgumentType]  # names checked against Valve's fields by plan_parameters
+    )
+
+
+def with_parameters(valve: Valve, names: tuple[str, ...], values: Float[Array, "free ..."]) -> Valve:
+    """The valve with some of its parameters replaced; one number each, or one per row of a test."""
+    return eqx.tree_at(lambda v: [getattr(v, name) for name in names], valve, [values[i] for i in range(len(names))])
+
+
+def _joined(parts: list[Conditions]) -> Conditions:
+    """Rows of several tests behind one another; a column that only some have is left out (none of them needs it)."""
+
+    def column(name: str) -> Array | None:
+        arrays = [getattr(part, name) for part in parts]
+        return None if any(a is None for a in arrays) else jnp.concatenate(arrays)
+
+    def given(name: str) -> Array:
+        return jnp.concatenate([getattr(part, name) for part in parts])
+
+    # Runs of different tests must not look like one sweep.
+    runs = [part.run + 1000.0 * i for i, part in enumerate(parts) if part.run is not None]
+    return Conditions(
+        position=given("position"),
+        supply_pressure=given("supply_pressure"),
+        return_pressure=given("return_pressure"),
+        temperature=given("temperature"),
+        time=column("time"),
+        direction=column("direction"),
+        run=jnp.concatenate(runs) if len(runs) == len(parts) else None,
+        rate=column("rate"),
+    )
+
+
+def groups_of(conditions: dict[str, Conditions]) -> dict[str, tuple[str, ...]]:
+    """Tests that are solved together, by the name of the balance that they share, in the order of GROUPS."""
+    found = {group: tuple(test for test in tests if test in conditions) for group, tests in GROUPS.items()}
+    return {group: tests for group, tests in found.items() if tests}
+
+
+def group_rows(conditions: dict[str, Conditions], tests: tuple[str, ...]) -> int:
+    """Padded rows (or nodes) of a group's tests, behind one another."""
+    return sum(conditions[test].position.shape[0] for test in tests)
+
+
+def predict_group(
+    valve: Valve, group: str, tests: tuple[str, ...], conditions: dict[str, Conditions]
+) -> dict[str, dict[str, Float[Array, " padded"]]]:
+    """{test: {channel: readings}} of one group, node by node where a test has nodes.
+
+    Parameters of the valve may have one entry per row of the group.
+    """
+    if group == "flow_gain":
+        return {group: {"flow": control_flow(valve, conditions[group])}}
+    if group == "load_flow":
+        return {group: {"flow": load_flow(valve, conditions[group])}}
+    readings = blocked_port_readings(valve, _joined([conditions[test] for test in tests]))
+    found: dict[str, dict[str, Array]] = {}
+    first = 0
+    for test in tests:
+        last = first + conditions[test].position.shape[0]
+        found[test] = {channel: value[first:last] for channel, value in readings.items()}
+        first = last
+    return found
+
+
+def predict(valve: Valve, conditions: dict[str, Conditions]) -> dict[str, dict[str, Float[Array, " padded"]]]:
+    """Readings of every test at its padded operating points, not averaged over nodes: {test: {channel: values [SI]}}."""
+    found: dict[str, dict[str, Array]] = {}
+    for group, tests in groups_of(conditions).items():
+        found |= predict_group(valve, group, tests, conditions)
+    return found
+
+
+def weighted_residuals(
+    found: dict[str, dict[str, Float[Array, " padded"]]], data: StaticData
+) -> Float[Array, " readings"]:
+    """(model - reading) / standard deviation, all channels behind one another, in the order of `data.channels`."""
+    parts = [(data.means(c.test, found[c.test][c.name]) - c.value) * c.weight for c in data.channels]
+    return jnp.concatenate(parts)
+
+
+def static_data(
+    tests: dict[str, TestRecord], std: dict[tuple[str, str], np.ndarray], size: Size = padded_size
+) -> StaticData:
+    """Everything a fit needs of the tests; `std` gives each channel's standard deviations, row by row."""
+    channels = tuple(
+        ChannelRows(
+            test.name,
+            channel.name,
+            pad(channel.value, size=size),
+            pad(1.0 / std[test.name, channel.name], fill=0.0, size=size),
+        )
+        for test in tests.values()
+        for channel in test.channels
+    )
+    weights = {test.name: row_weights(test, size) for test in tests.values()}
+    return StaticData(
+        {test.name: conditions_of(test, size) for test in tests.values()},
+        channels,
+        {name: weight for name, weight in weights.items() if weight is not None},
+    )
+
+
+def channel_slices(tests: dict[str, TestRecord], size: Size = padded_size) -> dict[tuple[str, str], slice]:
+    """Where each channel's rows lie in the residual vector, pads left out."""
+    slices: dict[tuple[str, str], slice] = {}
+    first = 0
+    for test in tests.values():
+        for channel in test.channels:
+            slices[test.name, channel.name] = slice(first, first + test.rows)
+            first += size(test.rows)
+    return slices
+
+
+class FitArgs(eqx.Module):
+    """Data of the problem: the valve with its held parameters, the readings, and the priors of the free parameters."""
+
+    valve: Valve
+    data: StaticData
+    prior_value: Float[Array, " free"]
+    prior_weight: Float[Array, " free"]  # 1/standard deviation; 0 where there is no prior
+
+
+def plain_residual(names: tuple[str, ...], values: Float[Array, " free"], args: FitArgs) -> Float[Array, " residuals"]:
+    """Whitened residuals, then priors; differentiable in everything by the usual transformations."""
+    valve = with_parameters(args.valve, names, values)
+    prior = (values - args.prior_value) * args.prior_weight
+    return jnp.concatenate([weighted_residuals(predict(valve, args.data.conditions), args.data), prior])
+
+
+@functools.cache
+def residual_of(names: tuple[str, ...]) -> Residual:
+    """The residual function of the named free parameters: one object per set of names, so that it compiles once.
+
+    Its derivative is taken row by row: a reading depends on the parameters only through its own row, so one reverse
+    pass over parameters that are spread over the rows gives every column at once, at a cost that does not grow with
+    their number. Only derivatives with respect to the parameters are provided, not to `args`.
+    """
+
+    @jax.custom_jvp
+    def residual(values: Float[Array, " free"], args: FitArgs) -> Float[Array, " residuals"]:
+        return plain_residual(names, values, args)
+
+    @residual.defjvp
+    def pushforward(primals: tuple, tangents: tuple) -> tuple[Array, Array]:
+        values, args = primals
+        out, columns = residual_and_columns(names, values, args)
+        return out, tangents[0] @ columns
+
+    return residual
+
+
+def residual_and_columns(
+    names: tuple[str, ...], values: Float[Array, " free"], args: FitArgs
+) -> tuple[Float[Array, " residuals"], Float[Array, "free residuals"]]:
+    """The residuals and the columns of their Jacobian, by one reverse pass per channel that shares its rows with others."""
+    data = args.data
+    groups = groups_of(data.conditions)
+    spread = {
+        group: jnp.broadcast_to(values[:, None], (len(names), group_rows(data.conditions, tests)))
+        for group, tests in groups.items()
+    }
+
+    def of_rows(spread: dict[str, Float[Array, "free rows"]]) -> tuple[Float[Array, " padded"], ...]:
+        found: dict[str, dict[str, Array]] = {}
+        for group, tests in groups.items():
+            found |= predict_group(with_parameters(args.valve, names, spread[group]), group, tests, data.conditions)
+        return tuple((data.means(c.test, found[c.test][c.name]) - c.value) * c.weight for c in data.channels)
+
+    parts, pull = jax.vjp(of_rows, spread)
+    columns: dict[int, Array] = {}
+    for layer in channel_layers(data):
+        ones = tuple(jnp.ones_like(p) if i in layer else jnp.zeros_like(p) for i, p in enumerate(parts))
+        slopes = pull(ones)[0]
+        for i in layer:
+            test = data.channels[i].test
+            own = rows_of_test(slopes, test, groups, data)
+            # Every node gave its own share of a mean's slope.
+            columns[i] = own if test not in data.weights else jnp.sum(_by_node(own, data.weights[test]), axis=-1)
+    prior = (values - args.prior_value) * args.prior_weight
+    blocks = [columns[i] for i in range(len(parts))]
+    return jnp.concatenate([*parts, prior]), jnp.concatenate([*blocks, jnp.diag(args.prior_weight)], axis=1)
+
+
+def _by_node(
+    values: Float[Array, "free rows"], weight: Float[Array, "padded nodes"]
+) -> Float[Array, "free padded nodes"]:
+    return values.reshape(values.shape[0], *weight.shape)
+
+
+def channel_layers(data: StaticData) -> list[set[int]]:
+    """Channels that can share a reverse pass: at most one of each test."""
+    layers: list[set[int]] = []
+    seen: dict[str, int] = {}
+    for i, channel in enumerate(data.channels):
+        depth = seen.get(channel.test, 0)
+        seen[channel.test] = depth + 1
+        if depth == len(layers):
+            layers.append(set())
+        layers[depth].add(i)
+    return layers
+
+
+def rows_of_test(
+    slopes: dict[str, Float[Array, "free rows"]], test: str, groups: dict[str, tuple[str, ...]], data: StaticData
+) -> Float[Array, "free own"]:
+    """The columns of one test's rows (or nodes) among those of all groups."""
+    for group, tests in groups.items():
+        if test in tests:
+            first = group_rows(data.conditions, tests[: tests.index(test)])
+            return slopes[group][:, first : first + data.conditions[test].position.shape[0]]
+    raise KeyError(test)
+
+
+def prior_rows(plans: list[ParameterPlan]) -> tuple[Array, Array]:
+    """(value, weight) of the priors, one per free parameter."""
+    value = [plan.prior.value if plan.prior else plan.start for plan in plans]
+    weight = [1.0 / plan.prior.std if plan.prior else 0.0 for plan in plans]
+    return jnp.asarray(np.array(value, dtype=float)), jnp.asarray(np.array(weight, dtype=float))
+
+
+def box_of(plan: ParameterPlan) -> Box:
+    """How the solver sees a parameter: scaled linearly, because every lower limit (0 radius, overlap) can be reached."""
+    return Box(plan.info.name, plan.start, plan.info.scale, plan.lower, plan.upper)

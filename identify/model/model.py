@@ -1,0 +1,42 @@
+"""A valve as plain numbers: what a fit found or a record states, and what `simulate` needs. No JAX."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from thermohyd.identify.bench.record import ActuatorData, ValveData
+from thermohyd.oil_definition import OilDefinition
+
+from .learned_terms import LearnedTerm
+
+
+# {test: {quantity: (least, greatest)}} of the rows that a model was fitted to, SI.
+Ranges = dict[str, dict[str, tuple[float, float]]]
+
+
+@dataclass(frozen=True)
+class Model:
+    """A fitted (or nominal) valve, SI. `covariance` is over `free`, in that order, which may name effects as well.
+
+    actuator, dynamics: the jack as its record describes it, and the parameters of motion; of a record with dynamic tests.
+    effects: {name in `thermohyd.effects.library`: amount}. learned: smooth empirical terms, which are no physics.
+    fitted: where its tests were run (`fitted_range.QUANTITIES`); empty where nobody says.
+    """
+
+    valve: ValveData
+    oil: OilDefinition
+    parameters: dict[str, float]
+    free: tuple[str, ...] = ()
+    covariance: np.ndarray | None = None
+    effects: dict[str, float] = field(default_factory=dict)
+    learned: tuple[LearnedTerm, ...] = ()
+    actuator: ActuatorData | None = None
+    dynamics: dict[str, float] = field(default_factory=dict)
+    fitted: Ranges = field(default_factory=dict)
+
+    def value(self, name: str) -> float:
+        """A parameter's value or an effect's amount."""
+        for table in (self.effects, self.dynamics):
+            if name in table:
+                return table[name]
+        return self.parameters[name]

@@ -1,0 +1,317 @@
+"""`model.json`: everything that `simulate` needs, readable and editable by hand. Written and read here; no JAX.
+
+Checks a decoded `model.json` and makes a `Model` of it; every mistake gets one line that names the key at fault.
+"""
+
+import json
+import math
+from collections.abc import Iterable
+from contextlib import suppress
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from thermohyd.identify.bench.errors import BenchInputError, quoted, suggestion
+from thermohyd.identify.bench.record import DYNAMIC_TESTS, STATIC_TESTS, ActuatorData, BenchRecord, ValveData
+from thermohyd.identify.fitting.parameters import IN_MOTION, heat_retention, identified_by_default, identified_in_motion
+from thermohyd.identify.fitting.result import FitResult
+from thermohyd.oil_definition import OilDefinition
+
+from .fitted_range import QUANTITIES, ranges_of
+from .learned_terms import LearnedTerm, learned_json, learned_term
+from .model import Model, Ranges
+
+
+SCHEMA = "thermohyd-model/1"
+OPTIONAL = ("coldest", "hottest")  # of an oil: null where nobody says
+PLAIN_NUMBERS = ("1", "dimensionless")  # units of parameters and of effects name them differently
+
+
+class ModelReader:
+    """Reads the tables of one file."""
+
+    def __init__(self, path: Path):
+        self.path = path
+
+    def fail(self, message: str) -> BenchInputError:
+        return BenchInputError(message, file=self.path)
+
+    def table(self, content: Any, key: str) -> dict[str, Any]:
+        found = content.get(key)
+        if not isinstance(found, dict):
+            raise self.fail(f'"{key}" is missing or not a table; thermohyd fit writes one')
+        return found
+
+    def number(self, value: Any, key: str) -> float:
+        if isinstance(value, int | float) and not isinstance(value, bool):
+            with suppress(OverflowError):  # an integer of hundreds of digits
+                if math.isfinite(value):
+                    return float(value)
+        raise self.fail(f"{key} must be a finite number in SI units, not {quoted(json.dumps(value)[:40])}")
+
+    def model(self, content: Any) -> Model:
+        if not isinstance(content, dict) or content.get("schema") != SCHEMA:
+            raise self.fail(f'is not a model of this version: "schema" must be "{SCHEMA}"')
+        valve = self.valve(self.table(content, "valve"))
+        parameters = self.parameters(self.table(content, "parameters"), valve)
+        effects = self.effects(content.get("effects", {}), parameters)
+        actuator, dynamics = self.actuator(content)
+        free, covariance = self.covariance(content.get("covariance"), {**parameters, **effects, **dynamics})
+        learned = content.get("learned", [])
+        if not isinstance(learned, list):
+            raise self.fail('"learned" must be a list of terms; leave it empty for a model of physics only')
+        terms = tuple(learned_term(entry, i, self.fail, self.number) for i, entry in enumerate(learned, start=1))
+        return Model(
+            valve,
+            self.oil(self.table(content, "oil")),
+            parameters,
+            free,
+            covariance,
+            effects,
+            terms,
+            actuator,
+            dynamics,
+            self.fitted(content.get("fitted_range", {})),
+        )
+
+    def fitted(self, table: Any) -> Ranges:
+        """The conditions that were fitted; a model of an earlier version, or one written by hand, may have none."""
+        if not isinstance(table, dict):
+            raise self.fail('"fitted_range" must be a table of tests; leave it out where nothing was fitted')
+        self.refuse_unknown(table, [*STATIC_TESTS, *DYNAMIC_TESTS], "fitted_range")
+        found: Ranges = {}
+        for test, ranges in table.items():
+            where = f'"fitted_range" "{test}"'
+            if not isinstance(ranges, dict):
+                raise self.fail(f"{where} must be a table of quantities, each with its least and greatest value")
+            self.refuse_unknown(ranges, list(QUANTITIES), f"fitted_range {test}")
+            found[test] = {}
+            for name, ends in ranges.items():
+                if not isinstance(ends, list) or len(ends) != 2:
+                    raise self.fail(f'{where} "{name}" must be a list of its least and greatest value')
+                low, high = (self.number(end, f'{where} "{name}"') for end in ends)
+                if low > high:
+                    raise self.fail(f'{where} "{name}" must have its least value first')
+                found[test][name] = low, high
+        return found
+
+    def actuator(self, content: dict[str, Any]) -> tuple[ActuatorData | None, dict[str, float]]:
+        """The jack and the parameters of motion; neither in a model of static tests."""
+        if content.get("actuator") is None:
+            return None, {}
+        table = self.table(content, "actuator")
+        known = [field.name for field in fields(ActuatorData)]
+        self.refuse_unknown(table, known, "actuator")
+        if table.get("heat", "adiabatic") not in ("adiabatic", "isothermal"):
+            raise self.fail('"actuator" "heat" must be "adiabatic" or "isothermal"')
+        numbers = {
+            key: self.number(table[key], f'"actuator" "{key}"')
+            for key in known
+            if key != "heat" and table.get(key) is not None
+        }
+        for key, value in numbers.items():
+            free_of_zero = key not in ("viscous_friction", "coulomb_friction", "jack_leakage", "external_force")
+            if (free_of_zero and value <= 0.0) or (key != "external_force" and value < 0.0):
+                raise self.fail(f'"actuator" "{key}" must be {"positive" if free_of_zero else "zero or more"}')
+        if ("amplifier_gain" in numbers) != ("sensor_gain" in numbers):
+            raise self.fail('"actuator" needs both "amplifier_gain" and "sensor_gain", or neither')
+        jack = ActuatorData(**numbers, heat=str(table.get("heat", "adiabatic")))
+        given = content.get("dynamics", {})
+        if not isinstance(given, dict):
+            raise self.fail('"dynamics" must be a table of the parameters of motion')
+        infos = identified_in_motion(jack)
+        self.refuse_unknown(given, list(infos), "dynamics")
+        values = {name: self.amount(given[name], infos[name].unit, f'"dynamics" "{name}"') for name in given}
+        for name, value in values.items():
+            if value < 0.0 or (value == 0.0 and name != "viscous_friction"):
+                raise self.fail(
+                    f'"dynamics" "{name}" must be {"zero or more" if name == "viscous_friction" else "positive"}'
+                )
+        return jack, {name: info.nominal for name, info in infos.items()} | values
+
+    def amount(self, entry: Any, unit: str, where: str) -> float:
+        """A plain number in SI, or a table with one in "value", whose "unit" must then be the SI one."""
+        if not isinstance(entry, dict):
+            return self.number(entry, where)
+        said = entry.get("unit", unit)
+        if said != unit and not (said in PLAIN_NUMBERS and unit in PLAIN_NUMBERS):
+            raise self.fail(f"{where} is in {quoted(said)}; a model.json is in SI units, here {unit}")
+        return self.number(entry.get("value"), where)
+
+    def effects(self, table: Any, parameters: dict[str, float]) -> dict[str, float]:
+        if not isinstance(table, dict):
+            raise self.fail('"effects" must be a table; leave it empty for the ideal valve')
+        if not table:
+            return {}
+        from thermohyd.effects.library import DYNAMIC_EFFECTS, EFFECTS
+
+        library = {**EFFECTS, **DYNAMIC_EFFECTS}
+        amounts: dict[str, float] = {}
+        for name, entry in table.items():
+            if name not in library:
+                raise self.fail(f'"effects" has no {quoted(name)}; {suggestion(name, library)}')
+            info, where = library[name], f'"effects" "{name}"'
+            amounts[name] = self.amount(entry, info.unit, where)
+            if not info.lower <= amounts[name] <= info.upper:
+                limits = f"{info.lower:g} to {info.upper:g} {info.unit}"
+                raise self.fail(f"{where} is {amounts[name]:g} {info.unit}, expected {limits}")
+        kept = amounts.get("throttle_heating", 0.0) + parameters.get("heat_retention", 0.0)
+        if kept > 1.0:
+            raise self.fail(
+                f'"effects" "throttle_heating" and "heat_retention" add up to {kept:g}, more than all the heat'
+            )
+        return amounts
+
+    def valve(self, table: dict[str, Any]) -> ValveData:
+        known = [field.name for field in fields(ValveData)]
+        self.refuse_unknown(table, known, "valve")
+        numbers = {
+            key: None if table.get(key) is None else self.number(table[key], f'"valve" "{key}"')
+            for key in known
+            if key not in ("name", "polarity")
+        }
+        for key in ("stroke", "slot_width"):
+            if not numbers[key] or numbers[key] <= 0.0:  # pyright: ignore[reportOptionalOperand]
+                raise self.fail(f'"valve" "{key}" must be a positive length in m')
+        return ValveData(name=str(table.get("name", "")), polarity=-1 if table.get("polarity") == -1 else 1, **numbers)  # pyright: ignore[reportArgumentType]
+
+    def oil(self, table: dict[str, Any]) -> OilDefinition:
+        known = [field.name for field in fields(OilDefinition)]
+        self.refuse_unknown(table, known, "oil")
+        words = {key: str(table[key]) for key in ("name", "source") if key in table}
+        numbers = {
+            key: self.number(table[key], f'"oil" "{key}"')
+            for key in known
+            if key in table and key not in ("name", "source") and not (key in OPTIONAL and table[key] is None)
+        }
+        for key in ("viscosity_a", "viscosity_b"):
+            if key not in numbers:
+                raise self.fail(f'"oil" has no "{key}"')
+        for key in ("viscosity_b", "density", "bulk_modulus", "specific_heat"):
+            if numbers.get(key, 1.0) <= 0.0:
+                raise self.fail(f'"oil" "{key}" must be positive')
+        return OilDefinition(**numbers, **words)  # pyright: ignore[reportArgumentType]
+
+    def parameters(self, table: dict[str, Any], valve: ValveData) -> dict[str, float]:
+        infos = {**identified_by_default(valve), "heat_retention": heat_retention()}
+        self.refuse_unknown(table, list(infos), "parameters")
+        values: dict[str, float] = {}
+        for name, info in infos.items():
+            if name not in table:
+                if name == "heat_retention":
+                    continue
+                raise self.fail(f'"parameters" has no "{name}"')
+            value = self.amount(table[name], info.unit, f'"parameters" "{name}"')
+            if not info.lower <= value <= info.upper:
+                raise self.fail(
+                    f'"parameters" "{name}" is {value:g} {info.unit}, expected {info.lower:g} to {info.upper:g} {info.unit}'
+                )
+            values[name] = value
+        return values
+
+    def covariance(self, table: Any, known: dict[str, float]) -> tuple[tuple[str, ...], np.ndarray | None]:
+        if table is None:
+            return (), None
+        names = table.get("of") if isinstance(table, dict) else None
+        if (
+            not isinstance(names, list)
+            or any(not isinstance(n, str) or n not in known for n in names)
+            or len(set(names)) < len(names)
+        ):
+            raise self.fail('"covariance" "of" must list names of "parameters" and "effects", each once')
+        try:
+            matrix = np.asarray(table.get("matrix"), dtype=float).reshape(len(names), len(names))
+        except (TypeError, ValueError):
+            raise self.fail(f'"covariance" "matrix" must be {len(names)} rows of {len(names)} numbers') from None
+        if not np.all(np.isfinite(matrix)) or np.any(np.diag(matrix) < 0.0):
+            raise self.fail('"covariance" "matrix" must be finite with a diagonal that is not negative')
+        return tuple(names), matrix
+
+    def refuse_unknown(self, table: dict[str, Any], known: list[str], where: str) -> None:
+        for key in table:
+            if key not in known:
+                raise self.fail(f'"{where}" has the unknown key "{key}"; known are {", ".join(known)}')
+
+
+def model_of_fit(result: FitResult, learned: Iterable[LearnedTerm] = ()) -> Model:
+    """The model that a fit found; what it fitted beside the valve's own parameters are effects."""
+    own, dynamic = _parameter_names(result), result.record.dynamic
+    moving = () if dynamic is None else IN_MOTION
+    values = {name: estimate.value for name, estimate in result.parameters.items()}
+    return Model(
+        result.record.valve,
+        result.record.oil,
+        {name: value for name, value in values.items() if name in own},
+        result.free,
+        result.covariance,
+        {name: value for name, value in values.items() if name not in own and name not in moving},
+        tuple(learned),
+        None if dynamic is None else dynamic.actuator,
+        {name: values[name] for name in moving if name in values},
+        ranges_of(result.record.all_tests),
+    )
+
+
+def nominal_model(record: BenchRecord) -> Model:
+    """The model that a record describes before any fit: nominal values, or those of its `[start]`."""
+    values = {info.name: info.nominal for info in identified_by_default(record.valve).values()}
+    values |= {name: start.value for name, start in record.start.items() if name not in IN_MOTION}
+    if record.dynamic is None:
+        return Model(record.valve, record.oil, values)
+    moving = {info.name: info.nominal for info in identified_in_motion(record.dynamic.actuator).values()}
+    moving |= {name: start.value for name, start in record.start.items() if name in IN_MOTION}
+    return Model(record.valve, record.oil, values, actuator=record.dynamic.actuator, dynamics=moving)
+
+
+def model_json(result: FitResult, learned: Iterable[LearnedTerm] = ()) -> dict[str, Any]:
+    """The content of `model.json` for a fit, of a plain valve or with effects, and for smooth terms learned beside it."""
+    model = model_of_fit(result, learned)
+    entries = {
+        name: {"value": estimate.value, "unit": estimate.unit, "std": estimate.std}
+        for name, estimate in result.parameters.items()
+    }
+    content = {
+        "schema": SCHEMA,
+        "units": "SI: m, Pa (gauge), K, m3/s, A, kg/m3, J/(kg K)",
+        "record": result.record.name,
+        "converged": result.converged,
+        "valve": asdict(model.valve),
+        "oil": asdict(model.oil),
+        "parameters": {name: entries[name] for name in model.parameters},
+        "covariance": {"of": list(model.free), "matrix": np.asarray(model.covariance).tolist()},
+        "effects": {name: entries[name] for name in model.effects},
+    }
+    if model.actuator is not None:
+        content["actuator"] = asdict(model.actuator)
+        content["dynamics"] = {name: entries[name] for name in model.dynamics}
+    if model.fitted:
+        content["fitted_range"] = {
+            test: {name: list(ends) for name, ends in ranges.items()} for test, ranges in model.fitted.items()
+        }
+    if model.learned:
+        content["learned"] = [learned_json(term) for term in model.learned]
+    return content
+
+
+def _parameter_names(result: FitResult) -> set[str]:
+    return {*identified_by_default(result.record.valve), heat_retention().name}
+
+
+def load_model(path: Path | str) -> Model:
+    """Read and check a `model.json`; raises BenchInputError with one line that says what is wrong and where."""
+    path = Path(path)
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise BenchInputError(f"cannot be read ({error.strerror})", file=path) from None
+    except UnicodeDecodeError:
+        raise BenchInputError("is not UTF-8 text; expected a model.json written by thermohyd fit", file=path) from None
+    except json.JSONDecodeError as error:
+        raise BenchInputError(f"is not valid JSON: {error.msg}", file=path, line=error.lineno) from None
+    except ValueError:
+        raise BenchInputError("holds a number of thousands of digits", file=path) from None
+    except RecursionError:
+        raise BenchInputError("is nested too deeply to be a model.json", file=path) from None
+    return ModelReader(path).model(content)

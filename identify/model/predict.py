@@ -1,0 +1,337 @@
+"""What a model predicts at a record's operating points, with standard deviations from the parameters' covariance.
+
+The simulator's valve for a `Model` and the rows of a test: parameters, effects, and learned terms row by row.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass, field, replace
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+from jaxtyping import Array, Float
+
+from thermohyd.conditions import Conditions
+from thermohyd.effects.instruments import FLOW_CHANNELS, behind_meter
+from thermohyd.effects.library import effect_info, with_effects
+from thermohyd.identify.bench.errors import BenchInputError
+from thermohyd.identify.bench.record import BenchRecord, DynamicData, TestRecord
+from thermohyd.identify.bench.units import from_si
+from thermohyd.identify.fitting.starts import reversed_channels, warning_of
+from thermohyd.identify.fitting.static_readings import base_valve, conditions_of, pad, predict, with_parameters
+from thermohyd.identify.reduction.reduce import smooth_sweep
+from thermohyd.numerics import require_float64
+from thermohyd.oil_definition import OilDefinition, kinematic_viscosity_of
+from thermohyd.valve import Valve
+
+from .fitted_range import COLUMN, Outside, names_of_rows, outside, sentences
+from .learned_terms import ABSOLUTE, term_values
+from .model import Model
+from .predict_motion import as_static, require_actuator, unit_of
+
+
+# Applied to the readings of a whole test: it looks back along the sweep.
+LAG = "flowmeter_lag"
+
+
+SAME = 1e-9  # relative: what two files write of one number differs by less
+# What of [valve] a prediction uses: the field, its bench unit, and how many of these are in one SI unit.
+GEOMETRY = (
+    ("stroke", "um", 1e6),
+    ("slot_width", "mm", 1e3),
+    ("land_diameter", "mm", 1e3),
+    ("rated_current", "mA", 1e3),
+)
+NOT_THE_OIL = ("name", "source", "coldest", "hottest")  # they describe it
+
+
+def as_in_record(model: Model, record: BenchRecord) -> tuple[Model, tuple[str, ...]]:
+    """The model with the oil and the geometry that the record states, and a note for each in which the two differ."""
+    changed, notes, oil = {}, [], model.oil
+    for name, unit, factor in GEOMETRY:
+        stated, fitted = getattr(record.valve, name), getattr(model.valve, name)
+        if stated is None or (fitted is not None and _same(stated, fitted)):
+            continue
+        changed[name] = stated
+        if fitted is not None:
+            notes.append(
+                f"{name}: the record states {stated * factor:.6g} {unit} and gets it; the model was fitted with "
+                f"{fitted * factor:.6g} {unit}"
+            )
+    if record.valve.polarity != model.valve.polarity:
+        changed["polarity"] = record.valve.polarity  # of the record's own current
+    if not _same_oil(record.oil, model.oil):
+        oil = record.oil
+        notes.append(f"oil: the record states {_named(oil)} and gets it; the model was fitted with {_named(model.oil)}")
+        kept = [name for name in acting_effects(model) if "oil" in effect_info(name).stages]
+        if kept:
+            notes.append(f"oil: {', '.join(kept)} of the model was found with that other oil and is kept")
+    return replace(model, valve=replace(model.valve, **changed), oil=oil), tuple(notes)
+
+
+def _same(one: float, other: float) -> bool:
+    return abs(one - other) <= SAME * max(abs(one), abs(other))
+
+
+def _same_oil(one: OilDefinition, other: OilDefinition) -> bool:
+    others = asdict(other)
+    return all(_same(value, others[name]) for name, value in asdict(one).items() if name not in NOT_THE_OIL)
+
+
+def _named(oil: OilDefinition) -> str:
+    return f"{oil.name} ({kinematic_viscosity_of(oil, 313.15) * 1e6:.3g} cSt at 40 degC)"
+
+
+def valve_without_effects(model: Model, record: BenchRecord) -> Valve:
+    """The valve with the model's parameters alone."""
+    own = BenchRecord(record.folder, record.name, model.valve, model.oil, record.tests)
+    return base_valve(own, model.parameters, heat="heat_retention" in model.free)
+
+
+def acting_effects(model: Model) -> dict[str, float]:
+    """Effects that change something or whose uncertainty counts: an absent one is not even compiled."""
+    counted = model.free if model.covariance is not None else ()
+    return {name: amount for name, amount in model.effects.items() if amount != 0.0 or name in counted}
+
+
+def row_terms(model: Model, test: TestRecord) -> dict[str, Float[Array, " padded"]]:
+    """{quantity: what its value is multiplied by, or what is added to it [m]} at each padded row, all terms together.
+
+    Raises BenchInputError where the test lacks the column that a term follows.
+    """
+    found: dict[str, np.ndarray] = {}
+    for term in model.learned:
+        try:
+            change = term_values(term, test, model.oil)
+        except ValueError:
+            column = "time" if term.variable in ("elapsed", "rate") else term.variable
+            raise BenchInputError(
+                f"the model's learned term makes {term.quantity} follow {term.variable}, which needs the column "
+                f'"{column}"; add it, or take the term out of the model',
+                file=test.path,
+            ) from None
+        if term.quantity in ABSOLUTE:
+            found[term.quantity] = found.get(term.quantity, 0.0) + change
+        else:
+            found[term.quantity] = found.get(term.quantity, 1.0) * (1.0 + change)
+    return {quantity: pad(change) for quantity, change in found.items()}
+
+
+def with_terms(valve: Valve, terms: dict[str, Float[Array, " rows"]]) -> Valve:
+    """The valve with learned changes of its quantities, one per row."""
+    for quantity, change in terms.items():
+        if quantity == "viscosity":
+            valve = with_effects(valve, {"viscosity_shift": change - 1.0})
+            continue
+        own = getattr(valve, quantity)
+        changed = own + change if quantity in ABSOLUTE else own * change
+        valve = with_parameters(valve, (quantity,), changed[None])
+    return valve
+
+
+def require_columns(model: Model, test: TestRecord, channels: tuple[str, ...]) -> None:
+    """Raise BenchInputError where an effect of the model needs a column that the test does not have."""
+    acting = acting_effects(model)
+    meters = not FLOW_CHANNELS.isdisjoint(channels)
+    for name, column, sees in ((LAG, test.time, meters), ("position_lag", test.rate, True)):
+        if name in acting and sees and column is None:
+            raise BenchInputError(
+                f'the model has a {name}, which needs the time of every row: add the column "time", or take the effect '
+                "out of the model",
+                file=test.path,
+            )
+
+
+# What a test reads where the record itself says nothing of it, and the bench unit to report it in.
+READINGS = {
+    "leakage": ("leakage_flow",),
+    "pressure_gain": ("load_pressure",),
+    "flow_gain": ("flow",),
+    "load_flow": ("flow",),
+}
+BENCH_UNITS = {
+    "leakage_flow": "l/min",
+    "flow": "l/min",
+    "load_pressure": "bar",
+    "pressure_a": "bar",
+    "pressure_b": "bar",
+}
+# Rows per evaluation: large logs are predicted piece by piece, so that what the balances need of memory stays flat.
+CHUNK = 16384
+
+
+@eqx.filter_jit
+def readings_and_slopes(
+    valve: Valve,
+    free: tuple[str, ...],
+    values: Float[Array, " free"],
+    amounts: dict[str, Array],
+    terms: dict[str, Array],
+    conditions: dict[str, Conditions],
+) -> tuple[dict, dict]:
+    """Every channel's readings, and their derivatives to the free parameters and amounts (one row per reading).
+
+    amounts: of every effect that acts row by row, the free ones too. terms: see `model_valve.row_terms`.
+    """
+
+    def of(v: Float[Array, " free"]) -> dict:
+        changed = {name: v[i] for i, name in enumerate(free)}
+        own = tuple(name for name in free if name not in amounts)
+        of_parameters = with_parameters(valve, own, jnp.stack([changed[name] for name in own])) if own else valve
+        of_effects = with_effects(of_parameters, {name: changed.get(name, a) for name, a in amounts.items()})
+        return predict(with_terms(of_effects, terms), conditions)
+
+    if not free:
+        found = of(values)
+        return found, jax.tree.map(lambda a: a[:, None][:, :0], found)
+    return of(values), jax.jacfwd(of)(values)
+
+
+@eqx.filter_jit
+def readings_behind_lag(
+    lag: Float[Array, ""],
+    columns: Float[Array, "columns rows"],
+    time: Float[Array, " rows"],
+    run: Float[Array, " rows"],
+) -> tuple[Float[Array, "columns rows"], Float[Array, " rows"]]:
+    """Readings (first) and their derivatives (the others) behind a flowmeter's lag, and the derivative to the lag itself.
+
+    The lag is linear in the flow and lets constants pass, so it may come after the meter's scale and offset.
+    """
+    passed = jax.vmap(lambda column: behind_meter(column, lag, time, run))(columns)
+    own = jax.jvp(lambda tau: behind_meter(columns[0], tau, time, run), (lag,), (jnp.ones_like(lag),))[1]
+    return passed, own
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """What `simulate` found.
+
+    tables: {test: the record's columns with `<reading>_predicted [unit]` and `<reading>_predicted_std [unit]` added, and
+    `outside_fitted_range` where any of its rows lies outside}. notes: what the user must know, in sentences. outside: the
+    rows meant there.
+    """
+
+    tables: dict[str, pd.DataFrame]
+    notes: tuple[str, ...] = ()
+    outside: tuple[Outside, ...] = field(default=())
+
+
+Piece = tuple[Conditions, dict[str, Array]]
+
+
+def _pieces(test: TestRecord, terms: dict[str, Array]) -> Iterator[tuple[slice, Piece]]:
+    whole = conditions_of(test), terms
+    if test.rows <= CHUNK:
+        yield slice(0, test.rows), whole
+        return
+    for first in range(0, test.rows, CHUNK):
+        index = jnp.minimum(jnp.arange(first, first + CHUNK), test.rows - 1)
+        yield slice(first, min(first + CHUNK, test.rows)), jax.tree.map(lambda a, index=index: a[index], whole)
+
+
+def predict_test(model: Model, record: BenchRecord, test: TestRecord) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """{channel: (reading, standard deviation)} for each row of a test, SI units.
+
+    The deviation is that of the parameters and amounts in the model's covariance; learned terms count as known. Raises
+    BenchInputError where the model has an effect or a learned term that needs a column which the test does not have.
+    """
+    channels = tuple(channel.name for channel in test.channels) or READINGS[test.name]
+    require_columns(model, test, channels)
+    free = model.free if model.covariance is not None else ()
+    rowwise = tuple(name for name in free if name != LAG)
+    acting = acting_effects(model)
+    valve = valve_without_effects(model, record)
+    values = jnp.asarray([model.value(name) for name in rowwise], dtype=float)
+    amounts = {name: jnp.asarray(amount) for name, amount in acting.items() if name != LAG}
+    columns = {name: np.empty((1 + len(rowwise), test.rows)) for name in channels}
+    for rows, (conditions, terms) in _pieces(test, row_terms(model, test)):
+        found, slopes = readings_and_slopes(valve, rowwise, values, amounts, terms, {test.name: conditions})
+        count = rows.stop - rows.start
+        for name in channels:
+            columns[name][0, rows] = np.asarray(found[test.name][name])[:count]
+            columns[name][1:, rows] = np.asarray(slopes[test.name][name])[:count].T
+    out: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+    for name in channels:
+        passed, own = columns[name], np.zeros(test.rows)
+        if LAG in acting and name in FLOW_CHANNELS:
+            passed, own = _behind_lag(acting[LAG], passed, test)
+        slope = {**dict(zip(rowwise, passed[1:], strict=True)), LAG: own}
+        out[name] = passed[0], _deviation([slope[n] for n in free], model.covariance, test.rows)
+    return out
+
+
+def _behind_lag(lag: float, columns: np.ndarray, test: TestRecord) -> tuple[np.ndarray, np.ndarray]:
+    assert test.time is not None
+    padded = jnp.stack([pad(column) for column in columns])
+    passed, own = readings_behind_lag(jnp.asarray(lag), padded, pad(test.time), pad(test.run))
+    return np.asarray(passed)[:, : test.rows], np.asarray(own)[: test.rows]
+
+
+def _deviation(slopes: list[np.ndarray], covariance: np.ndarray | None, rows: int) -> np.ndarray:
+    if not slopes or covariance is None:
+        # Without a covariance nothing is known of the error, which is not the same as no error.
+        return np.full(rows, np.nan)
+    jacobian = np.stack(slopes)
+    return np.sqrt(np.maximum(np.einsum("ir,ij,jr->r", jacobian, covariance, jacobian), 0.0))
+
+
+def simulate_record(
+    record: BenchRecord, model: Model, *, progress: Callable[[str], None] | None = None
+) -> dict[str, pd.DataFrame]:
+    """The tables of `simulate`."""
+    return simulate(record, model, progress=progress).tables
+
+
+def simulate(record: BenchRecord, model: Model, *, progress: Callable[[str], None] | None = None) -> Simulation:
+    """Predict each row of a record, with the oil and the geometry that the record states.
+
+    Rows of a raw log are predicted where its smooth sweep is, at that sweep's rate and direction. Standard deviations are
+    those of the parameters; rows outside what was fitted are named. Raises BenchInputError, RuntimeError in single precision.
+    """
+    require_float64("simulate")
+    require_actuator(model, record)
+    say = progress or (lambda _: None)
+    model, notes = as_in_record(model, record)
+    static = as_static(model)
+    told = [*notes]
+    tables: dict[str, pd.DataFrame] = {}
+    for test in record.tests.values():
+        say(f"simulating {test.name}: {test.rows:,} rows")
+        turned = reversed_channels(test)
+        told += [warning_of(test, channel) for channel in turned]
+        smooth = smooth_sweep(test)
+        if smooth is not test:
+            told.append(f"{test.name}: a raw log, so position, direction and rate are those of its smooth sweep")
+        table = pd.DataFrame(index=range(test.rows)) if test.table is None else test.table.copy()
+        for name, (reading, std) in predict_test(static, record, smooth).items():
+            unit = BENCH_UNITS[name]
+            # Beside a gauge that the record shows to be wired the other way round, the prediction turns with it.
+            table[f"{name}_predicted [{unit}]"] = from_si(-reading if name in turned else reading, unit)
+            table[f"{name}_predicted_std [{unit}]"] = from_si(std, unit)
+        tables[test.name] = table
+    if record.dynamic is not None:
+        tables |= _dynamic_tables(record, record.dynamic, model, say)
+    beyond = outside(model, record)
+    for name in dict.fromkeys(entry.test for entry in beyond):
+        tables[name][COLUMN] = names_of_rows(beyond, name, len(tables[name]))
+    return Simulation(tables, (*told, *sentences(beyond, record, model)), tuple(beyond))
+
+
+def _dynamic_tables(
+    record: BenchRecord, data: DynamicData, model: Model, say: Callable[[str], None]
+) -> dict[str, pd.DataFrame]:
+    from .predict_motion import predict_motion  # a static test does not wait for the solvers of motion
+
+    say(f"simulating {', '.join(data.tests)}")
+    tables: dict[str, pd.DataFrame] = {}
+    for (name, channel), columns in predict_motion(model, record).items():
+        test = data.tests[name]
+        if name not in tables:
+            tables[name] = pd.DataFrame(index=range(test.rows)) if test.table is None else test.table.copy()
+        unit = unit_of(test, channel)
+        for word, values in zip(("predicted", "predicted_std"), columns, strict=True):
+            tables[name][f"{channel}_{word} [{unit}]"] = from_si(values, unit)
+    return tables

@@ -1,0 +1,189 @@
+"""How the noise of neighbouring readings hangs together, from residuals along the sweeps, and what that does to error bars.
+
+The memory of noise of which only what a projection leaves is seen: moments of the rest against their expectation.
+
+A projection takes mostly slow parts, so what is left of white noise is correlated negatively, and of noise with a long
+memory hardly anything is left. Both are known exactly: with r = (I - P) e and cov(e) = R, cov(r) = (I - P) R (I - P).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import lfilter
+
+from thermohyd.identify.reduction.legs import piece_bounds
+
+
+MOST_MEMORY = 0.995  # phi: noise that remembers longer is drift, which a sweep cannot tell from the curve
+LAGS = 12
+# Residuals, alone and per parameter, below which nothing is said: what a fit takes out of few of them looks like memory.
+FEWEST, PER_PARAMETER = 20, 15
+SIGNIFICANT = 2.5  # fitted share in units of its standard error under white noise, below which noise counts as white
+
+
+@dataclass(frozen=True)
+class NoiseCorrelation:
+    """Stationary noise: rho_0 = 1, rho_l = share phi^l. share 0 is white; 1 is AR(1); between them AR(1) plus white."""
+
+    share: float = 0.0
+    phi: float = 0.0
+
+    @property
+    def inflation(self) -> float:
+        """1 + 2 sum rho: how many correlated readings are worth one independent reading."""
+        return 1.0 + 2.0 * self.share * self.phi / (1.0 - self.phi)
+
+
+def noise_correlation(residual: np.ndarray, sweeps: np.ndarray, parameters: float) -> NoiseCorrelation:
+    """Fit (share, phi) to the autocorrelation of residuals (n,) pooled over the sweeps (n,), an id per row in sweep order.
+
+    Fitting p parameters takes (1 + 2 sum rho) p/n off every correlation; that bias is added back once (Kendall, 1954,
+    for a fitted mean; here spread over the sweeps' rows), so that short sweeps do not look whiter than they are.
+    """
+    pieces = [residual[sweeps == s] for s in np.unique(sweeps)]
+    n = len(residual)
+    lags = min(LAGS, max((len(p) for p in pieces), default=1) - 2)
+    power = float(np.sum(residual**2))
+    if lags < 1 or power <= 0.0 or n < max(FEWEST, PER_PARAMETER * parameters):
+        return NoiseCorrelation()
+    rho = np.empty(lags)
+    for lag in range(1, lags + 1):
+        pairs = sum(max(len(p) - lag, 0) for p in pieces)
+        product = sum(float(p[lag:] @ p[:-lag]) for p in pieces if len(p) > lag)
+        rho[lag - 1] = product / power * n / max(pairs, 1)
+    # Over all lags together, not lag 1 alone: weak noise with a long memory costs most and shows least at any one lag.
+    found, significance = _fitted(rho + parameters / n, n)
+    if significance < SIGNIFICANT:
+        return NoiseCorrelation()
+    unbiased = rho + found.inflation * parameters / n * (1.0 - rho)
+    return _fitted(np.clip(unbiased, -1.0, 1.0), n)[0]
+
+
+def _fitted(rho: np.ndarray, n: int) -> tuple[NoiseCorrelation, float]:
+    """Least squares of share phi^l over a grid of phi, for which the share is linear; and share/(its standard error).
+
+    Later lags count less, as they say less. The standard error is that of n white readings: 1/sqrt(n) for every rho_l.
+    """
+    lag = np.arange(1, len(rho) + 1)
+    weight = 1.0 / lag
+    phi = np.concatenate([np.linspace(0.05, 0.95, 91), np.linspace(0.955, MOST_MEMORY, 9)])
+    shape = phi[:, None] ** lag
+    norm = np.sum(weight * shape**2, axis=1)
+    raw = np.sum(weight * shape * rho, axis=1) / norm
+    share = np.clip(raw, 0.0, 1.0)
+    best = int(np.argmin(np.sum(weight * (rho - share[:, None] * shape) ** 2, axis=1)))
+    error = np.sqrt(np.sum((weight * shape[best]) ** 2) / n) / norm[best]
+    return NoiseCorrelation(float(share[best]), float(phi[best])), float(raw[best] / error)
+
+
+def correlated_sum(columns: np.ndarray, sweeps: np.ndarray, noise: NoiseCorrelation) -> np.ndarray:
+    """J' R J (p, p) for columns J (n, p): R has ones on the diagonal and share phi^|i-j| within a sweep.
+
+    O(n log n): the memory m_i = J_i + phi m_(i-1) of a sweep doubles its reach with every pass.
+    """
+    total = columns.T @ columns
+    if noise.share == 0.0 or noise.phi == 0.0:
+        return total
+    order = np.argsort(sweeps, kind="stable")
+    columns, sweeps = columns[order], sweeps[order]
+    memory = columns.copy()
+    reach, fade = 1, noise.phi
+    while reach < len(columns) and fade > 1e-17:
+        inside = (sweeps[reach:] == sweeps[:-reach])[:, None]
+        memory[reach:] += fade * np.where(inside, memory[:-reach], 0.0)
+        reach, fade = 2 * reach, fade**2
+    cross = columns.T @ (memory - columns)
+    return total + noise.share * (cross + cross.T)
+
+
+FEW = 20  # rows, below which nothing is said
+MEMORIES = np.concatenate([np.arange(0.1, 0.9, 0.05), np.arange(0.9, 0.99, 0.02), [0.99, MOST_MEMORY]])
+# Of the power of noise with a memory, against white noise's: where the projection leaves less, it hides the memory too.
+LEAST_LEFT = 0.2
+SHARES = np.linspace(0.0, 1.0, 41)
+
+
+@dataclass(frozen=True)
+class Remembered:
+    """correlation of the noise, and its variance [of the rest's squares], as it was before the projection."""
+
+    correlation: NoiseCorrelation
+    variance: float
+
+
+class ProjectedNoise:
+    """q (rows, k): orthonormal columns that were projected out. stretches (rows,): ids of rows that remember each other."""
+
+    def __init__(self, q: np.ndarray, stretches: np.ndarray) -> None:
+        self.q = q
+        self.pieces = list(piece_bounds(stretches))
+        self._kept: dict[float, np.ndarray] = {}
+
+    def _spread(self, phi: float) -> np.ndarray:
+        """A with cov(r) = R - Q A' - A Q' for R with phi^|i-j| within a stretch."""
+        remembered = self.q.copy()
+        if phi > 0.0:
+            for start, stop in self.pieces:
+                own = self.q[start:stop]
+                ahead = lfilter([1.0], [1.0, -phi], own, axis=0)
+                back = lfilter([1.0], [1.0, -phi], own[::-1], axis=0)[::-1]
+                remembered[start:stop] = ahead + back - own
+        return remembered - 0.5 * self.q @ (self.q.T @ remembered)
+
+    def sums(self, phi: float, rows: slice, lags: int) -> np.ndarray:
+        """Expected sums of r_t r_(t+l), l = 0 ... lags, over the stretches in `rows`, for noise of variance 1."""
+        if phi not in self._kept:
+            self._kept[phi] = self._spread(phi)
+        a, q = self._kept[phi], self.q
+        found = np.zeros(lags + 1)
+        for start, stop in self._within(rows):
+            for lag in range(min(lags + 1, stop - start)):
+                early, late = slice(start, stop - lag), slice(start + lag, stop)
+                whole = (stop - start - lag) * (phi**lag if phi > 0.0 else float(lag == 0))
+                found[lag] += whole - np.sum(q[early] * a[late]) - np.sum(a[early] * q[late])
+        return found
+
+    def freedom(self, rows: slice) -> float:
+        """Rows less what the projection took of them: the expected sum of r_t^2 of white noise."""
+        return float(self.sums(0.0, rows, 0)[0])
+
+    def _within(self, rows: slice) -> list[tuple[int, int]]:
+        return [(start, stop) for start, stop in self.pieces if rows.start <= start and stop <= rows.stop]
+
+    def remembered(self, rest: np.ndarray, rows: slice, size: float | None = None) -> Remembered:
+        """Correlation and variance of the noise in `rows` of the projected residual `rest`; size: its variance where known.
+
+        Least squares of the sums of r_t r_(t+l) over all memories and shares, against their scatter for white noise. Where
+        the size is known a long memory must have left as much as is seen: a few rows say that more safely than a slope.
+        """
+        pieces = self._within(rows)
+        n = rows.stop - rows.start
+        lags = min(LAGS, max((stop - start for start, stop in pieces), default=1) - 2)
+        seen = np.array(
+            [sum(float(rest[a + lag : b] @ rest[a : b - lag]) for a, b in pieces) for lag in range(lags + 1)]
+        )
+        white = self.sums(0.0, rows, max(lags, 0))
+        plain = Remembered(NoiseCorrelation(), float(seen[0]) / max(white[0], 1.0) if len(seen) else 0.0)
+        if lags < 1 or n < FEW or seen[0] <= 0.0:
+            return plain
+        pairs = np.array([sum(max(b - a - lag, 0) for a, b in pieces) for lag in range(lags + 1)])
+        # A correlation of white rows scatters by 1/sqrt(rows), a variance by sqrt(2/rows); later lags say less.
+        weight = white[0] * (n / pairs) ** 2 / np.append(2.0, np.arange(1.0, lags + 1.0))
+
+        def misfit(power: np.ndarray) -> np.ndarray:  # (shares, lags + 1) -> (shares,)
+            expected, scale = (size * power, size * white[0]) if size else (seen[0] / power[:, :1] * power, seen[0])
+            return np.sum(weight * ((seen - expected) / scale) ** 2, axis=1)
+
+        best, least = plain, float(misfit(white[None])[0]) - SIGNIFICANT**2
+        for phi in MEMORIES:
+            own = self.sums(float(phi), rows, lags)
+            if own[0] < LEAST_LEFT * white[0]:
+                break
+            power = (1.0 - SHARES)[:, None] * white + SHARES[:, None] * own
+            left = misfit(power)
+            at = int(np.argmin(left))
+            if left[at] < least:
+                least = left[at]
+                variance = float(seen[0]) / max(power[at, 0], 1.0)
+                best = Remembered(NoiseCorrelation(float(SHARES[at]), float(phi)), variance)
+        return best

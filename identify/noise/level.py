@@ -1,0 +1,302 @@
+"""How noisy are the readings, measured on the record itself and free of any valve model? Plain NumPy.
+
+Repeated sweeps are best, then a log's own scatter (`log_noise`), then third differences of neighbouring rows.
+
+Which noise a fit believes for each channel: declared, measured on the log or on repeats, or taken from its residuals.
+
+How noisy a dynamic test's readings are before any fit: declared, from repeated runs, or from neighbours in time.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from thermohyd.identify.bench.record import Channel, DynamicTest, TestRecord
+from thermohyd.identify.reduction.legs import log_legs, piece_bounds, sweep_ids
+from thermohyd.identify.reduction.rounding import local_steps
+
+
+LOG_ROWS = 2000  # from here on, sweeps are looked for under the dither of a log
+THIRD_DIFFERENCE = np.array([1.0, -3.0, 3.0, -1.0])  # blind to any parabola; variance 20 for white noise of 1
+MEDIAN_OF_CHI2 = 0.4549  # one degree of freedom
+
+
+@dataclass(frozen=True)
+class RepeatNoise:
+    """Noise from repeated sweeps. `std` of one row (SI); `correlation` of neighbouring rows; `rows` compared; `source` in words.
+
+    freedom: degrees of freedom behind `std`: a row of one sweep is compared with several of the other, which it shares.
+    """
+
+    std: float
+    correlation: float
+    rows: int
+    source: str
+
+    @property
+    def freedom(self) -> float:
+        return self.rows / (1.0 + 2.0 * self.correlation**2)
+
+
+@dataclass(frozen=True)
+class NeighbourNoise:
+    """Noise from third differences along the sweeps. `std` of one row (SI); not `valid` where the curve's bends outweigh it."""
+
+    std: float
+    valid: bool
+
+
+def effective_size(residual: np.ndarray) -> float:
+    """n / (1 + 2 sum rho) of a series in its order: how many independent readings it is worth, between 1 and n.
+
+    The sum stops where a pair of neighbouring correlations turns negative (Geyer, Statistical Science 7, 1992, sec.
+    3.3).
+    """
+    e = np.asarray(residual, float) - np.mean(residual)
+    n = len(e)
+    power = float(e @ e)
+    if n < 4 or power == 0:
+        return float(n)
+    total = -1.0
+    for lag in range(0, n - 1, 2):
+        pair = float(e[: n - lag] @ e[lag:] + e[: n - lag - 1] @ e[lag + 1 :]) / power
+        if pair <= 0:
+            break
+        total += 2.0 * pair
+    return float(np.clip(n / max(total, 1e-9), 1.0, n))
+
+
+def noise_from_repeats(test: TestRecord, channel: Channel) -> RepeatNoise | None:
+    """Noise from the differences between runs that repeat a sweep; None where no run does.
+
+    A repeat has the same direction and conditions (1 % of supply, 1 K), rates within 20 % and overlapping positions;
+    the later run is interpolated to the earlier one's positions, which the variance allows for. Curve and model fall
+    out of the difference.
+    """
+    differences = repeat_differences(test, channel)
+    rows = sum(len(d) for d in differences)
+    if rows < 8:
+        return None
+    variance = sum(float(d @ d) for d in differences) / rows
+    lagged = sum(float(d[1:] @ d[:-1]) for d in differences) / max(rows - len(differences), 1)
+    correlation = float(np.clip(lagged / variance, -1.0, 1.0)) if variance > 0 else 0.0
+    source = f"differences between repeated sweeps ({rows} pairs of rows)"
+    return RepeatNoise(float(np.sqrt(variance)), correlation, rows, source)
+
+
+def repeat_differences(test: TestRecord, channel: Channel, std: np.ndarray | None = None) -> list[np.ndarray]:
+    """Differences between sweeps and their repeats, row by row, one array per pair, scaled to the noise of one row.
+
+    SI; or, where the rows' noise is believed to be `std` (rows,), in units of it.
+    """
+    std = np.ones(test.rows) if std is None else std
+    if test.rows < LOG_ROWS:
+        sweeps, direction = sweep_ids(test), test.direction
+    else:
+        sweeps, direction = log_legs(test)  # a log's own directions follow its dither
+    pieces = [slice(*bounds) for bounds in piece_bounds(sweeps) if bounds[1] - bounds[0] >= 3]
+    differences: list[np.ndarray] = []
+    used: set[int] = set()
+    for i, first in enumerate(pieces):
+        for j in range(i + 1, len(pieces)):
+            second = pieces[j]
+            if (
+                j in used
+                or test.run[first.start] == test.run[second.start]
+                or not _repeats(test, direction, first, second)
+            ):
+                continue
+            d = _difference(test.spool_position, channel.value, std, first, second)
+            if len(d) >= 3:
+                differences.append(d)
+                used.add(j)
+                break
+    return differences
+
+
+def noise_from_neighbours(test: TestRecord, channel: Channel) -> NeighbourNoise:
+    """Rough noise from third differences along each sweep, at the rows' own positions; median based.
+
+    Differences of noise alternate in sign (77 % of neighbours), those of a bending curve do not: `valid` asks for 60 %.
+    """
+    found, alternating = [], []
+    sweeps = sweep_ids(test)
+    for start, stop in piece_bounds(sweeps):
+        x, y = test.spool_position[start:stop], channel.value[start:stop]
+        if stop - start < 4:
+            continue
+        e = _divided_third(x, y)
+        found.append(e)
+        alternating.append(e[1:] * e[:-1] < 0)
+    if not found:
+        return NeighbourNoise(0.0, False)
+    e, signs = np.concatenate(found), np.concatenate(alternating)
+    std = float(np.sqrt(np.median(e**2) / MEDIAN_OF_CHI2))
+    return NeighbourNoise(std, bool(len(signs) >= 8 and np.mean(signs) > 0.6 and std > 0))
+
+
+def _divided_third(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Combination of four neighbours that is blind to a parabola through uneven positions, scaled to the noise of one row."""
+    points = np.stack([x[k : len(x) - 3 + k] for k in range(4)])
+    distance = points[:, None, :] - points[None, :, :]
+    distance[np.arange(4), np.arange(4)] = 1.0
+    product = np.prod(distance, axis=1)
+    flat = (product == 0).any(axis=0)  # equal positions: fall back on even spacing
+    weight = np.where(flat, THIRD_DIFFERENCE[:, None], 1.0 / np.where(product == 0, 1.0, product))
+    weight = weight / np.sqrt(np.sum(weight**2, axis=0))
+    return np.sum(weight * np.stack([y[k : len(y) - 3 + k] for k in range(4)]), axis=0) * np.sign(weight[1])
+
+
+def _repeats(test: TestRecord, direction: np.ndarray, first: slice, second: slice) -> bool:
+    if direction[first.start] != direction[second.start]:
+        return False
+    supply = 0.01 * max(float(np.max(np.abs(test.supply_pressure))), 1e-300)
+    for column, step in ((test.supply_pressure, supply), (test.return_pressure, supply), (test.temperature, 1.0),
+                         (test.load_pressure, supply)):  # fmt: skip
+        if column is not None and abs(float(np.mean(column[first]) - np.mean(column[second]))) > step:
+            return False
+    if test.time is not None or test.rate is not None:
+        rates = [_pace(test, part) for part in (first, second)]
+        if abs(rates[0] - rates[1]) > 0.2 * max(rates):
+            return False
+    return True
+
+
+def _pace(test: TestRecord, part: slice) -> float:
+    """Mean speed of a sweep, m/s."""
+    if test.time is not None:
+        span = float(test.time[part][-1] - test.time[part][0])
+        return float(np.ptp(test.spool_position[part])) / span if span > 0 else 0.0
+    return abs(float(np.median(test.rate[part]))) if test.rate is not None else 0.0
+
+
+def _difference(position: np.ndarray, value: np.ndarray, std: np.ndarray, first: slice, second: slice) -> np.ndarray:
+    """Rows of one sweep less its repeat, interpolated to their positions, over what the noise of all rows involved makes it.
+
+    By the cubic through four rows where their positions rise evenly enough, so that the curve's bend is not taken for
+    noise; else by a straight line.
+    """
+    order = np.argsort(position[second], kind="stable")
+    x, y, s = position[second][order], value[second][order], std[second][order]
+    inside = (position[first] >= x[0]) & (position[first] <= x[-1])
+    at = position[first][inside]
+    right = np.clip(np.searchsorted(x, at), 1, len(x) - 1)
+    width = x[right] - x[right - 1]
+    w = np.where(width > 0, (at - x[right - 1]) / np.where(width > 0, width, 1.0), 0.5)
+    other = (1 - w) * y[right - 1] + w * y[right]
+    variance = ((1 - w) * s[right - 1]) ** 2 + (w * s[right]) ** 2
+    if len(x) >= 4:
+        places = np.clip(right - 2, 0, len(x) - 4)[:, None] + np.arange(4)
+        near = x[places]
+        gaps = np.diff(near, axis=1)
+        even = gaps.min(axis=1) > 0.2 * gaps.max(axis=1)
+        apart = near[:, :, None] - near[:, None, :]
+        apart[:, np.arange(4), np.arange(4)] = 1.0
+        way = np.repeat((at[:, None] - near)[:, None, :], 4, axis=1)
+        way[:, np.arange(4), np.arange(4)] = 1.0
+        weight = np.prod(way, axis=2) / np.where(even[:, None], np.prod(apart, axis=2), 1.0)
+        other = np.where(even, np.sum(weight * y[places], axis=1), other)
+        variance = np.where(even, np.sum((weight * s[places]) ** 2, axis=1), variance)
+    return (value[first][inside] - other) / np.sqrt(std[first][inside] ** 2 + variance)
+
+
+@dataclass(frozen=True)
+class ChannelNoise:
+    """Standard deviations of a channel's readings, one per row (SI), and where they come from, in words.
+
+    known: stated by the user or measured free of the model, so that a chi-square means something.
+    declared: stated by the user, and therefore not to be touched.
+    """
+
+    std: np.ndarray
+    source: str
+    known: bool
+    declared: bool
+    # What the fit weighs with: `std`, widened where the model misses the curve by more than its noise.
+    used: np.ndarray
+    freedom: float = np.inf  # degrees of freedom from which `std` was estimated
+    neighbours: float | None = None  # scatter of neighbouring rows about a smooth curve, where that says something
+
+
+FROM_RESIDUALS = "taken from the fit's residuals"
+
+
+def initial_noise(test: TestRecord, channel: Channel) -> ChannelNoise:
+    """The noise known before any fit; where nothing is known, a first guess from neighbouring rows."""
+    # Positions are left out of it: in a table of a few hundred rows an even grid is a choice, not a rounding.
+    floor = local_steps(channel.value) / np.sqrt(12.0)
+    if channel.std is not None:
+        std = np.maximum(channel.std, floor)
+        declared = channel.std_source.startswith("declared")
+        return ChannelNoise(std, channel.std_source, True, declared, std, channel.freedom)
+    repeated = noise_from_repeats(test, channel)
+    if repeated is not None:
+        std = np.maximum(np.full(test.rows, repeated.std), floor)
+        return ChannelNoise(std, repeated.source, True, False, std, repeated.freedom)
+    found = noise_from_neighbours(test, channel)
+    guess = found.std
+    smallest = 1e-4 * max(float(np.ptp(channel.value)), float(np.max(np.abs(channel.value))), 1e-300)
+    std = np.maximum(np.full(test.rows, max(guess, smallest)), floor)
+    return ChannelNoise(std, FROM_RESIDUALS, False, False, std, neighbours=guess if found.valid else None)
+
+
+def reweighted(noise: ChannelNoise, misfit: np.ndarray, freedom: float) -> ChannelNoise:
+    """The noise after a fit whose residuals (SI) are `misfit`, of which a share `freedom` (0..1] is left to chance.
+
+    Unknown noise becomes the residuals' own. Known noise stays what it is, but where the model misses the curve the
+    weights allow for that miss as one more, equal, error of every point: else a channel with very small noise would
+    drag the whole valve into its misfit. Declared noise is obeyed as it stands.
+    """
+    if noise.declared:
+        return noise
+    mean_square = float(np.mean(misfit**2)) / freedom
+    if not noise.known:
+        std = np.full_like(noise.std, np.sqrt(mean_square))
+        return replace(noise, std=std, used=std)
+    extra = mean_square - float(np.mean(noise.std**2))
+    if extra <= float(np.mean(noise.std**2)):  # less than twice the noise's variance: chance, or nothing to speak of
+        return replace(noise, used=noise.std)
+    return replace(noise, used=np.sqrt(noise.std**2 + extra))
+
+
+def first_noise_of(test: DynamicTest, channel: Channel) -> ChannelNoise:
+    """The noise known before any fit; where nothing is known, a first guess from third differences along the rows."""
+    floor = local_steps(channel.value) / np.sqrt(12.0)
+    if channel.std is not None:
+        std = np.maximum(channel.std, floor)
+        return ChannelNoise(std, channel.std_source, True, channel.std_source.startswith("declared"), std)
+    repeated = run_differences(test, channel)
+    rows = sum(len(d) for d in repeated)
+    if rows >= 60:
+        size = float(np.sqrt(sum(float(d @ d) for d in repeated) / rows))
+        std = np.maximum(np.full(test.rows, size), floor)
+        return ChannelNoise(std, f"differences between repeated runs ({rows} pairs of rows)", True, False, std)
+    found = [
+        np.convolve(channel.value[test.run == code], THIRD_DIFFERENCE, "valid") / np.sqrt(20.0)
+        for code in np.unique(test.run)
+        if np.sum(test.run == code) >= 4
+    ]
+    guess = float(np.sqrt(np.median(np.concatenate(found) ** 2) / MEDIAN_OF_CHI2)) if found else 0.0
+    smallest = 1e-4 * max(float(np.ptp(channel.value)), float(np.max(np.abs(channel.value))), 1e-300)
+    std = np.maximum(np.full(test.rows, max(guess, smallest)), floor)
+    return ChannelNoise(std, FROM_RESIDUALS, False, False, std)
+
+
+def run_differences(test: DynamicTest, channel: Channel) -> list[np.ndarray]:
+    """Differences between runs with the same rows, command and conditions, scaled to the noise of one row (SI)."""
+    if test.time is None:
+        return []
+    columns = [test.command, test.supply_pressure, test.return_pressure, test.temperature]
+    columns += [] if test.external_force is None else [test.external_force]
+    rows = [np.flatnonzero(test.run == code) for code in np.unique(test.run)]
+    found, used = [], set()
+    for i, a in enumerate(rows):
+        for j in range(i + 1, len(rows)):
+            b = rows[j]
+            if j in used or i in used or len(a) != len(b):
+                continue
+            same = np.allclose(test.time[a] - test.time[a[0]], test.time[b] - test.time[b[0]], rtol=0.0, atol=1e-6)
+            if same and all(np.allclose(c[a], c[b], rtol=1e-3, atol=1e-9) for c in columns):
+                found.append((channel.value[a] - channel.value[b]) / np.sqrt(2.0))
+                used |= {i, j}
+    return found

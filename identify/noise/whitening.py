@@ -1,0 +1,68 @@
+"""Correlated noise made white: the innovations of AR(1) plus white noise along every sweep, as data of a compiled fit.
+
+Kalman, "A new approach to linear filtering and prediction problems", 1960: y_t minus its prediction from the rows
+before, over the prediction's standard deviation, is white. Linear in y, so it acts on residuals and Jacobians alike.
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from thermohyd.numerics import linear_recursion
+
+from .correlation import NoiseCorrelation
+
+
+class Whitening(eqx.Module):
+    """Per row: prediction x_(t+1) = keep x_t + learn y_t, innovation (y_t - x_t) weight_t; a sweep starts with x = 0."""
+
+    keep: Float[Array | np.ndarray, " rows"]
+    learn: Float[Array | np.ndarray, " rows"]
+    weight: Float[Array | np.ndarray, " rows"]
+
+
+def whitening_of(correlation: NoiseCorrelation, sweeps: np.ndarray, padded: int) -> Whitening:
+    """The filter for rows (n,) whose sweeps (n,) follow one another, with pads that pass through behind them."""
+    keep, learn, weight = np.zeros(padded), np.zeros(padded), np.ones(padded)
+    share, phi = correlation.share, correlation.phi
+    if share > 0.0 and phi > 0.0:
+        rows = len(sweeps)
+        starts = np.flatnonzero(np.append(True, sweeps[1:] != sweeps[:-1]))
+        place = np.arange(rows) - np.repeat(starts, np.diff(np.append(starts, rows)))
+        gain, spread = _gains(share, phi, int(place.max()) + 1)
+        keep[:rows] = phi * (1.0 - gain[place])
+        learn[:rows] = phi * gain[place]
+        weight[:rows] = 1.0 / spread[place]
+        # What a sweep's last row has learned must not reach the next sweep.
+        ends = np.append(starts[1:] - 1, rows - 1)
+        keep[ends] = learn[ends] = 0.0
+    return Whitening(keep, learn, weight)
+
+
+def _gains(share: float, phi: float, length: int) -> tuple[np.ndarray, np.ndarray]:
+    """Kalman gain and standard deviation of the innovation at each place of a sweep."""
+    gain, spread = np.empty(length), np.empty(length)
+    variance = share  # of the AR part, given the rows before
+    for i in range(length):
+        total = variance + 1.0 - share
+        gain[i], spread[i] = variance / total, np.sqrt(total)
+        variance = phi**2 * variance * (1.0 - gain[i]) + share * (1.0 - phi**2)
+    return gain, spread
+
+
+def whiten(filter_: Whitening, values: Float[Array, "*columns rows"]) -> Float[Array, "*columns rows"]:
+    """Innovations along the last axis, whose recursion is linear."""
+    learned = linear_recursion(jnp.asarray(filter_.keep), jnp.asarray(filter_.learn) * values)
+    predicted = jnp.concatenate([jnp.zeros_like(values[..., :1]), learned[..., :-1]], axis=-1)
+    return (values - predicted) * filter_.weight
+
+
+def whiten_on_host(filter_: Whitening, values: np.ndarray) -> np.ndarray:
+    """The same in NumPy, (rows,) or (rows, columns), for what never enters a compiled fit."""
+    out = np.empty_like(values, dtype=float)
+    predicted = np.zeros(values.shape[1:])
+    for i in range(len(values)):
+        out[i] = (values[i] - predicted) * filter_.weight[i]
+        predicted = filter_.keep[i] * predicted + filter_.learn[i] * values[i]
+    return out

@@ -1,0 +1,373 @@
+"""Turn a raw log of tens of thousands of rows into a few hundred points with honest noise. Plain NumPy.
+
+Bins are stretches of neighbouring rows, so that dither and rounding of the position blur nothing, within one run, one
+leg of the sweep and one set of conditions. A point is the mean of its rows, and is compared with the model's mean over
+the same rows: `Nodes` say where to evaluate it. Nothing is assumed about the curve inside a bin.
+
+Which rows of a raw log go into one point? Narrow bins where the curve is steep or bends, wide ones where it rests. Plain NumPy.
+
+Where was the spool, how fast and which way, at each row of a raw log? The smooth sweep behind dither and rounding. Plain NumPy.
+
+A fit sees a log through bins of this sweep (`reduction`); a prediction row by row needs the sweep itself: from one dithered
+row to the next the position steps back and forth, and effects of direction and rate would follow every step.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from thermohyd.identify.bench.record import Channel, DynamicTest, Nodes, TestRecord
+from thermohyd.identify.bench.shown_units import reading_unit, significant
+
+from .legs import log_legs, piece_bounds, sweep_axis
+from .noise_of_points import Points, points_of
+from .sweep_position import STEPS_ACROSS, Abscissa, local_line, smooth_abscissa
+
+
+CELLS = 400  # per leg: the resolution at which the curve's shape is judged
+SMALLEST_BIN = 2  # rows; their mean of the model is then exact
+BENT = 10.0  # scatters of a row by which a reading may bend over one row squared, where a bin of one row is wanted
+FEW_BINS, FEWEST_BINS = 8, 60  # per leg, where there are many legs and where there are few
+SHARES = {
+    "width": 0.35,
+    "rise": 0.30,
+    "bend": 0.35,
+}  # of the points: even along the sweep, along the reading, at its bends
+
+
+def bin_starts(
+    abscissa: Abscissa,
+    readings: list[np.ndarray],
+    legs: np.ndarray,
+    max_points: int,
+    smallest: float = SMALLEST_BIN,
+    scatter: list[float] | None = None,
+) -> np.ndarray:
+    """First row of every bin, ascending, so that about `max_points` bins cover the log and none crosses a leg's end.
+
+    smallest: rows of a bin, at least: some times what the noise remembers, so that points are independent readings; but for
+    narrower ones where a reading bends by more than its `scatter` (of a row, as if independent; one per reading).
+
+    Bins hold equal parts of a density that grows with the sweep, the rise of the readings and, as the 2/5th power, their
+    curvature. How they are cut biases nothing, as means of readings are compared with means of the model: they are
+    narrow where the curve tells something.
+    """
+    rows = len(legs)
+    width = np.abs(_steps(abscissa.position, legs))
+    rise, bend, needed = np.zeros(rows), np.zeros(rows), np.zeros(rows)
+    for reading, own in zip(readings, scatter or [np.inf] * len(readings), strict=True):
+        slope, curvature = _shape(reading, legs)
+        needed = np.maximum(needed, (np.abs(curvature) / (BENT * max(own, 1e-300))) ** 0.4)
+        rise += _share(np.abs(slope))
+        bend += _share(np.abs(curvature) ** 0.4)
+    parts = {"width": _share(width), "rise": _share(rise), "bend": _share(bend)}
+    density = np.full(rows, 0.02 / rows)
+    for name, part in parts.items():
+        density += SHARES[name] * part
+    density *= max_points / density.sum()
+    fewest = float(np.clip(0.5 * max_points / len(np.unique(legs)), FEW_BINS, FEWEST_BINS))
+    starts: list[np.ndarray] = []
+    for start, stop in piece_bounds(legs):
+        stairs = abscissa.position[start:stop] if abscissa.staircase[start] else None
+        most = np.maximum(needed[start:stop], max(1.0 / smallest, fewest / (stop - start)))
+        starts.append(start + _cut(density[start:stop], fewest, np.minimum(most, 1.0 / SMALLEST_BIN), stairs))
+    return np.concatenate(starts)
+
+
+def _cut(density: np.ndarray, fewest: float, most: np.ndarray, stairs: np.ndarray | None) -> np.ndarray:
+    """Starts of the bins of one leg: equal parts of the density, nowhere denser than `most`, on the steps of a staircase."""
+    bins = max(1, round(min(max(float(density.sum()), fewest), float(most.sum()))))
+    for _ in range(20):  # what the cap takes goes to the rest
+        density = density * (bins / density.sum())
+        if np.all(density <= 1.001 * most):
+            break
+        density = np.minimum(density, most)
+    edge = np.searchsorted(np.cumsum(density) * (bins / density.sum()), np.arange(1, bins) - 1e-9)
+    starts = np.unique(np.append(0, edge))
+    if stairs is not None:
+        treads = np.append(0, 1 + np.flatnonzero(np.diff(stairs)))
+        starts = np.unique(treads[np.searchsorted(treads, starts, side="right") - 1])
+    return starts
+
+
+def _shape(reading: np.ndarray, legs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Slope and curvature per row of the smoothed reading, leg by leg."""
+    slope, curvature = np.zeros(len(reading)), np.zeros(len(reading))
+    for start, stop in piece_bounds(legs):
+        n = stop - start
+        size = max(1, n // CELLS)
+        count = n // size
+        if count < 20:
+            slope[start:stop] = (reading[stop - 1] - reading[start]) / n
+            continue
+        level = _unstepped(reading[start:stop])
+        cells = level[: count * size].reshape(count, size).mean(axis=1)
+        _, first, second = local_parabola(cells, _best_half(cells))
+        cell = np.minimum(np.arange(n) // size, count - 1)
+        slope[start:stop], curvature[start:stop] = first[cell] / size, second[cell] / size**2
+    return slope, curvature
+
+
+def _unstepped(reading: np.ndarray) -> np.ndarray:
+    """A reading that stands still between the steps of its rounding, joined up through the middles of its steps."""
+    row = 1 + np.flatnonzero(np.diff(reading))
+    if len(row) < 2 or len(row) > 0.5 * len(reading):
+        return reading
+    return np.interp(np.arange(len(reading)), row - 0.5, 0.5 * (reading[row] + reading[row - 1]))
+
+
+def local_parabola(values: np.ndarray, half: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Value, first and second derivative per entry of parabolas over `half` entries on either side (one-sided at the ends)."""
+    t = np.arange(-half, half + 1.0)
+    fit = np.linalg.pinv(np.stack([np.ones_like(t), t, t**2], axis=1))
+    windows = np.lib.stride_tricks.sliding_window_view(values, 2 * half + 1)
+    a, b, c = fit @ windows.T
+    row = np.arange(len(values))
+    at = np.clip(row, half, len(values) - 1 - half)
+    off = row - at
+    a, b, c = a[at - half], b[at - half], c[at - half]
+    return a + b * off + c * off**2, b + 2 * c * off, 2 * c
+
+
+def _best_half(cells: np.ndarray) -> int:
+    """Half window whose parabolas predict left-out cells best."""
+    best, least = 2, np.inf
+    for half in (2, 3, 5, 8, 12, 20):
+        if 2 * half + 1 > len(cells) // 3:
+            break
+        value, _, _ = local_parabola(cells, half)
+        t = np.arange(-half, half + 1.0)
+        own = np.linalg.pinv(np.stack([np.ones_like(t), t, t**2], axis=1))[0, half]
+        inside = slice(half, len(cells) - half)
+        error = float(np.mean(((cells - value)[inside] / (1.0 - own)) ** 2))
+        if error < least:
+            best, least = half, error
+    return best
+
+
+def _steps(values: np.ndarray, legs: np.ndarray) -> np.ndarray:
+    change = np.diff(values, prepend=values[0])
+    change[np.append(False, legs[1:] != legs[:-1])] = 0.0
+    return change
+
+
+def _share(density: np.ndarray) -> np.ndarray:
+    total = float(density.sum())
+    return density / total if total > 0 else np.zeros_like(density)
+
+
+LOG_ROWS = 2000
+FULL_LOG, LEAST_SHARE = (
+    20_000,
+    0.3,
+)  # rows of a log that gets all its points; fewer and more by the third root of the rows
+MEMORIES = 1.5  # rows of a bin, at least, in independent readings' worth
+ROWS_PER_LEG = 200  # fewer, and the rows are readings that somebody took one by one
+
+
+def reduce_test(test: TestRecord, *, max_points: int = 600, log_rows: int = LOG_ROWS) -> TestRecord:
+    """The test with about `max_points` points instead of the rows of a raw log; any other test comes back as it is.
+
+    test: STATIC test, SI. Points keep the order, direction, run, rate and mean time and conditions of their rows;
+    `rows_of_log` counts these, `Channel.std` is the standard error of each point and `std_source`, `notes` say how it
+    was found.
+    """
+    if not is_raw_log(test, max_points=max_points, log_rows=log_rows):
+        return test
+    legs, direction = log_legs(test)
+    axis = sweep_axis(test)
+    readings = [channel.value for channel in test.channels]
+    abscissa = smooth_abscissa(axis, legs, readings)
+    # Errors from the bins' finite width, where an edge closes within one, must not outgrow the noise of longer logs.
+    max_points = round(max_points * max(test.rows / FULL_LOG, LEAST_SHARE) ** (1.0 / 3.0))
+    starts = bin_starts(abscissa, readings, legs, max_points)
+    first = [points_of(channel, starts, legs, abscissa) for channel in test.channels]
+    remembered = max((p.correlation.rows_per_reading() for p in first if p.correlation.white < 1.0), default=0.0)
+    if remembered > 0.0:
+        # Of a row, were rows independent and their means as uncertain as these are.
+        scatter = [p.row_std * np.sqrt(max(p.correlation.rows_per_reading(), 1.0)) for p in first]
+        starts = bin_starts(abscissa, readings, legs, max_points, MEMORIES * remembered, scatter)
+    rows = np.diff(np.append(starts, test.rows))
+    mean = lambda values: np.add.reduceat(values.astype(float), starts) / rows
+    position = mean(abscissa.position)
+    held = axis is not test.spool_position
+    channels, notes = [], [_what_was_done(test, legs, starts)]
+    for channel in test.channels:
+        points = points_of(channel, starts, legs, abscissa)
+        if channel.std is None and np.ptp(channel.value) == 0:
+            notes.append(f"{test.name}, {channel.name}: the reading never changes, so nothing is known of its noise")
+            channels.append(Channel(channel.name, points.value))
+            continue
+        notes.append(_noise_note(test, channel, points, rows))
+        declared = channel.std is not None
+        source = "declared noise of a row, averaged over its bin" if declared else "scatter of the log's rows"
+        channels.append(Channel(channel.name, points.value, points.std, source, points.step, points.freedom))
+    return replace(
+        test,
+        spool_position=mean(test.spool_position) if held else position,
+        supply_pressure=mean(test.supply_pressure),
+        return_pressure=mean(test.return_pressure),
+        temperature=mean(test.temperature),
+        load_pressure=None if test.load_pressure is None else (position if held else mean(test.load_pressure)),
+        channels=tuple(channels),
+        run=test.run[starts],
+        direction=direction[starts].astype(test.direction.dtype),
+        time=None if test.time is None else mean(test.time),
+        rate=None
+        if test.time is None
+        else _rates(test.time, abscissa.position if not held else test.spool_position, legs, starts),
+        lines=None if test.lines is None else test.lines[starts],
+        rows_of_log=rows,
+        table=None,
+        notes=(*test.notes, *notes),
+        nodes=nodes_of(abscissa.position, test.time, starts, "load_pressure" if held else "spool_position"),
+    )
+
+
+def nodes_of(axis: np.ndarray, time: np.ndarray | None, starts: np.ndarray, name: str) -> Nodes:
+    """Two nodes per bin whose weighted sum is the mean over its rows of any cubic along `axis` (rows,), in the order of time.
+
+    Gauss's rule for the rows themselves as the measure: the roots of x^2 - (m3/m2) x - m2, of their central moments.
+    """
+    rows = np.diff(np.append(starts, len(axis)))
+    mean = lambda values: np.add.reduceat(values, starts) / rows
+    offset = axis - np.repeat(mean(axis), rows)
+    size = np.maximum(np.repeat(np.maximum.reduceat(np.abs(offset), starts), rows), 1e-300)
+    unit = offset / size  # of order one: moments of micrometres must not vanish in rounding
+    second, third = mean(unit**2), mean(unit**3)
+    flat = second <= 1e-20
+    skew = np.where(flat, 0.0, third / np.where(flat, 1.0, second))
+    root = np.sqrt(skew**2 + 4.0 * second)
+    low, high = (skew - root) / 2.0, (skew + root) / 2.0
+    width = np.where(flat, 1.0, high - low)
+    weight = np.stack([np.where(flat, 0.5, high / width), np.where(flat, 0.5, -low / width)], axis=1)
+    places = np.stack([low, high], axis=1)
+    pace = np.zeros(len(starts))
+    if time is not None:
+        late = time - np.repeat(mean(time), rows)
+        pace = np.where(flat, 0.0, mean(unit * late) / np.where(flat, 1.0, second))
+        falling = pace < 0.0
+        places[falling], weight[falling] = places[falling, ::-1], weight[falling, ::-1]
+    return Nodes(places * size[starts][:, None], places * pace[:, None], weight, name)
+
+
+def is_raw_log(test: TestRecord, *, max_points: int = 600, log_rows: int = LOG_ROWS) -> bool:
+    """Whether the rows are a logger's, not readings taken one by one: many, and many to each leg of the sweep.
+
+    Below `log_rows` rows only where the position often stands still or steps back between rows, as a log's does.
+    """
+    if test.rows <= max_points or test.rows_of_log is not None:
+        return False
+    legs, direction = log_legs(test)
+    long = test.rows / (int(legs[-1]) + 1) >= ROWS_PER_LEG
+    if test.rows >= log_rows:
+        return long
+    forward = np.diff(sweep_axis(test)) * direction[1:] > 0
+    return long and float(np.mean(forward)) < 0.7
+
+
+def _rates(time: np.ndarray, position: np.ndarray, legs: np.ndarray, starts: np.ndarray) -> np.ndarray:
+    """Speed of the sweep at each point, m/s, from the points' mean times and positions within the leg."""
+    rows = np.diff(np.append(starts, len(time)))
+    t, x = (np.add.reduceat(values, starts) / rows for values in (time, position))
+    rate = np.zeros(len(starts))
+    for start, stop in piece_bounds(legs[starts]):
+        if stop - start > 1 and np.all(np.diff(t[start:stop]) > 0):
+            rate[start:stop] = np.gradient(x[start:stop], t[start:stop])
+    return rate
+
+
+def _what_was_done(test: TestRecord, legs: np.ndarray, starts: np.ndarray) -> str:
+    runs, count = len(np.unique(test.run)), int(legs[-1]) + 1
+    return (
+        f"{test.name}: {test.rows:,} rows -> {len(starts):,} points in bins along the sweep, separately for each of {count} "
+        f"{'leg' if count == 1 else 'legs'} (run, direction and conditions) in {runs} {'run' if runs == 1 else 'runs'}; "
+        "narrower bins where the curve is steep or bends"
+    )
+
+
+def _noise_note(test: TestRecord, channel: Channel, points: Points, rows: np.ndarray) -> str:
+    unit = reading_unit(channel.name)
+    shown = lambda value: f"{significant(float(value) * unit.factor, 2)} {unit.label}"
+    n = float(np.median(rows))
+    parts = []
+    if points.row_std > 0:
+        worth = float(points.correlation.effective_rows(n))
+        kept = (
+            "declared noise"
+            if channel.std is not None
+            else f"scatter of {shown(points.row_std)} of the rows kept as noise"
+        )
+        if points.correlation.white == 1.0:
+            parts.append(f"{kept}; rows are independent of each other ({n:.0f} in a typical bin)")
+        else:
+            parts.append(
+                f"{kept}; a bin of {n:.0f} rows counts as {worth:.1f} independent {'reading' if worth < 1.05 else 'readings'}"
+            )
+        pause = _memory(test, points)
+        if pause:
+            parts.append(f"neighbouring rows correlate over {pause}")
+        neighbours = points.correlation.of_neighbours(n)
+        if neighbours > 0.1:
+            parts.append(f"neighbouring points still correlate by {neighbours:.2f}")
+    if points.floored.any():
+        steps = np.unique(np.round(points.step[points.floored] * unit.factor, 6)) / unit.factor
+        size = np.abs(points.value[points.floored])
+        coarse = shown(steps[-1]) if len(steps) == 1 else f"up to {shown(steps[-1])}"
+        where = f"beyond {shown(size.min())}" if size.min() > 0.05 * np.max(np.abs(points.value)) else "in places"
+        parts.append(
+            f"{np.sum(points.floored):,} points {where} rest on readings rounded to {coarse} and are not believed beyond that"
+        )
+    if (points.sharing > 2).any():
+        parts.append("neighbouring points on one rounded reading together count as one")
+    return f"{test.name}, {channel.name}: " + "; ".join(parts or ["no scatter and no rounding seen"])
+
+
+def _memory(test: TestRecord, points: Points) -> str:
+    if points.correlation.white > 0.9:
+        return ""
+    rows = points.correlation.memory
+    if test.time is not None and (pace := float(np.median(np.diff(test.time)))) > 0:
+        return f"{significant(rows * pace, 2)} s"
+    return f"{rows:.0f} rows"
+
+
+SHARE_OF_LEG = 100  # rates are slopes over twice this share of a leg's rows, about as wide as a fit's bins
+
+
+def smooth_sweep(test: TestRecord) -> TestRecord:
+    """The test with position, direction and rate [m/s] of the smooth sweep where it is a raw log; else as it is (SI).
+
+    A held position (load_flow with a load that sweeps) stays as logged; its load pressure is smoothed instead.
+    """
+    if isinstance(test, DynamicTest) or not is_raw_log(test):
+        return test
+    legs, direction = log_legs(test)
+    axis = sweep_axis(test)
+    abscissa = smooth_abscissa(axis, legs)
+    held = axis is not test.spool_position
+    position = test.spool_position if held else abscissa.position
+    rate = None if test.time is None else sweep_rates(test.time, position, legs, abscissa.step)
+    return replace(
+        test,
+        spool_position=position,
+        load_pressure=abscissa.position if held else test.load_pressure,
+        direction=direction.astype(test.direction.dtype),
+        rate=rate,
+    )
+
+
+def sweep_rates(time: np.ndarray, position: np.ndarray, legs: np.ndarray, step: np.ndarray) -> np.ndarray:
+    """Speed at each row (rows,), m/s: slopes of straight lines through position and time over a hundredth of the leg either
+    side, or over as many rows as cross a few of the log's rounding `step`s (rows,)."""
+    rate = np.zeros(len(time))
+    for start, stop in piece_bounds(legs):
+        x, t, rows = position[start:stop], time[start:stop], stop - start
+        if rows < 3 or np.ptp(x) == 0.0:
+            continue
+        pace = abs(float(x[-1] - x[0])) / rows
+        across = STEPS_ACROSS * float(step[start:stop].max()) / (2.0 * pace) if pace > 0.0 else 0.0
+        half = int(np.clip(max(across, rows / SHARE_OF_LEG), 1, max(rows // 4, 1)))
+        along, passed = local_line(x, half)[1], local_line(t, half)[1]
+        rate[start:stop] = np.divide(along, passed, out=np.zeros(rows), where=passed > 0.0)
+    return rate

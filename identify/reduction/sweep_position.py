@@ -1,0 +1,132 @@
+"""Where was the spool when the log wrote a rounded, dithered position? A smooth sweep, read off the rows around. Plain NumPy."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from thermohyd.identify.noise.level import effective_size
+
+from .legs import piece_bounds
+from .rounding import local_steps, reading_steps, rounding_error
+
+
+STEPS_ACROSS = 3.0  # a window over this many steps of the log averages its rounding away
+
+
+@dataclass(frozen=True)
+class Abscissa:
+    """The sweep's position behind a log, one entry per row (SI).
+
+    position: smoothed; scatter: of one row about it, for the mean of n rows to be divided by sqrt(n) although the
+    smoothing averages over more, because neighbouring bins then share an error; rounding: what dither and sweep leave
+    of the log's rounding.
+    staircase: True in legs whose spool stands still between steps, so that bins had better end with a step.
+    """
+
+    position: np.ndarray
+    scatter: np.ndarray
+    rounding: np.ndarray
+    staircase: np.ndarray
+    step: np.ndarray
+
+
+def smooth_abscissa(position: np.ndarray, legs: np.ndarray, readings: list[np.ndarray] | None = None) -> Abscissa:
+    """Local straight lines through the logged position of each leg, over as many rows as its rounding and dither ask for.
+
+    A position that stands still between steps, where the `readings` (rows,) do not, was only rounded: it is joined up.
+    """
+    step, read = local_steps(position), reading_steps(position, legs)
+    smooth, staircase = position.copy(), np.zeros(len(position), bool)
+    spread, rounding = np.zeros(len(position)), np.zeros(len(position))
+    for start, stop in piece_bounds(legs):
+        part = slice(start, stop)
+        x = position[part]
+        if stop - start < 8 or np.ptp(x) == 0:
+            continue
+        if _is_staircase(x):
+            joined = _joined_steps(x)
+            if any(_moves_with(joined - x, x, reading[part]) for reading in readings or []):
+                smooth[part] = joined
+            else:
+                staircase[part] = True
+            continue
+        step[part] = read[part]  # an even sweep lies on a grid that no rounding made
+        half = _half_window(x, float(step[part].max()))
+        if half == 0:
+            continue
+        line, slope = local_line(x, half)
+        scatter = float(np.sqrt(np.mean((x - line) ** 2)))
+        covered = np.abs(slope) * (2 * half + 1)
+        smooth[part] = line
+        correlated = float(np.clip((stop - start) / effective_size(x - line), 1.0, 5.0))
+        spread[part] = scatter * np.sqrt(correlated)
+        rounding[part] = rounding_error(step[part], scatter, covered)
+    return Abscissa(smooth, spread, rounding, staircase, step)
+
+
+def local_line(values: np.ndarray, half: int) -> tuple[np.ndarray, np.ndarray]:
+    """Value and slope per row of straight lines fitted over `half` rows on either side (one-sided at the ends)."""
+    n = len(values)
+    row = np.arange(n)
+    low, high = np.maximum(row - half, 0), np.minimum(row + half, n - 1) + 1
+    t = row - n / 2.0
+    y = values - values.mean()
+    sums = [np.concatenate([[0.0], np.cumsum(a)]) for a in (t, t * t, y, t * y)]
+    st, stt, sy, sty = (s[high] - s[low] for s in sums)
+    count = high - low
+    spread = stt - st**2 / count
+    slope = np.where(spread > 0, (sty - st * sy / count) / np.where(spread > 0, spread, 1.0), 0.0)
+    return values.mean() + sy / count + slope * (t - st / count), slope
+
+
+def _is_staircase(x: np.ndarray) -> bool:
+    """Steps in one direction only, with rests between them: no dither, and nothing to be learned between the steps."""
+    change = np.diff(x)
+    moves = change[change != 0]
+    forward = max(np.mean(moves > 0), np.mean(moves < 0)) if len(moves) else 0.0
+    return bool(0 < len(moves) < 0.2 * len(change) and forward > 0.97)
+
+
+def _joined_steps(x: np.ndarray) -> np.ndarray:
+    """A staircase's position joined up through the middles of its risers; its first and last tread at the same pace."""
+    risers = np.flatnonzero(np.diff(x))
+    row, middle = risers + 0.5, 0.5 * (x[risers] + x[risers + 1])
+    if len(row) < 2:
+        return x
+    at = np.arange(len(x))
+    ends = [middle[0] + (middle[1] - middle[0]) / (row[1] - row[0]) * (at - row[0]),
+            middle[-1] + (middle[-1] - middle[-2]) / (row[-1] - row[-2]) * (at - row[-1])]  # fmt: skip
+    inside = np.interp(at, row, middle)
+    found = np.where(at < row[0], ends[0], np.where(at > row[-1], ends[1], inside))
+    return x + np.clip(found - x, -0.5 * np.abs(np.median(np.diff(middle))), 0.5 * np.abs(np.median(np.diff(middle))))
+
+
+def _moves_with(ramp: np.ndarray, x: np.ndarray, reading: np.ndarray) -> bool:
+    """Whether a reading follows the `ramp` within the treads of a staircase, at the slope that it has from tread to tread."""
+    tread = np.cumsum(np.append(0, np.diff(x) != 0))
+    rows = np.bincount(tread)
+    level, height = np.bincount(tread, reading) / rows, np.bincount(tread, x) / rows
+    if len(rows) < 4:
+        return False
+    expected = np.gradient(level, height)[tread] * (ramp - (np.bincount(tread, ramp) / rows)[tread])
+    power = float(expected @ expected)
+    return power > 0.0 and float(expected @ (reading - level[tread])) > 0.5 * power
+
+
+def _half_window(x: np.ndarray, step: float) -> int:
+    """Rows on either side that cross enough rounding steps, halved until the sweep is straight enough over them."""
+    n = len(x)
+    pace = abs(float(x[-1] - x[0])) / n
+    fine, _ = local_line(x, 2)
+    dither = float(np.sqrt(np.mean((x - fine) ** 2) * 5.0 / 3.0))
+    if dither == 0.0 and step == 0.0:
+        return 0
+    wanted = STEPS_ACROSS * step / (2.0 * pace) if pace > 0 else 0.0
+    half = int(np.clip(max(wanted, 10.0 if dither > 0.5 * pace else 0.0), 0, n // 20))
+    allowed = 1.5 * max(dither, step / np.sqrt(12.0))
+    while half > 0:
+        line, _ = local_line(x, half)
+        if np.sqrt(np.mean((x - line) ** 2)) <= allowed:
+            return half
+        half //= 2
+    return 0

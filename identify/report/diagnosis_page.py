@@ -1,0 +1,101 @@
+"""`report.html` of a diagnosis: one page without network access, with every figure inside it.
+
+Every file that `diagnose --out` writes, as bytes and text in memory: whole before the first one is written.
+"""
+
+from dataclasses import dataclass
+from importlib.metadata import version
+from typing import Any
+
+from thermohyd.identify.bench.provenance import file_rows, record_rows
+from thermohyd.identify.bench.shown_units import reading_unit, significant
+from thermohyd.identify.diagnosis.result import DiagnosisResult
+
+from . import diagnosis_words as words, fit_report as report_content
+from .diagnosis_figures import diagnosis_figures
+from .diagnosis_json import diagnosis_json
+from .fit_json import json_text
+from .page import page
+from .style import drawn
+
+
+# Figures that have a place of their own on the page; the others belong to the tests.
+PLACED = ("residual_map", "candidates", "exchange", "variations")
+
+
+@dataclass(frozen=True)
+class _NoiseRow:
+    reading: str
+    std: str
+    source: str
+    correlation: str
+    correlation_source: str
+    rows: str
+    effective: str
+
+
+def diagnosis_page(result: DiagnosisResult, figures: dict[str, bytes], version: str) -> str:
+    """The page; `figures` maps the names of `diagnosis_figures` to SVG. Every text is escaped by the template engine."""
+    evidence = [name for name in figures if name.startswith("evidence_")]
+    return page(
+        "diagnosis.html",
+        figures,
+        record=result.record,
+        record_rows=record_rows(result.record),
+        record_files=file_rows(result.record),
+        result=result,
+        version=version,
+        verdict=words.verdict_words(result),
+        shout=words.shout(result),
+        facts=[words.gap(result)],
+        where=words.where_rows(result, result.where),
+        where_after=words.where_rows(result, result.where_after),
+        effects=words.effect_rows(result),
+        meanings=words.meanings(result),
+        rivals=words.rival_sentences(result),
+        next_test=result.next_test,
+        shifts=words.shift_rows(result),
+        parameters=report_content.parameter_rows(result.before),
+        tests=[name for name in figures if name not in PLACED and name not in evidence],
+        evidence=evidence,
+        held_out=_sentence(words.held_out(result)),
+        left_over=_sentence(words.left_over(result)),
+        variations=words.variations(result),
+        candidates=words.candidate_rows(result),
+        silent=[s for s in (words.absorbed(result), words.impossible(result)) if s],
+        noise=_noise(result),
+    )
+
+
+def _sentence(text: str) -> str:
+    """With a capital: in the terminal the label before it begins the sentence."""
+    return text[:1].upper() + text[1:]
+
+
+def _noise(result: DiagnosisResult) -> list[_NoiseRow]:
+    rows = []
+    for found in result.noise:
+        unit = reading_unit(found.channel)
+        rows.append(
+            _NoiseRow(
+                reading=words.reading_words(found.test, found.channel),
+                std=f"{significant(found.std * unit.factor, 2)} {unit.label}",
+                source=found.source,
+                correlation=f"{found.correlation:.2f}",
+                correlation_source=found.correlation_source,
+                rows=f"{found.rows:,}",
+                effective=f"{found.effective_size:,.0f}",
+            )
+        )
+    return rows
+
+
+def diagnosis_files(result: DiagnosisResult, model_content: dict[str, Any] | None = None) -> dict[str, bytes | str]:
+    """{file name: content}: diagnosis.json, model.json where its content is given, report.html, a PNG and an SVG per figure."""
+    figures = diagnosis_figures(result)
+    vectors, files = drawn(figures)
+    files["diagnosis.json"] = json_text(diagnosis_json(result))
+    if model_content is not None:
+        files["model.json"] = json_text(model_content)
+    files["report.html"] = diagnosis_page(result, vectors, version("thermohyd"))
+    return files

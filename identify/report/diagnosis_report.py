@@ -1,0 +1,262 @@
+"""The answer in plain words with figures: one sentence for the verdict, then what an engineer asks next.
+
+A diagnosis in a terminal: the answer first, then what it rests on, on one screen. Reads the same without colour.
+"""
+
+import numpy as np
+from rich import box
+from rich.console import Console, Group, RenderableType
+from rich.padding import Padding
+from rich.table import Table
+from rich.text import Text
+
+from thermohyd.identify.bench.provenance import record_line
+from thermohyd.identify.bench.shown_units import amount, beside, decimals_for, display_unit
+from thermohyd.identify.diagnosis.result import (
+    DiagnosisResult,
+    HeldOut,
+    NamedEffect,
+    ParameterShift,
+    Region,
+    Variation,
+    Verdict,
+)
+from thermohyd.identify.diagnosis.where import miss_words, region_words
+from thermohyd.identify.fitting.result import FitResult
+
+from . import diagnosis_words as words
+from .diagnosis_words import excess, percent
+
+
+MOST_OF_THE_GAP = 0.7
+
+
+def headline(
+    verdict: Verdict,
+    effects: tuple[NamedEffect, ...],
+    where: tuple[Region, ...],
+    held: HeldOut | None,
+    gap: tuple[float, float],
+    shifts: tuple[ParameterShift, ...],
+    smooth: tuple[Variation, ...] = (),
+    judged: bool = True,
+) -> str:
+    """The first sentence of every report. judged: the noise is known, so that agreement with it means something."""
+    place = _place(where)
+    if verdict == "consistent":
+        if judged:
+            return "The ideal valve explains this record within its noise: no effect of the library is needed."
+        return (
+            "Nothing in the library does better than the ideal valve, but whether that explains the record cannot be judged: "
+            "the noise was estimated from what the fits leave. State it (noise in bench.toml) or run each sweep twice (column run)."
+        )
+    names = _and([f"{e.name} ({amount(e.name, e.value, e.unit, e.std)})" for e in effects])
+    if verdict == "unexplained":
+        first = place or "Model and bench disagree beyond noise"
+        if not effects:
+            return f"{first}, and nothing in the library explains it{_curve(smooth)} (reduced chi-square {excess(gap[0])})."
+        names = _and([f"{e.name} ({_with_rivals(e)})" for e in effects])
+        share = _closed(held)
+        closes = f"{_verb(effects, 'closes', 'close')} {share}" if share else _verb(effects, "helps", "help")
+        rest = f"but nothing in the library explains the rest{_curve(smooth)} (reduced chi-square {excess(gap[0])} to {excess(gap[1])})"
+        return f"{first}: {names} {closes}, {rest}."
+    closes = _closes(held, gap, "it" if len(effects) == 1 else "them")
+    lead = f"{place}: " if place else ""
+    if verdict == "named":
+        return f"{lead}{names} {_verb(effects, 'is', 'are')} missing from the model; {closes}{_bias(shifts)}."
+    open_ = [e for e in effects if e.alternatives]
+    rivals = "; ".join(
+        f"{e.name} cannot be told from {_or([a.name for a in e.alternatives])} by these data" for e in open_
+    )
+    return f"{lead}{names} would explain it, and {closes}, but {rivals}."
+
+
+def _curve(smooth: tuple[Variation, ...]) -> str:
+    """The second tier's best answer, where it closes most of the gap."""
+    if not smooth or not smooth[0].gap_closed > MOST_OF_THE_GAP:
+        return ""
+    best = smooth[0]
+    what, closes = f"{best.quantity.replace('_', ' ')}", percent(best.gap_closed)
+    closing = f"closes {closes}" if best.learned else f"would close {closes}"
+    return f"; {what} varying smoothly with {best.variable.replace('_', ' ')} {closing}, a fitted curve, not a cause"
+
+
+def _with_rivals(effect: NamedEffect) -> str:
+    own = amount(effect.name, effect.value, effect.unit, effect.std)
+    return f"{own}, or {_or([a.name for a in effect.alternatives])}" if effect.alternatives else own
+
+
+def _closed(held: HeldOut | None) -> str:
+    return (
+        f"{percent(max(held.gap_closed, 0.0))} of the gap on rows held out"
+        if held is not None and held.before > 0.0
+        else ""
+    )
+
+
+def _place(where: tuple[Region, ...]) -> str:
+    if not where:
+        return ""
+    worst = where[0]
+    size, side = miss_words(worst.channel, worst.mean, worst.rms)
+    what = worst.channel.replace("_", " ").capitalize()
+    miss = f"{size} {side if side == 'off' else f'too {side}'}"
+    return f"{what} is {miss}{_at(region_words({k: v for k, v in worst.limits.items() if k != 'run'}))} in {worst.test}"
+
+
+def _at(place: str) -> str:
+    return f" {place}" if place == "everywhere" else f" at {place}"
+
+
+def _closes(held: HeldOut | None, gap: tuple[float, float], it: str) -> str:
+    if held is not None and held.before > 0.0:
+        return f"with {it} {percent(max(held.gap_closed, 0.0))} of the gap closes on rows held out"
+    return f"reduced chi-square falls from {excess(gap[0])} to {excess(gap[1])}"
+
+
+def _bias(shifts: tuple[ParameterShift, ...]) -> str:
+    """The identified parameter that ignoring the effects would have spoiled most, in its own error bars."""
+    seen = [s for s in shifts if s.std_after]
+    if not seen:
+        return ""
+    worst = max(seen, key=lambda s: abs(s.before - s.after) / (s.std_after or np.inf))
+    off = worst.before - worst.after
+    if abs(off) < 2.0 * (worst.std_after or np.inf):
+        return ""
+    unit = display_unit(worst.unit)
+    word = "inflated" if off > 0 else "lowered"
+    label = "" if unit.label in ("", "-") else f" {unit.label}"
+    std = (worst.std_after or np.inf) * unit.factor
+    # the difference of the two values as the table of parameters shows them
+    before, after = (round(value * unit.factor, decimals_for(std)) for value in (worst.before, worst.after))
+    return f"; ignoring it would have {word} {worst.name} by {beside(abs(before - after), std)}{label}"
+
+
+def further_sentences(
+    effects: tuple[NamedEffect, ...], before: FitResult, variations: tuple[Variation, ...]
+) -> tuple[str, ...]:
+    """What stands under the headline, one line each."""
+    lines = []
+    for effect in effects:
+        line = f"{effect.name}: {effect.sentence}"
+        if effect.name == "unequal_underlap" and not _ports_measured(before):
+            line += "; the same with the other sign fits as well unless both port pressures are measured"
+        lines.append(f"{line}.")
+    return tuple(lines)
+
+
+def _ports_measured(fit: FitResult) -> bool:
+    return any(c.channel in ("pressure_a", "pressure_b") for c in fit.channels)
+
+
+def _verb(effects: tuple[NamedEffect, ...], one: str, many: str) -> str:
+    return one if len(effects) == 1 else many
+
+
+def _and(words: list[str]) -> str:
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}" if words else ""
+
+
+def _or(words: list[str]) -> str:
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} or {words[-1]}" if words else ""
+
+
+SCREEN = 40  # lines
+COLOURS = {"consistent": "green", "named": "green", "ambiguous": "yellow", "unexplained": "red"}
+# How many rows of a section are shown at most; a screen that runs over is tried again with fewer.
+ROWS = (5, 4, 3, 2, 1)
+
+
+def print_summary(result: DiagnosisResult, console: Console) -> None:
+    """Write at most one screen to a console; user text is never read as markup."""
+    screens = (_screen(result, console, rows) for rows in ROWS)
+    fitting = (screen for screen in screens if len(console.render_lines(screen, pad=False)) <= SCREEN)
+    console.print(next(fitting, None) or _screen(result, console, ROWS[-1]))
+
+
+def _screen(result: DiagnosisResult, console: Console, rows: int) -> Group:
+    parts: list[RenderableType] = [Text(result.headline, style="bold")]
+    shout = words.shout(result)
+    if shout:
+        parts.append(Text(shout, style="bold red"))
+    facts = f"{result.record.name}: {words.verdict_words(result)} ({result.before.points:,} readings, "
+    colour = "yellow" if result.open else COLOURS[result.verdict]
+    parts.append(Text(f"{facts}{result.seconds:.1f} s)", style=colour))
+    parts.append(Text(record_line(result.record), style="dim"))
+    parts += [Text(f"warning: {warning}", style="yellow") for warning in result.warnings[: max(1, rows - 3)]]
+    if result.where:
+        parts += [_heading(f"Where the {result.plain_model} misses"), _where(result, rows)]
+    if result.effects:
+        parts += [_heading("Effects added to the model"), _effects(result, console.width >= 100)]
+    shifts = words.shift_rows(result)
+    if shifts:
+        parts += [_heading("Parameters"), _shifts(shifts, rows + 2, result.plain_model)]
+    parts += [Text(""), _facts(result, rows)]
+    return Group(*parts)
+
+
+def _heading(title: str) -> Text:
+    return Text(f"\n{title}", style="bold cyan")
+
+
+def _facts(result: DiagnosisResult, rows: int) -> Table:
+    """What fits on a line or two each, with its label before it."""
+    labelled = [
+        ("meaning", result.sentences[: max(0, rows - 2)]),
+        ("gap", [words.gap(result)]),
+        ("held out", [words.held_out(result, short=True)]),
+        ("rivals", words.rival_sentences(result)[:rows]),
+        ("next test", [] if result.next_test is None else [result.next_test.sentence]),
+        ("left over", [words.left_over(result)]),
+        ("empirical", words.variations(result)[: max(1, rows - 3)]),
+        ("absorbed", [words.absorbed(result)]),
+        ("least seen", [words.would_show(result)] if result.verdict == "consistent" else []),
+    ]
+    grid = Table.grid(padding=(0, 2))
+    grid.add_column(no_wrap=True)
+    grid.add_column()
+    for label, sentences in labelled:
+        for sentence in filter(None, sentences):
+            grid.add_row(Text(label, style="bold"), Text(sentence))
+            label = ""
+    return grid
+
+
+def _table(*columns: str) -> Table:
+    """Columns by title; a leading ">" sets figures to the right, a leading "~" lets a column wrap."""
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, show_edge=False, header_style="bold")
+    for title in columns:
+        table.add_column(
+            title.lstrip(">~"),
+            justify="right" if title.startswith(">") else "left",
+            no_wrap=not title.startswith("~"),
+            overflow="fold",  # the ellipsis of the default is not ASCII, and what it hides may be the answer
+        )
+    return table
+
+
+def _where(result: DiagnosisResult, rows: int) -> Padding:
+    table = _table("test", "~where", ">share", ">excess chi2", "~bench")
+    for row in words.where_rows(result, result.where)[:rows]:
+        table.add_row(*[Text(cell) for cell in (row.reading, row.place, row.share, row.excess, row.miss)])
+    more = len(result.where) - rows
+    if more > 0:
+        table.add_row(Text(f"and {more} more", style="dim"))
+    return Padding(table, (0, 0, 0, 2), expand=False)
+
+
+def _effects(result: DiagnosisResult, wide: bool) -> Padding:
+    table = _table("name", ">value", "unit", *([">p"] if wide else []), ">gap closed", "~rivals")
+    for row in words.effect_rows(result):
+        value = f"{row.value} +/- {row.std}" if row.std else row.value
+        status = Text(f"{row.status} ", style="bold red") if row.status else Text("")
+        cells = [Text(cell) for cell in (row.name, value, row.unit, *([row.p] if wide else []), row.closed)]
+        table.add_row(*cells, status + Text(row.rivals))
+    return Padding(table, (0, 0, 0, 2), expand=False)
+
+
+def _shifts(shifts: list[words.ShiftRow], rows: int, plain: str) -> Padding:
+    table = _table("name", f">{plain}", ">final model", ">std err", "unit", ">bias / std err")
+    for row in shifts[:rows]:
+        table.add_row(*[Text(cell) for cell in (row.name, row.before, row.after, row.std, row.unit, row.change)])
+    return Padding(table, (0, 0, 0, 2), expand=False)

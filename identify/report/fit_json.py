@@ -1,0 +1,158 @@
+"""`fit.json`: a fit as one plain dictionary, SI units, with the keys that the bench format promises.
+
+Every file that `fit --out` writes, as bytes and text in memory: whole before the first one is written.
+"""
+
+import json
+import math
+from collections.abc import Mapping
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+
+from thermohyd.identify.bench.provenance import record_json
+from thermohyd.identify.fitting.result import ChannelFit, FitResult, ParameterEstimate
+from thermohyd.identify.model.model_file import model_json
+
+from .fit_figures import parameter_figure, test_figures
+from .fit_report import chi2_band
+from .page import html_report
+from .style import drawn
+
+
+def fit_json(result: FitResult) -> dict[str, Any]:
+    """The content of `fit.json`; what is not finite becomes null, so that any JSON reader can read it."""
+    tests = list(dict.fromkeys(fit.test for fit in result.channels))
+    free = list(result.free)
+    content = {
+        **record_json(result.record),
+        "converged": result.converged,
+        "message": result.message,
+        "verdict": list(result.verdict),
+        "judged": result.judged,
+        "parameters": {name: _parameter(estimate) for name, estimate in result.parameters.items()},
+        "correlation": {
+            a: {b: result.correlation[i, j] for j, b in enumerate(free) if j != i} for i, a in enumerate(free)
+        },
+        "covariance": {"of": free, "matrix": result.covariance},
+        "reduced_chi2": result.reduced_chi2,
+        "reduced_chi2_band": chi2_band(result.degrees_of_freedom, result.noise_freedom),
+        "chi2": result.chi2,
+        "degrees_of_freedom": result.degrees_of_freedom,
+        "residual_rms": {test: _rms(result, test, "residual_rms") for test in tests},
+        "noise": {test: _rms(result, test, "noise") for test in tests},
+        "channels": {
+            test: {fit.channel: _channel(fit) for fit in result.channels if fit.test == test} for test in tests
+        },
+        "identifiability": {
+            "condition_number": result.identifiability.condition_number,
+            "weak_directions": list(result.identifiability.weak_directions),
+            "singular_values": list(result.identifiability.singular_values),
+            "sentences": list(result.identifiability.sentences),
+        },
+        "starts": [
+            {
+                "start": start.start,
+                "chi2": start.cost,
+                "converged": start.converged,
+                "message": start.message,
+                "steps": start.steps,
+                "restart": start.restart,
+            }
+            for start in result.starts
+        ],
+        "rows": result.rows,
+        "points": result.points,
+        "seconds": result.seconds,
+        "notes": list(result.notes),
+        "warnings": list(result.warnings),
+        "units": "SI: m, Pa (gauge), K, m3/s",
+    }
+    return plain(content)
+
+
+def fits_json(results: Mapping[str, FitResult], failed: Mapping[str, str]) -> dict[str, Any]:
+    """Several fits by the name of the record's folder, and why the others failed."""
+    return {
+        "records": [{"folder": name, **fit_json(result)} for name, result in results.items()],
+        "failed": [{"folder": name, "reason": reason} for name, reason in failed.items()],
+    }
+
+
+def json_text(content: dict[str, Any]) -> str:
+    """One JSON document, indented for people, strictly without NaN."""
+    return json.dumps(plain(content), indent=2, allow_nan=False) + "\n"
+
+
+def _parameter(estimate: ParameterEstimate) -> dict[str, Any]:
+    return {
+        "value": estimate.value,
+        "unit": estimate.unit,
+        "std": estimate.std,
+        "ci95": estimate.ci95,
+        "at_bound": estimate.at_bound,
+        "fixed": estimate.fixed,
+        "start": estimate.start,
+        "bounds": [estimate.lower, estimate.upper],
+        "prior_std": estimate.prior_std,
+        "why_no_error_bar": estimate.why_no_error_bar,
+        "by_profile": estimate.by_profile,
+        "conditional_on": list(estimate.conditional_on),
+    }
+
+
+def _channel(fit: ChannelFit) -> dict[str, Any]:
+    return {
+        "points": len(fit.measured),
+        "residual_rms": fit.residual_rms,
+        "noise": fit.noise,
+        "noise_source": fit.noise_source,
+        "reduced_chi2": fit.reduced_chi2,
+        "autocorrelation": fit.autocorrelation,
+        "effective_size": fit.effective_size,
+    }
+
+
+def _rms(result: FitResult, test: str, figure: str) -> float:
+    """A test's figure over its channels (two where port pressures are read apart), weighted by their points."""
+    fits = [fit for fit in result.channels if fit.test == test]
+    points = np.array([len(fit.measured) for fit in fits], dtype=float)
+    values = np.array([getattr(fit, figure) for fit in fits], dtype=float)
+    return float(np.sqrt(np.sum(points * values**2) / np.sum(points)))
+
+
+def plain(value: Any) -> Any:
+    """NumPy to Python, tuples to lists, NaN and infinities to None."""
+    if isinstance(value, dict):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, np.generic):
+        return plain(value.item())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def rounded(value: Any) -> Any:
+    """Numbers in lists to seven digits: they are for drawing."""
+    if isinstance(value, dict):
+        return {key: rounded(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [float(f"{item:.7g}") if isinstance(item, float) else rounded(item) for item in value]
+    return value
+
+
+def fit_files(result: FitResult) -> dict[str, bytes | str]:
+    """{file name: content}: fit.json, model.json, report.html, and a PNG and an SVG per test and for the parameters."""
+    figures = {**test_figures(result)}
+    if result.free:
+        figures["parameters"] = parameter_figure(result)
+    vectors, files = drawn(figures)
+    files["fit.json"] = json_text(fit_json(result))
+    files["model.json"] = json_text(model_json(result))
+    files["report.html"] = html_report(result, vectors, version("thermohyd"))
+    return files

@@ -1,0 +1,48 @@
+"""One HTML page without network access, from a template of this package, with every figure inside it.
+
+`report.html`: the report as one page without network access, with the figures inside it.
+"""
+
+import base64
+from collections.abc import Mapping
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from thermohyd.identify.bench.provenance import file_rows, record_rows
+from thermohyd.identify.fitting.result import FitResult
+
+from . import fit_report as content
+
+
+def page(template: str, figures: Mapping[str, bytes], **content: Any) -> str:
+    """The page; `figures` maps a caption or a name to an SVG. Every text is escaped by the template engine."""
+    loader = PackageLoader("thermohyd.identify", "templates")
+    environment = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True)
+    inside = {name: base64.b64encode(svg).decode("ascii") for name, svg in figures.items()}
+    return environment.get_template(template).render(figures=inside, **content)
+
+
+def html_report(result: FitResult, figures: dict[str, bytes], version: str) -> str:
+    """The page for a fit; `figures` maps a caption to an SVG. Every text is escaped by the template engine."""
+    return page(
+        "report.html",
+        figures,
+        record=result.record,
+        record_rows=record_rows(result.record),
+        record_files=file_rows(result.record),
+        result=result,
+        version=version,
+        model=content.model_words(result.record),
+        shout=content.shout(result),
+        verdict=content.verdict(result),
+        parameters=content.parameter_rows(result),
+        remarks=content.parameter_remarks(result),
+        correlations=content.correlations(result),
+        threshold=content.CORRELATION_THRESHOLD,
+        identifiability=content.identifiability(result),
+        statistics=content.statistics(result),
+        tests=content.test_rows(result),
+        noise_sources=content.noise_sources(result),
+        starts=content.multi_start(result),
+    )

@@ -1,0 +1,75 @@
+"""The whole reproduction of the seed paper: curves, macro-models and claims, in one call."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from thermohyd import seed_paper as paper
+from thermohyd.actuator import seed_actuator
+from thermohyd.identify.flow_curve_fit import MacroFit, TwoTermFit, fit_eq6, fit_two_terms
+
+from .actuator_claims import actuator_claims, performance_of
+from .blocked_port_claims import leakage_claims, pressure_claims
+from .curves import MODELS, Claim, SeedCurves, seed_curves
+from .flow_claims import flow_claims
+
+
+TEMPERATURE_STEP = 5.0  # K, between the temperatures of the curves against temperature
+
+
+@dataclass(frozen=True)
+class SeedStudy:
+    """macro: {"HM", "THM": Eq. 6 at the first supply pressure}; two_terms: the variant for HM, a fit per temperature.
+    performance: {figure of `thermohyd.Performance`: (model, supply, temperature)} of the example jack at null."""
+
+    curves: SeedCurves
+    macro: dict[str, MacroFit]
+    two_terms: tuple[TwoTermFit, ...]
+    performance: dict[str, np.ndarray]
+    claims: tuple[Claim, ...]
+    seconds: float
+
+    @property
+    def drawn(self) -> list[int]:
+        """Indices of the temperatures at which curves against the opening are drawn, cold to hot."""
+        return [self.curves.at_viscosity(viscosity) for viscosity in paper.VISCOSITIES[::-1]]
+
+    def count(self, holds: str) -> int:
+        """How many claims hold, hold "partly", or do not ("no")."""
+        return sum(claim.holds == holds for claim in self.claims)
+
+
+def temperatures() -> np.ndarray:
+    """-40 to 70 degC in steps of 5 K, and those at which the oil has 100, 300 and 1000 cSt [K]."""
+    even = np.arange(paper.COLDEST, paper.HOTTEST + 0.5 * TEMPERATURE_STEP, TEMPERATURE_STEP)
+    return np.sort(np.concatenate([even, [paper.temperature_at(nu) for nu in paper.VISCOSITIES[1:-1]]]))
+
+
+def seed_study(progress: Callable[[str], None] | None = None) -> SeedStudy:
+    """Figures 3 to 8, Eq. 6 and every claim of the seed paper for its valve and oil. Raises RuntimeError in single precision."""
+    began = time.perf_counter()
+    say = progress or (lambda _: None)
+    say("simulating the valve of the paper")
+    valve = paper.seed_valve()
+    curves = seed_curves(valve, temperatures(), paper.SUPPLY_PRESSURES)
+    say("fitting Eq. 6")
+    even = curves.equidistant
+    position = curves.opening[even] * curves.stroke
+    macro = {
+        name: fit_eq6(
+            position, curves.flow[i, 0][:, even], curves.temperature, curves.viscosity, drop=float(curves.supply[0])
+        )
+        for i, name in enumerate(MODELS)
+    }
+    two_terms = [fit_two_terms(position, flow[even]) for flow in curves.flow[0, 0]]
+    say("the actuator")
+    found = performance_of(curves, valve, seed_actuator())
+    claims = [
+        *leakage_claims(curves),
+        *pressure_claims(curves, paper.NOMINAL_PRESSURE),
+        *flow_claims(curves, macro["HM"], two_terms, paper.NOMINAL_FLOW),
+        *actuator_claims(curves, found, valve, seed_actuator(), paper.NOMINAL_FLOW),
+    ]
+    return SeedStudy(curves, macro, tuple(two_terms), found, tuple(claims), time.perf_counter() - began)

@@ -1,0 +1,239 @@
+"""Where a study's valve comes from: a bench record, a model.json, both, or the seed paper. Read before JAX starts.
+
+What a study is about: a valve, its conditions, what is known of it and how well its tests can be read.
+"""
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from thermohyd.identify.bench.errors import BenchInputError
+from thermohyd.identify.bench.record import BenchRecord, TestRecord, ValveData
+from thermohyd.identify.fitting.parameters import MICRON
+from thermohyd.identify.fitting.result import FitResult
+from thermohyd.identify.model.model import Model
+from thermohyd.identify.model.model_file import model_of_fit
+
+from .next_test import ReadingNoise
+from .settings import Settings, read_settings
+
+
+REFERENCE = 313.15  # K, 40 degC
+USUAL_TEMPERATURES = (253.15, 283.15, 313.15, 343.15)  # K
+COLDEST, HOTTEST = 233.15, 393.15  # K: where a next test may be run
+HIGHEST = 350e5  # Pa
+APART_T, APART_P = 4.0, 0.06  # K and share: conditions this far apart are two
+
+
+@dataclass(frozen=True)
+class Subject:
+    """One study's valve and conditions (SI).
+
+    temperature, supply_pressure, return_pressure: where the study stands. temperatures, supply_pressures: where curves
+    are drawn and tests could be run. fit: of the record, where there is one.
+    """
+
+    name: str
+    model: Model
+    temperature: float
+    supply_pressure: float
+    return_pressure: float
+    temperatures: tuple[float, ...]
+    supply_pressures: tuple[float, ...]
+    noise: ReadingNoise
+    fit: FitResult | None = None
+    notes: tuple[str, ...] = ()
+
+
+def seed_model() -> Model:
+    """The seed paper's valve and oil (MODEL section 1): the valve of a study that names none."""
+    from thermohyd.seed_paper import NOMINAL_FLOW, NOMINAL_PRESSURE, STROKE, seed_oil_definition, seed_valve
+
+    valve = seed_valve()
+    names = ("edge_radius", "clearance", "underlap", "discharge_coefficient", "transition_number", "null_bias")
+    body = ValveData(
+        "seed valve (MOOG 76101 class)",
+        STROKE,
+        float(valve.slot_width),
+        6900 * MICRON,
+        rated_flow=NOMINAL_FLOW,
+        rated_pressure_drop=NOMINAL_PRESSURE,
+    )
+    return Model(body, seed_oil_definition(), {name: float(getattr(valve, name)) for name in names})
+
+
+def subject_of_model(model: Model, settings: Settings, name: str = "") -> Subject:
+    """A study of a model alone: 40 degC and the rated pressure drop (70 bar where it has none), unless the settings say otherwise."""
+    supply = settings.supply_pressure or model.valve.rated_pressure_drop or 70e5
+    temperature = REFERENCE if settings.temperature is None else settings.temperature
+    return Subject(
+        name or model.valve.name or "valve",
+        model,
+        temperature,
+        supply,
+        settings.return_pressure or 0.0,
+        _with(settings.temperatures or USUAL_TEMPERATURES, temperature, APART_T),
+        _pressures(supply, (supply,)),
+        ReadingNoise(settings.noise, "stated"),
+        notes=left_out(model),
+    )
+
+
+def subject_of_fit(fit: FitResult, settings: Settings) -> Subject:
+    """A study of a fitted record: its temperatures, pressures and noise, and what the fit left uncertain."""
+    record = fit.record
+    temperatures, pressures, back = conditions_of(record.tests.values())
+    temperature = (
+        min(temperatures, key=lambda t: abs(t - REFERENCE)) if settings.temperature is None else settings.temperature
+    )
+    supply = settings.supply_pressure or min(pressures)
+    few = {temperatures[0], temperatures[len(temperatures) // 2], temperatures[-1]}
+    wider = {t for t in (temperatures[0] - 25.0, temperatures[-1] + 25.0) if COLDEST <= t <= HOTTEST}
+    noise: dict[str, float] = {}
+    for channel in fit.channels:
+        both = np.sqrt(2.0) if channel.channel in ("pressure_a", "pressure_b") else 1.0
+        noise[channel.test] = float(channel.noise) * both
+    model = model_of_fit(fit)
+    return Subject(
+        record.name,
+        model,
+        temperature,
+        supply,
+        back if settings.return_pressure is None else settings.return_pressure,
+        _with(settings.temperatures or tuple(sorted(few | wider)), temperature, APART_T),
+        _pressures(supply, pressures),
+        ReadingNoise({**noise, **settings.noise}, "of the record" if not settings.noise else "of the record or stated"),
+        fit,
+        left_out(model),
+    )
+
+
+def subject_of_record(record: BenchRecord, model: Model, settings: Settings) -> Subject:
+    """A study of a model at a record's conditions; the readings are not used."""
+    temperatures, pressures, back = conditions_of(record.tests.values())
+    own = replace(
+        settings,
+        temperature=settings.temperature or min(temperatures, key=lambda t: abs(t - REFERENCE)),
+        supply_pressure=settings.supply_pressure or min(pressures),
+        return_pressure=back if settings.return_pressure is None else settings.return_pressure,
+    )
+    subject = subject_of_model(model, own, record.name)
+    return replace(subject, supply_pressures=_pressures(subject.supply_pressure, pressures))
+
+
+def conditions_of(tests: Collection[TestRecord]) -> tuple[list[float], list[float], float]:
+    """The tests' distinct temperatures and supply pressures, rising, and their usual return pressure."""
+    temperature = np.sort(np.concatenate([test.temperature for test in tests]))
+    supply = np.sort(np.concatenate([test.supply_pressure for test in tests]))
+    back = float(np.median(np.concatenate([test.return_pressure for test in tests])))
+    return _groups(temperature, APART_T), _groups(supply, APART_P * float(supply[-1])), back
+
+
+def _groups(values: np.ndarray, apart: float) -> list[float]:
+    """The means of sorted values that lie close together; of a continuous range, its ends and middle."""
+    parts = np.split(values, np.flatnonzero(np.diff(values) > apart) + 1)
+    if len(parts) == 1 and np.ptp(values) > 2.0 * apart:
+        return [float(values[0]), float(np.median(values)), float(values[-1])]
+    return [float(part.mean()) for part in parts]
+
+
+def _with(values: tuple[float, ...], own: float, apart: float) -> tuple[float, ...]:
+    """Values, rising, the study's own among them in the place of any that is close to it."""
+    return tuple(sorted([own, *(v for v in values if abs(v - own) > apart)]))
+
+
+def _pressures(supply: float, measured: tuple[float, ...] | list[float]) -> tuple[float, ...]:
+    """The study's pressure, the record's highest, and one beyond each end; at most three."""
+    high = max(measured)
+    others = [high, 1.5 * high, 0.5 * min(measured)] if high > 1.05 * supply else [0.5 * supply, 1.5 * supply]
+    allowed = [p for p in others if p <= max(HIGHEST, high)]
+    return _with(tuple(allowed[:2]), supply, APART_P * supply)
+
+
+def left_out(model: Model) -> tuple[str, ...]:
+    """What of a model `valve_of_model` leaves out, in words."""
+    from .varied import OF_SWEEPS
+
+    dropped = [name for name, amount in model.effects.items() if amount and name in OF_SWEEPS]
+    notes = (
+        [f"{', '.join(dropped)} of the model left out: the study asks for single operating points"] if dropped else []
+    )
+    if model.learned:
+        notes.append("learned terms of the model left out: they are no physics")
+    return tuple(notes)
+
+
+if TYPE_CHECKING:
+    from thermohyd.actuator import Actuator
+    from thermohyd.identify.fitting.result import FitResult
+
+
+@dataclass(frozen=True)
+class Source:
+    """What a command was given, read and checked; `model_file` is read when JAX runs, which effects in it need."""
+
+    settings: Settings
+    record: BenchRecord | None = None
+    model_file: Path | None = None
+
+    def subject(self, say: Callable[[str], None] = lambda _: None) -> "Subject":
+        """The study's subject; a record with readings and without a model is fitted.
+
+        Raises BenchInputError, and RuntimeError where the fit does not converge.
+        """
+        from thermohyd.identify.model.model_file import load_model, nominal_model
+
+        model = None if self.model_file is None else load_model(self.model_file)
+        if self.record is not None and not self.record.tests:
+            raise BenchInputError(
+                "holds dynamic tests only; sensitivity studies a valve at the conditions of its static tests",
+                file=self.record.folder,
+            )
+        if self.record is None:
+            return subject_of_model(seed_model() if model is None else model, self.settings)
+        if model is not None:
+            return subject_of_record(self.record, model, self.settings)
+        if not all(test.channels for test in self.record.tests.values()):
+            return subject_of_record(self.record, nominal_model(self.record), self.settings)
+        return subject_of_fit(fitted(self.record, say), self.settings)
+
+
+def fitted(record: BenchRecord, say: Callable[[str], None]) -> "FitResult":
+    """The fit that a study starts from. Raises RuntimeError where it does not converge."""
+    from thermohyd.identify.fitting.fit import fit
+
+    result = fit(record, progress=say)
+    if not result.converged:
+        raise RuntimeError(f"the fit did not converge: {result.message}; name a model with --model")
+    return result
+
+
+def actuator_of(subject: "Subject", settings: Settings) -> "Actuator | None":
+    """The actuator that the settings describe, on the valve's own rated current; None where they describe none."""
+    if not settings.actuator:
+        return None
+    from thermohyd.actuator import Actuator
+
+    current = subject.model.valve.rated_current
+    return Actuator(**settings.actuator, **({} if current is None else {"rated_current": current}))
+
+
+def read_source(
+    source: Path | None, model: Path | None, settings: Path | None, say: Callable[[str], None] = lambda _: None
+) -> Source:
+    """Read what was named on the command line. Raises BenchInputError."""
+    own = Settings() if settings is None else read_settings(settings)
+    if source is None or source.suffix == ".json":
+        if source is not None and model is not None:
+            raise BenchInputError("is a model already; give --model only with a record", file=source)
+        chosen = model if source is None else source
+        if chosen is not None and not chosen.is_file():
+            raise BenchInputError("there is no such file", file=chosen)
+        return Source(own, model_file=chosen)
+    from thermohyd.identify.bench.read import read_record
+
+    say(f"reading {source}")
+    return Source(own, read_record(source, readings_required=False), model)

@@ -1,0 +1,98 @@
+"""Step and frequency tests as they are read, and every way in which they can be wrong, with the message that is printed."""
+# ruff: noqa: E501 (the messages stand whole, as they are printed)
+
+import numpy as np
+import pytest
+from helpers.bench_folder import TOML, write_record
+
+from thermohyd.identify.bench.errors import BenchInputError
+from thermohyd.identify.bench.read import read_record
+
+
+CLOSED = 'controller = { amplifier_gain = "0.01 A/V", sensor_gain = "100 V/m" }\n'
+BENCH = (
+    TOML.split("[tests.leakage]")[0]
+    + '[tests.step]\nfile = "step.csv"\nnoise = { piston_position = "5 um", pressure_a = "0.2 bar" }\n'
+    + '[tests.frequency]\nfile = "f.csv"\n[actuator]\nmoving_mass = "80 kg"\n'
+    + CLOSED
+)
+STEP = (
+    "time [s],run,command [mm],external_force [kN],piston_position [mm],pressure_a [bar]\n"
+    "0,a,0,1,0,20\n0.1,a,1,1,0.2,21\n0.5,b,0,1,0,20\n0.6,b,1,1,0.2,21\n"
+)
+RESPONSE = "frequency [Hz],amplitude_ratio [1],phase [deg]\n1,1,-1\n10,0.9,-20\n"
+
+
+def read(folder, toml=BENCH, step=STEP, f=RESPONSE, **options):
+    return read_record(write_record(folder, toml, step=step, f=f), **options)
+
+
+def test_both_tests_in_si(tmp_path):
+    record = read(tmp_path)
+    assert not record.tests
+    assert record.dynamic is not None
+    step, response = record.dynamic.tests["step"], record.dynamic.tests["frequency"]
+    assert (record.dynamic.actuator.moving_mass, record.dynamic.actuator.piston_area) == (80.0, pytest.approx(12e-4))
+    assert record.dynamic.actuator.closed_loop
+    assert (step.command_kind, step.run_names) == ("setpoint", ("a", "b"))
+    assert step.external_force is not None
+    np.testing.assert_allclose(step.external_force, 1e3)
+    np.testing.assert_allclose(step.command, [0.0, 1e-3, 0.0, 1e-3])
+    assert {c.name: None if c.std is None else c.std[0] for c in step.channels} == {
+        "pressure_a": pytest.approx(0.2e5),
+        "piston_position": pytest.approx(5e-6),
+    }
+    assert response.frequency is not None
+    np.testing.assert_allclose(np.rad2deg(response.channels[1].value), [-1.0, -20.0])
+
+
+def test_static_and_dynamic_together(tmp_path):
+    toml = BENCH.replace("[tests.step]", '[tests.leakage]\nfile = "leakage.csv"\n[tests.step]')
+    record = read(tmp_path, toml)
+    assert list(record.tests) == ["leakage"]
+    assert list(record.all_tests) == ["leakage", "step", "frequency"]
+
+
+@pytest.mark.parametrize(("unit", "kind"), [("um", "spool_position"), ("mA", "current"), ("%", "spool_position")])
+def test_an_open_loop_is_told_by_position_or_current(tmp_path, unit, kind):
+    record = read(tmp_path, BENCH.replace(CLOSED, ""), STEP.replace("command [mm]", f"command [{unit}]"))
+    assert record.dynamic is not None
+    assert record.dynamic.tests["step"].command_kind == kind
+
+
+def test_predictions_need_no_reading(tmp_path):
+    step = "time [s],command [mm]\n0,0\n0.1,1\n"
+    record = read(tmp_path, BENCH.replace("noise", "# noise"), step, readings_required=False)
+    assert record.dynamic is not None
+    assert record.dynamic.tests["step"].channels == ()
+
+
+SPOILED = {
+    "unit": ({"step": STEP.replace("command [mm]", "command [mA]")}, 'step.csv, line 1, column "command [mA]": "mA" is a current; expected a length such as um'),
+    "open unit": ({"toml": BENCH.replace(CLOSED, ""), "step": STEP.replace("command [mm]", "command [bar]")}, 'step.csv, line 1, column "command [bar]": "bar" is a pressure; expected a length such as um, or a current such as mA'),
+    "time": ({"step": STEP.replace("0.1,a", "0,a")}, 'step.csv, line 3, column "time [s]": time must rise from row to row within a run; give each run of the test its own name in a column run'),
+    "one row": ({"step": STEP.replace("0.6,b", "0.6,c")}, 'step.csv, line 4, column "time [s]": a run of a step test needs at least two rows'),
+    "far setpoint": ({"step": STEP.replace("0.1,a,1", "0.1,a,60")}, 'step.csv, line 3, column "command [mm]": 60 is beyond half the piston\'s stroke (25 mm); is the unit right?'),
+    "far piston": ({"step": STEP.replace("1,1,0.2,21\n0.5", "1,1,200.5,21\n0.5")}, 'step.csv, line 3, column "piston_position [mm]": 200.5 is beyond the piston\'s stroke (50 mm); is the unit right?'),
+    "no command": ({"step": STEP.replace("command [mm]", "_command")}, 'step.csv, line 1: the step test needs a column command [mm], a setpoint of the piston, but the file has "time [s]", "run", "_command", "external_force [kN]", "piston_position [mm]", "pressure_a [bar]"; if that is "_command", write columns = { command = "_command [um]" } in [tests.step]'),
+    "no reading": ({"f": "frequency [Hz]\n1\n"}, 'f.csv, line 1: the frequency test needs a column amplitude_ratio [1] or phase [deg], a reading, but the file has "frequency [Hz]"'),
+    "decibels": ({"f": RESPONSE.replace("0.9", "-3")}, 'f.csv, line 3, column "amplitude_ratio [1]": an amplitude ratio must be above zero; it is a ratio, not dB'),
+    "zero": ({"f": RESPONSE.replace("\n1,1", "\n0,1")}, 'f.csv, line 2, column "frequency [Hz]": a frequency must be above zero'),
+    "text": ({"f": RESPONSE.replace("0.9", "high")}, None),
+    "asymptote": ({"toml": BENCH.replace(CLOSED, "").replace('"f.csv"', '"f.csv"\noutput = "piston_position"')}, None),
+    "volume": ({"toml": BENCH.replace('moving_mass = "80 kg"', 'chamber_volume = "10 cm^3"')}, None),
+    "loop": ({"toml": BENCH.replace(', sensor_gain = "100 V/m"', "")}, None),
+    "start": ({"toml": BENCH + "[start]\nspool_frequncy = \"90 Hz\"\n"}, None),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SPOILED)
+def test_a_spoiled_record_gets_one_line(tmp_path, name):
+    changes, expected = SPOILED[name]
+    with pytest.raises(BenchInputError) as raised:
+        read(tmp_path, **changes)
+    words = str(raised.value).removeprefix(f"{tmp_path}/")
+    assert "\n" not in words
+    assert ", line " in words
+    if expected is not None:
+        assert words == expected

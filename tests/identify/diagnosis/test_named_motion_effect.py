@@ -1,0 +1,58 @@
+"""A hidden effect, end to end through the command line: named, sized, its model simulated; files whole."""
+
+import json
+import shutil
+
+import pytest
+from typer.testing import CliRunner
+
+from thermohyd.data import sample_record
+from thermohyd.identify.cli import jax_setup
+from thermohyd.identify.cli.commands import app
+
+
+HIDDEN = sample_record("seed_actuator").parent / "hidden_dynamic"
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory):
+    """The first half of two runs of servo_2, without its pressures: less to compute."""
+    folder = tmp_path_factory.mktemp("servo")
+    shutil.copy(HIDDEN / "servo_2" / "bench.toml", folder)
+    lines = (HIDDEN / "servo_2" / "step.csv").read_text().splitlines()
+    head = lines[1].split(",")
+    keep = [i for i, name in enumerate(head) if not name.startswith("pressure")]
+    rows = [line.split(",") for line in lines[2:]]
+    rows = [row for row in rows if row[1] in ("1", "2") and float(row[0]) <= 0.16]
+    table = [[row[i] for i in keep] for row in (head, *rows)]
+    (folder / "step.csv").write_text("\n".join(",".join(row) for row in table) + "\n")
+    return folder
+
+
+def test_the_delay_is_named_and_its_model_predicts(bench, tmp_path, monkeypatch):
+    monkeypatch.setattr(jax_setup, "set_up_jax", lambda: None)
+    out = tmp_path / "out"
+    ran = CliRunner().invoke(app, ["diagnose", str(bench), "--out", str(out), "--json"])
+    assert ran.exit_code == 0, ran.stderr
+    found = json.loads((out / "diagnosis.json").read_text())
+    assert json.loads(ran.stdout)["verdict"] == found["verdict"] == "named"
+    (effect,) = found["effects"]
+    truth = json.loads((HIDDEN / "truth.json").read_text())["servo_2"]
+    assert effect["name"] == "spool_delay"
+    amount = effect["parameter"]
+    assert abs(amount["value"] - truth["effects"]["spool_delay"]) < 3.5 * amount["std"]
+    for name, value in truth["parameters"].items():
+        own = found["fit"]["parameters"][name]
+        assert own["std"] is None or abs(own["value"] - value) < 4.0 * own["std"], name
+    # The ends of these runs, which are held out, are calm: nothing to close there, and nothing opened.
+    assert found["held_out"]["reduced_chi2_after"] < 1.4
+    assert found["gap_after"] < 1.2 < found["gap_before"]
+    assert {"step.png", "candidates.png", "model.json", "report.html"} <= {file.name for file in out.iterdir()}
+
+    ran = CliRunner().invoke(app, ["simulate", str(bench), "--model", str(out / "model.json"), "--json"])
+    assert ran.exit_code == 0, ran.stderr
+    columns = json.loads(ran.stdout)["step"]
+    gap = [
+        a - b for a, b in zip(columns["piston_position [mm]"], columns["piston_position_predicted [mm]"], strict=True)
+    ]
+    assert sum(g * g for g in gap) / len(gap) < 1.5 * 0.01**2

@@ -1,0 +1,67 @@
+"""The fit of the sample actuator: truth inside honest intervals, what is held, and the model file there and back."""
+
+import json
+
+import numpy as np
+import pytest
+from reference.sample_actuator import SEED
+
+from thermohyd.identify.fitting.fit_motion import within
+from thermohyd.identify.fitting.parameters import IN_MOTION
+from thermohyd.identify.model.model_file import load_model, model_json, nominal_model
+from thermohyd.identify.model.predict import simulate_record
+from thermohyd.identify.report.fit_json import fit_json, json_text
+
+
+def test_the_truth_lies_inside_honest_intervals(seed_fit):
+    assert seed_fit.converged, seed_fit.message
+    assert seed_fit.free == IN_MOTION
+    for name in IN_MOTION:
+        found, truth = seed_fit.parameters[name], getattr(SEED.jack, name)
+        assert found.std is not None
+        assert abs(found.value - truth) < 3.5 * found.std, name
+        assert found.std < 0.1 * truth, name
+    assert 0.9 < seed_fit.reduced_chi2 < 1.1
+    assert "explains the dynamic tests" in seed_fit.verdict[0]
+
+
+def test_the_valve_is_held_at_what_the_record_says(seed_fit):
+    for name in ("edge_radius", "clearance", "underlap", "discharge_coefficient", "transition_number", "null_bias"):
+        assert seed_fit.parameters[name].fixed
+        assert seed_fit.parameters[name].value == pytest.approx(getattr(SEED.valve, name), rel=1e-9)
+
+
+def test_fit_json_speaks_of_both_tests(seed_fit):
+    content = json.loads(json_text(fit_json(seed_fit)))
+    assert set(content["channels"]) == {"step", "frequency"}
+    assert content["parameters"]["spool_frequency"]["unit"] == "Hz"
+    assert content["rows"] == sum(test.rows for test in seed_fit.record.dynamic.tests.values())
+
+
+def test_model_json_predicts_what_the_fit_drew(seed_fit, seed_record, tmp_path):
+    path = tmp_path / "model.json"
+    path.write_text(json_text(model_json(seed_fit)), encoding="utf-8")
+    model = load_model(path)
+    assert model.actuator == seed_record.dynamic.actuator
+    assert model.dynamics == pytest.approx({n: seed_fit.parameters[n].value for n in IN_MOTION})
+    tables = simulate_record(seed_record, model)
+    drawn = {(c.test, c.channel): c for c in seed_fit.channels}
+    table, fit = tables["step"], drawn["step", "piston_position"]
+    np.testing.assert_allclose(table["piston_position_predicted [mm]"], fit.predicted * 1e3, atol=1e-6)
+    np.testing.assert_allclose(table["piston_position_predicted_std [mm]"], fit.predicted_std * 1e3, atol=1e-6)
+    phase = tables["frequency"]["phase_predicted [deg]"]
+    np.testing.assert_allclose(phase, np.rad2deg(drawn["frequency", "phase"].predicted), atol=1e-6)
+
+
+def test_without_a_fit_the_table_of_the_actuator_speaks(seed_record):
+    model = nominal_model(seed_record)
+    assert model.dynamics["spool_frequency"] == 100.0
+    assert model.actuator is not None
+
+
+def test_the_horizon_is_a_share_of_every_run(seed_record):
+    test = seed_record.dynamic.tests["step"]
+    inside = within(test, 0.3)
+    for code in range(3):
+        assert np.mean(inside[test.run == code]) == pytest.approx(0.3, abs=0.01)
+    assert within(seed_record.dynamic.tests["frequency"], 0.3).all()

@@ -1,0 +1,59 @@
+"""Local minima between kinks: the search is set down on the other side, and a minimum on a kink is believed."""
+
+import jax.numpy as jnp
+import numpy as np
+
+from thermohyd.identify.fitting.boxes import Box
+from thermohyd.identify.fitting.least_squares import solve
+from thermohyd.identify.fitting.starts import hop, on_a_kink
+
+
+MICRON = 1e-6
+
+
+def valleys(p, args):
+    """Two valleys in the underlap, at 2 and 6 um, the second the deeper; the other parameter is plain."""
+    u = p[0] / MICRON
+    return jnp.stack([jnp.minimum(jnp.abs(u - 2.0) + 1.0, jnp.abs(u - 6.0)) + 0.5, p[1] - 3.0])
+
+
+def kinked(p, args):
+    """Lowest at 1 um, where the slope jumps and does not vanish."""
+    u = p[0] / MICRON - 1.0
+    scatter = jnp.asarray(np.resize([3.0, -3.0], 40))  # of the other readings, which do not move
+    return jnp.concatenate([jnp.stack([2.0 + jnp.abs(u), 2.0 - 0.2 * u, p[1] - 3.0, 0.1 * p[1]]), scatter])
+
+
+BOXES = [Box("underlap", 1.0 * MICRON, MICRON, -20 * MICRON, 20 * MICRON), Box("other", 0.0, 1.0)]
+
+
+def test_the_deeper_valley_is_found_from_the_wrong_one():
+    first = solve(valleys, BOXES)
+    assert abs(first.p[0] / MICRON - 2.0) < 0.2
+    best = hop(first, ("underlap", "other"), lambda start: solve(valleys, BOXES, None, start))
+    assert abs(best.p[0] / MICRON - 6.0) < 0.2
+    assert best.cost < first.cost
+
+
+def test_without_the_underlap_there_is_nothing_to_hop_over():
+    first = solve(valleys, BOXES)
+    assert hop(first, ("clearance", "other"), lambda start: first) is first
+
+
+def test_a_minimum_on_a_kink_is_believed_and_said_to_be_one():
+    end = solve(kinked, BOXES, None, [3.0 * MICRON, 0.0])
+    assert not end.converged
+    assert end.exhausted
+    believed = on_a_kink(end)
+    assert believed.converged
+    assert "kink" in believed.message
+    assert abs(believed.p[0] / MICRON - 1.0) < 1e-3
+
+
+def test_a_steep_end_is_not_taken_for_a_kink():
+    end = solve(kinked, BOXES)
+    steep = type(end)(**{**end.__dict__, "relative_offset": 3.0})
+    assert on_a_kink(steep) is steep
+    endless = type(end)(**{**end.__dict__, "exhausted": False})
+    assert on_a_kink(endless) is endless
+    assert np.isfinite(end.cost)

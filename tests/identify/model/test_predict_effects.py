@@ -1,0 +1,175 @@
+"""`simulate` with effects and learned terms in the model: against the reference, in pieces, with standard deviations."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from reference import static_tests as reference
+from reference.oil import Oil, walther
+from reference.valve import Effects, Rows, Valve
+
+from thermohyd.identify.bench.errors import BenchInputError
+from thermohyd.identify.bench.record import BenchRecord, TestRecord, ValveData
+from thermohyd.identify.model import predict
+from thermohyd.identify.model.learned_terms import LearnedTerm
+from thermohyd.identify.model.model import Model
+from thermohyd.identify.model.predict import predict_test
+from thermohyd.oil_definition import OilDefinition
+
+
+A, B = walther([[-40.0, 368.28], [100.0, 5.2244]])
+BODY = ValveData("bench", 213e-6, 12e-3)
+PARAMETERS = {
+    "edge_radius": 8e-6,
+    "clearance": 2.5e-6,
+    "underlap": 6e-6,
+    "discharge_coefficient": 0.68,
+    "transition_number": 90.0,
+    "null_bias": 1.2e-6,
+}
+EFFECTS = {
+    "hysteresis": 2e-6,
+    "position_lag": 0.3,
+    "pilot_leakage": 1e-9,
+    "flowmeter_scale": 0.03,
+    "flowmeter_offset": 2e-7,
+    "flowmeter_lag": 0.8,
+}
+ROWS = 44
+
+
+def sweep(name: str = "leakage", rows: int = ROWS, time: bool = True) -> TestRecord:
+    """Two cycles, two temperatures, two supply pressures; rates that differ."""
+    s = np.resize(np.concatenate([np.linspace(-1, 1, 11), np.linspace(1, -1, 11)]), rows)
+    run = (np.arange(rows) // 22).astype(int)
+    clock = np.arange(rows) * 0.5 + 0.3 * np.sin(np.arange(rows))
+    x = 60e-6 * s**3
+    return TestRecord(
+        name,
+        Path(f"{name}.csv"),
+        x,
+        np.where(run % 2 == 0, 70e5, 140e5),
+        np.full(rows, 2e5),
+        np.where(run % 4 < 2, 293.15, 318.15) + np.linspace(0.0, 5.0, rows),
+        (),
+        run,
+        tuple(str(r) for r in np.unique(run)),
+        np.where(np.arange(rows) % 22 < 11, 1.0, -1.0),
+        time=clock if time else None,
+        rate=np.gradient(x, clock) if time else None,
+    )
+
+
+def model_of(**changes) -> Model:
+    return Model(BODY, OilDefinition(A, B), PARAMETERS, **changes)
+
+
+def record_of(test: TestRecord) -> BenchRecord:
+    return BenchRecord(Path("bench"), "bench", BODY, OilDefinition(A, B), {test.name: test})
+
+
+def by_reference(test: TestRecord, effects: dict[str, float], **valve) -> np.ndarray:
+    rows = Rows(
+        test.spool_position, test.supply_pressure, test.return_pressure, test.temperature, test.direction, test.time,
+        test.run, rate=test.rate,
+    )  # fmt: skip
+    found = reference.TESTS[test.name](Valve(12e-3, **(PARAMETERS | valve)), Oil(A, B), rows, Effects(**effects))
+    return found[reference.READING[test.name]]
+
+
+def leakage(model: Model, test: TestRecord) -> tuple[np.ndarray, np.ndarray]:
+    return predict_test(model, record_of(test), test)["leakage_flow"]
+
+
+def test_effects_as_in_the_reference():
+    test = sweep()
+    found, std = leakage(model_of(effects=EFFECTS), test)
+    np.testing.assert_allclose(found, by_reference(test, EFFECTS), rtol=1e-9)
+    assert np.all(np.isnan(std))
+
+
+def test_pieces_do_not_break_the_sweep(monkeypatch):
+    test = sweep(rows=150)
+    model = model_of(effects=EFFECTS, free=("flowmeter_lag", "hysteresis"), covariance=np.diag([1e-4, 1e-14]))
+    whole = leakage(model, test)
+    monkeypatch.setattr(predict, "CHUNK", 64)
+    for one, other in zip(whole, leakage(model, test), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-12)
+    first = replace(
+        test, **{f: getattr(test, f)[:66] for f in ("spool_position", "supply_pressure", "return_pressure", "temperature")},
+        **{f: getattr(test, f)[:66] for f in ("run", "direction", "time", "rate")},
+    )  # fmt: skip
+    np.testing.assert_allclose(
+        leakage(model, first)[0], whole[0][:66], rtol=1e-12
+    )  # neither rows behind nor pads matter
+
+
+def test_standard_deviation_of_effects_and_parameters_together():
+    names = ("flowmeter_lag", "clearance", "hysteresis", "flowmeter_scale")
+    steps = np.array([1e-4, 1e-10, 1e-9, 1e-4])
+    rng = np.random.default_rng(4)
+    mix = rng.standard_normal((4, 4))
+    covariance = (mix @ mix.T) * np.outer(steps, steps) * 100
+    test = sweep()
+    _, std = leakage(model_of(effects=EFFECTS, free=names, covariance=covariance), test)
+    slopes = []
+    for name, step in zip(names, steps, strict=True):
+        ends = []
+        for sign in (1.0, -1.0):
+            moved = {name: (EFFECTS | PARAMETERS)[name] + sign * step}
+            parts = {k: moved.get(k, v) for k, v in EFFECTS.items()}
+            own = {k: v for k, v in moved.items() if k in PARAMETERS}
+            ends.append(by_reference(test, parts, **own))
+        slopes.append((ends[0] - ends[1]) / (2 * step))
+    expected = np.sqrt(np.einsum("ir,ij,jr->r", np.array(slopes), covariance, np.array(slopes)))
+    np.testing.assert_allclose(std, expected, rtol=1e-4)
+
+
+def test_an_effect_that_does_nothing_needs_nothing():
+    test = sweep(time=False)
+    found, _ = leakage(model_of(effects={"flowmeter_lag": 0.0, "position_lag": 0.0}), test)
+    np.testing.assert_allclose(found, by_reference(test, {}), rtol=1e-10)
+
+
+@pytest.mark.parametrize("name", ["flowmeter_lag", "position_lag"])
+def test_without_time_one_sentence(name):
+    test = sweep(time=False)
+    with pytest.raises(BenchInputError, match=f'leakage.csv: the model has a {name}, .* add the column "time"'):
+        leakage(model_of(effects={name: 0.3}), test)
+
+
+def test_pressures_know_no_flowmeter():
+    test = sweep("pressure_gain", time=False)
+    found, _ = predict_test(model_of(effects={"flowmeter_lag": 0.5}), record_of(test), test)["load_pressure"]
+    np.testing.assert_allclose(found, by_reference(test, {}), rtol=1e-9)
+
+
+TERMS = (
+    LearnedTerm("discharge_coefficient", "temperature", 303.15, 15.0, (0.0, 0.1, 0.03)),
+    LearnedTerm("discharge_coefficient", "direction", 0.0, 1.0, (0.0, 0.02)),
+    LearnedTerm("viscosity", "supply_pressure", 105e5, 35e5, (0.0, 0.05)),
+    LearnedTerm("null_bias", "temperature", 303.15, 15.0, (0.0, 1e-6)),
+    LearnedTerm("clearance", "elapsed", 5.0, 5.0, (0.0, 0.05)),
+)
+
+
+def test_learned_terms_change_their_quantity_row_by_row():
+    test = sweep()
+    found, _ = leakage(model_of(learned=TERMS, effects={"viscosity_shift": 0.1}), test)
+    s = np.clip((test.temperature - 303.15) / 15.0, -1.0, 1.0)
+    assert test.time is not None
+    elapsed = test.time - test.time[22 * test.run]
+    expected = by_reference(
+        test,
+        {"viscosity_shift": 1.1 * (1.0 + 0.05 * (test.supply_pressure - 105e5) / 35e5) - 1.0},  # pyright: ignore
+        discharge_coefficient=0.68 * (1.0 + 0.1 * s + 0.03 * (1.5 * s**2 - 0.5)) * (1.0 + 0.02 * test.direction),
+        null_bias=1.2e-6 + 1e-6 * s,
+        clearance=2.5e-6 * (1.0 + 0.05 * np.clip(elapsed / 5.0 - 1.0, -1.0, 1.0)),
+    )
+    np.testing.assert_allclose(found, expected, rtol=1e-9)
+
+
+def test_a_term_that_follows_a_missing_column():
+    with pytest.raises(BenchInputError, match=r'makes clearance follow elapsed, which needs the column "time"'):
+        leakage(model_of(learned=TERMS), sweep(time=False))

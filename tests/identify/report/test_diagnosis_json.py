@@ -1,0 +1,96 @@
+"""`diagnosis.json` holds the keys that BENCH_FORMAT promises, in SI, as JSON that any reader accepts."""
+
+import json
+from dataclasses import replace
+
+import pytest
+from helpers.fake_diagnosis import ABSORBED, KINDS, fake_diagnosis
+from helpers.fake_fit import with_files
+
+from thermohyd.identify.report.diagnosis_json import diagnoses_json, diagnosis_json
+from thermohyd.identify.report.fit_json import json_text
+
+
+def written(result) -> dict:
+    text = json_text(diagnosis_json(result))
+    return json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} in the JSON"))
+
+
+PROMISED = {
+    "verdict",
+    "where",
+    "effects",
+    "rejected",
+    "absorbed",
+    "gap_before",
+    "gap_after",
+    "held_out",
+    "next_test",
+    "fit",
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_promised_keys(kind):
+    content = written(fake_diagnosis(kind))
+    assert set(content) >= PROMISED
+    for region in content["where"]:
+        assert set(region) >= {"test", "region", "excess_chi2", "share"}
+        assert all(len(limits) == 2 for limits in region["region"].values())
+    for effect in content["effects"]:
+        assert set(effect) >= {"name", "parameter", "p_value", "gap_closed", "alternatives"}
+        assert set(effect["parameter"]) == {"value", "unit", "std", "ci95"}
+    assert all(set(entry) == {"name", "p_value", "gap_closed"} for entry in content["rejected"])
+    assert set(content["held_out"]) >= {"before", "after"}
+    assert set(content["fit"]) >= {"parameters", "correlation", "reduced_chi2", "residual_rms", "noise", "rows"}
+
+
+def test_values_are_si():
+    content = written(fake_diagnosis("named"))
+    (effect,) = content["effects"]
+    assert effect["parameter"]["value"] == pytest.approx(2.377e-9)
+    assert effect["parameter"]["unit"] == "m3/s/sqrt(Pa)"
+    assert content["where"][0]["region"] == {"spool_position": [pytest.approx(-203e-6), pytest.approx(203e-6)]}
+    assert content["absorbed"] == list(ABSORBED)
+    assert content["next_test"] is None
+
+
+def test_a_rival_is_not_rejected():
+    content = written(fake_diagnosis("ambiguous"))
+    rivals = content["effects"][0]["alternatives"]
+    assert rivals == ["bushing_leakage", "flowmeter_offset"]
+    assert not set(rivals) & {entry["name"] for entry in content["rejected"]}
+    assert content["next_test"].startswith("Repeat the leakage test at 210 bar")
+    assert content["next_tests_considered"][0]["evidence"] == 64.0
+
+
+def test_nothing_held_out_and_nothing_known():
+    result = fake_diagnosis("unexplained", held_out=None, left_over_p=float("nan"), gap_after=float("inf"))
+    content = written(replace(result, critical_level=None))
+    assert content["held_out"] is None
+    assert content["left_over_p"] is None
+    assert content["gap_after"] is None
+
+
+def test_a_learned_term_is_marked_as_empirical():
+    content = written(fake_diagnosis("learned"))
+    assert content["variations"][0]["learned"] is True
+    assert all(variation["empirical"] is True for variation in content["variations"])
+
+
+def test_several_records():
+    content = diagnoses_json({"a": fake_diagnosis("named"), "b": fake_diagnosis("consistent")}, {"c": "no time"})
+    assert [record["folder"] for record in content["records"]] == ["a", "b"]
+    assert content["records"][1]["verdict"] == "consistent"
+    assert content["failed"] == [{"folder": "c", "reason": "no time"}]
+
+
+def test_names_the_record():
+    result = fake_diagnosis()
+    content = written(replace(result, record=with_files(result.record)))
+    assert content["record"]["path"] == "/bench/mine"
+    assert content["record"]["files"][1] == {"name": "leakage.csv", "sha256": "cd" * 32, "rows": 800, "used": 790}
+    assert content["geometry"]["slot_width"] == pytest.approx(12e-3)
+    assert content["oil"]["name"] == "seed oil"
+    assert content["conditions"] == {}
+    assert content["fit"]["record"]["name"] == content["record"]["name"]

@@ -1,0 +1,130 @@
+"""How an effect joins the model: by wrapping one stage of the computation, never by touching the core law.
+
+A static test runs through fixed stages. An effect is a frozen Module that transforms what passes at its stage; which
+effects a valve has is known while tracing, so one that is absent is not even compiled.
+
+    conditions as read -> [conditions] -> oil -> [oil] -> edges -> [edges] -> balance <-> [lines, crossing] -> [readings]
+
+The stages are abstract classes with one method each; a concrete effect is final and carries one `amount` (neutral 0).
+It belongs to one stage, or to two where one instrument both sets an operating point and reads (`pressure_offset`).
+"""
+
+import abc
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from thermohyd.conditions import Conditions
+from thermohyd.edge import MeteringEdge
+from thermohyd.oil import Oil
+
+
+class Edges(eqx.Module):
+    """The four edges as two pairs: P-A with P-B, and A-T with B-T. Fields of shape (2, 1) tell port A from port B."""
+
+    supply: MeteringEdge
+    return_: MeteringEdge
+
+
+def as_amount(value: float | Array) -> Array:
+    """Converter of an effect's amount: a float array of the default precision."""
+    return jnp.asarray(value, dtype=jnp.result_type(float))
+
+
+class AbstractEffect(eqx.Module):
+    """One physical effect with one parameter whose neutral value, 0, switches it off exactly.
+
+    The amount is one number, or one per row of a test (a smooth term, a derivative taken row by row).
+    `order`: among the effects of a stage, lower ones act first; effects of equal order commute.
+    `rowwise`: whether a reading still depends on the parameters through its own row only (see `valve.rowwise`).
+    """
+
+    amount: eqx.AbstractVar[Float[Array, "..."]]
+    order: ClassVar[int] = 0
+    rowwise: ClassVar[bool] = True
+
+
+def in_order(effects: tuple[AbstractEffect, ...]) -> tuple[AbstractEffect, ...]:
+    """The same effects in the order in which they act, however they were listed: equal sets share a compiled program."""
+    return tuple(sorted(effects, key=lambda effect: (type(effect).order, type(effect).__name__)))
+
+
+class AbstractConditionEffect(AbstractEffect):
+    """What was read is not what the valve saw: the instruments of the operating point."""
+
+    @abc.abstractmethod
+    def true_conditions(self, so_far: Conditions, read: Conditions) -> Conditions:
+        """The conditions `so_far`, corrected for one more effect; `read`: as the instruments gave them."""
+
+
+class AbstractOilEffect(AbstractEffect):
+    """The oil is not the one in the table."""
+
+    @abc.abstractmethod
+    def oil(self, nominal: Oil) -> Oil: ...
+
+
+class AbstractHeatEffect(AbstractEffect):
+    """The oil keeps more of its throttling heat than the valve's own `heat_retention` says."""
+
+    @abc.abstractmethod
+    def heat_retention(self, own: Float[Array, "..."]) -> Float[Array, "..."]: ...
+
+
+class AbstractEdgeEffect(AbstractEffect):
+    """The edges differ from the ideal ones; `conditions` are the true ones."""
+
+    @abc.abstractmethod
+    def edges(self, ideal: Edges, conditions: Conditions) -> Edges: ...
+
+
+class AbstractLineEffect(AbstractEffect):
+    """Pressure lost between the gauges and the edges, and so a balance of ports and lines together."""
+
+    @abc.abstractmethod
+    def losses(
+        self, supply_flow: Float[Array, "..."], return_flow: Float[Array, "..."]
+    ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+        """(drop of the supply, rise of the return) [Pa] at volume flows [m3/s] counted at the gauges, of either sign."""
+
+
+class AbstractCrossingEffect(AbstractEffect):
+    """A path between the ports A and B past the spool, and so a balance of both ports together."""
+
+    @abc.abstractmethod
+    def conductance(self, oil: Oil, conditions: Conditions) -> Float[Array, "..."]:
+        """G [m3/(s Pa)] of the volume flow G (p_A - p_B); true oil and true conditions."""
+
+
+class Coupling(eqx.Module):
+    """The effects that tie a valve's balances together."""
+
+    lines: tuple[AbstractLineEffect, ...]
+    crossings: tuple[AbstractCrossingEffect, ...]
+
+
+class AbstractReadingEffect(AbstractEffect):
+    """Flow that passes beside the valve, or the instrument that reads it; rows in sweep order, `oil` the true one.
+
+    `instrument`: it is the bench's, and stays there when the valve goes to an actuator.
+    """
+
+    instrument: ClassVar[bool] = False
+
+    @abc.abstractmethod
+    def reading(
+        self, channel: str, value: Float[Array, " rows"], read: Conditions, true: Conditions, oil: Oil
+    ) -> Float[Array, " rows"]: ...
+
+
+STAGES = {
+    "conditions": AbstractConditionEffect,
+    "oil": AbstractOilEffect,
+    "heat": AbstractHeatEffect,
+    "edges": AbstractEdgeEffect,
+    "lines": AbstractLineEffect,
+    "crossing": AbstractCrossingEffect,
+    "readings": AbstractReadingEffect,
+}

@@ -1,0 +1,140 @@
+"""Roots of monotone scalar balances, elementwise: bracketed Newton of fixed cost, differentiated implicitly.
+
+Roots of a few coupled balances per row: damped Newton of fixed cost, differentiated implicitly.
+"""
+
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Float
+
+
+# Port pressures between P_t and P_s are written p = P_t + (P_s - P_t)/(1 + exp(-q)). At |q| = 40 the smaller drop is
+# 4e-18 of the whole; no valve within a stroke of its null comes near it.
+BRACKET = 40.0
+# Largest Newton step in q; together with the bracket it makes the iteration safe from any start. A mass flow grows with
+# its drop between linearly (laminar) and as the square root (turbulent), so the balance's slope in q lies between -1 and
+# -1/2 and a full Newton step overshoots at most twofold: clipping it short (at 3) costs two more iterations.
+LONGEST_STEP = 12.0
+# From q = 0, over 20,000 operating points of 400 valves drawn from the whole parameter box, isothermal and adiabatic:
+# 4 steps leave 3e-5 of the leakage, 5 leave 2e-10, 6 only rounding.
+NEWTON_STEPS = 6
+
+Elementwise = Callable[[Float[Array, "..."]], Float[Array, "..."]]
+
+
+def value_and_slope(fn: Elementwise, q: Float[Array, "..."]) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+    """f(q) and df/dq of an elementwise function, by one forward-mode pass."""
+    return jax.jvp(fn, (q,), (jnp.ones_like(q),))
+
+
+def falling_root(fn: Elementwise, start: Float[Array, "..."], steps: int = NEWTON_STEPS) -> Float[Array, "..."]:
+    """The root in [-40, 40] of each element of a falling elementwise function.
+
+    A fixed number of Newton steps, each clipped and held inside the bracket that the signs seen so far leave (by
+    bisection where Newton would leave it). Derivatives, forward and reverse and of any order, are those of the root
+    (implicit function theorem), not of the iteration.
+    """
+
+    def solve(fn: Elementwise, q: Float[Array, "..."]) -> Float[Array, "..."]:
+        def step(_: ArrayLike, state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+            q, low, high = state
+            value, slope = value_and_slope(fn, q)
+            low = jnp.where(value > 0.0, q, low)
+            high = jnp.where(value < 0.0, q, high)
+            trial = q - jnp.clip(value / slope, -LONGEST_STEP, LONGEST_STEP)
+            inside = (trial >= low) & (trial <= high)
+            return jnp.where(inside, trial, 0.5 * (low + high)), low, high
+
+        limit = jnp.full_like(q, BRACKET)
+        return jax.lax.fori_loop(0, steps, step, (q, -limit, limit))[0]
+
+    def tangent_solve(linear: Elementwise, y: Float[Array, "..."]) -> Float[Array, "..."]:
+        return y / linear(jnp.ones_like(y))
+
+    return jax.lax.custom_root(fn, start, solve, tangent_solve)
+
+
+# An evaluation either continues with a full Newton step or halves the last one.
+STEPS = 12
+# Longest move of any unknown in one step; unknowns are scaled so that 1 is a large change of each.
+LONGEST_COUPLED_STEP = 3.0
+# A step leaves at least this share of the room that is left (see `coupled_root`).
+ROOM_KEPT = 0.25
+# A row whose balances all hold to this is not moved, so that a coupling of strength zero leaves the uncoupled root alone.
+BALANCED = 1e-13
+
+Unknowns = Float[Array, "unknowns ..."]
+Coupled = Callable[[Unknowns], Unknowns]
+
+
+def _columns(linear: Coupled, like: Unknowns) -> Float[Array, "unknowns unknowns ..."]:
+    """Columns of a map that is linear and acts row by row: one product per unknown, for all rows at once."""
+    k = like.shape[0]
+    units = jnp.eye(k).reshape(k, k, *(1,) * (like.ndim - 1))
+    return jax.vmap(linear)(jnp.broadcast_to(units, (k, *like.shape)))
+
+
+def _eliminate(columns: Float[Array, "unknowns unknowns ..."], right: Unknowns) -> Unknowns:
+    """x with A x = right, row by row, A[i, j] = columns[j, i].
+
+    Gaussian elimination in the given order. It needs no pivoting: a port's own pressure dominates its balance, and what
+    is left for the lines is one plus the losses' positive slopes.
+    """
+    k = right.shape[0]
+    a = [[columns[j, i] for j in range(k)] for i in range(k)]
+    b = [right[i] for i in range(k)]
+    for i in range(k):
+        for below in range(i + 1, k):
+            factor = a[below][i] / a[i][i]
+            a[below] = [a[below][j] - factor * a[i][j] if j > i else a[below][j] for j in range(k)]
+            b[below] = b[below] - factor * b[i]
+    x = list(b)
+    for i in reversed(range(k)):
+        known = sum((a[i][j] * x[j] for j in range(i + 1, k)), start=jnp.zeros(()))
+        x[i] = (b[i] - known) / a[i][i]
+    return jnp.stack(x)
+
+
+def coupled_root(
+    fn: Coupled, start: Unknowns, room: Callable[[Unknowns], Float[Array, "..."]] | None = None, steps: int = STEPS
+) -> Unknowns:
+    """The root of k balances in k unknowns for each row; arrays of shape (k, rows), a row depends on itself only.
+
+    A fixed number of evaluations: from the best point so far a Newton step, then its half, quarter ... until the largest
+    imbalance falls. `room`, affine in the unknowns, is positive where the balances make sense, and stays so. Derivatives,
+    forward and reverse and of any order, are those of the root (implicit function theorem), not of the iteration.
+    """
+
+    def solve(fn: Coupled, z: Unknowns) -> Unknowns:
+        def step(_: ArrayLike, state: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
+            best, size, move, share = state
+            trial = best + share * move
+            value, push = jax.linearize(fn, trial)
+            trial_size = jnp.max(jnp.abs(value), axis=0)
+            newton = -_eliminate(_columns(push, trial), value)
+            fit = LONGEST_COUPLED_STEP / jnp.maximum(jnp.max(jnp.abs(newton), axis=0), LONGEST_COUPLED_STEP)
+            if room is not None:
+                now = room(trial)
+                used = jnp.maximum(now - room(trial + newton), 1e-300)
+                fit = jnp.minimum(fit, (1.0 - ROOM_KEPT) * now / used)
+            newton = jnp.where(trial_size > BALANCED, newton * fit, 0.0)
+            better = trial_size < size  # false where it is not a number
+            return (
+                jnp.where(better, trial, best),
+                jnp.where(better, trial_size, size),
+                jnp.where(better, newton, move),
+                jnp.where(better, 1.0, 0.5 * share),
+            )
+
+        rows = z.shape[1:]
+        state = (z, jnp.full(rows, jnp.inf), jnp.zeros_like(z), jnp.ones(rows))
+        best, _, move, share = jax.lax.fori_loop(0, steps, step, state)
+        # The last full step has not been looked at, but near the root it is the best one.
+        return jnp.where(share == 1.0, best + move, best)
+
+    def tangent_solve(linear: Coupled, y: Unknowns) -> Unknowns:
+        return _eliminate(_columns(linear, y), y)
+
+    return jax.lax.custom_root(fn, start, solve, tangent_solve)
