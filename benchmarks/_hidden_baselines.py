@@ -7,47 +7,17 @@ Correlation names the effect whose signature correlates best with the ideal valv
 over the library finds it (no projection on what the parameters could do, no refit).
 """
 
-from collections.abc import Iterable, Mapping
-from typing import Any, Protocol
-
 import numpy as np
 from scipy import stats
 
 from thermohyd.effects.library import EFFECTS
+from thermohyd.identify.fitting.problem import Fit, Problem
 
 
 MOST_EFFECTS = 4  # of a greedy path
 REFITTED = 5  # candidates of each step: those with the best scores
 STEPS = 15  # of each refit, as in the diagnosis's own search
 METHODS = ("AIC forward", "BIC forward", "likelihood ratio 5 %", "likelihood ratio, Bonferroni", "correlation")
-
-
-class Fit(Protocol):
-    """See thermohyd.identify.diagnosis.library_fit.LibraryFit."""
-
-    @property
-    def chi2(self) -> float: ...
-
-    @property
-    def residual(self) -> np.ndarray: ...
-
-    @property
-    def values(self) -> dict[str, float]: ...
-
-    @property
-    def nuisance(self) -> np.ndarray: ...
-
-
-class Problem(Protocol):
-    """See thermohyd.identify.diagnosis.library_fit.LibraryProblem."""
-
-    library: Any
-
-    def fit(
-        self, effects: Iterable[str] = (), start: Mapping[str, float] | None = None, *, most_steps: int = STEPS
-    ) -> Any: ...
-
-    def evaluate(self, values: Mapping[str, float], effects: Iterable[str] = ()) -> Any: ...
 
 
 def baselines(problem: Problem, base: Fit) -> dict[str, list[str]]:

@@ -10,11 +10,11 @@ import numpy as np
 
 from thermohyd.identify.bench.record import BenchRecord
 from thermohyd.identify.fitting.fit import run_fit
+from thermohyd.identify.fitting.library import library_for
 from thermohyd.identify.fitting.outcome import Fitted, Key
+from thermohyd.identify.fitting.problem import Fit, Problem
 
 from .held_out import Split, split_rows
-from .library import library_for
-from .library_fit import LibraryFit, LibraryProblem
 from .record_noise import NoiseFound, Repeats, first_noise, found_noise, noise_of, repeats_of
 from .screening import finite_steps
 from .search import FAR, LEVEL, Found, prune, search
@@ -28,10 +28,10 @@ class Case:
     """A record with its plain fit, its noise, and the ideal valve fitted to all its rows."""
 
     fitted: Fitted
-    problem: LibraryProblem
+    problem: Problem
     repeats: dict[Key, Repeats | None]
     noise: dict[Key, NoiseFound]
-    base: LibraryFit
+    base: Fit
     steps: dict[str, np.ndarray]  # finite-step signatures of every effect beside `base`
 
 
@@ -39,9 +39,7 @@ def open_case(record: BenchRecord, say: Progress = lambda _: None) -> Case:
     """Fit the ideal valve as `fit` does, measure the noise, and fit it again by generalised least squares."""
     fitted = run_fit(record, progress=say)
     say("measuring the noise")
-    problem = LibraryProblem(
-        record, fitted.tests, fitted.plans, library_for(fitted.tests.values()), first_noise(fitted.noise)
-    )
+    problem = Problem(record, fitted.tests, fitted.plans, library_for(fitted.tests.values()), first_noise(fitted.noise))
     repeats = {
         (test.name, c.name): repeats_of(test, c, fitted.noise[test.name, c.name].std)
         for test in fitted.tests.values()
@@ -56,7 +54,7 @@ def open_case(record: BenchRecord, say: Progress = lambda _: None) -> Case:
     return with_noise_around(Case(fitted, problem, repeats, {}, base, {}), base)
 
 
-def with_noise_around(case: Case, fit: LibraryFit) -> Case:
+def with_noise_around(case: Case, fit: Fit) -> Case:
     """The case with its noise measured beside `fit`, and the ideal valve fitted with it."""
     noise = found_noise(case.problem, fit, case.fitted.noise, case.repeats)
     problem = case.problem.with_noise(noise_of(noise))

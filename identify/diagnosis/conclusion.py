@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from thermohyd.effects.library import effect_info
-from thermohyd.identify.fitting.misfit import doubts, verdict_of_motion
+from thermohyd.identify.fitting.misfit import doubts
 from thermohyd.identify.fitting.outcome import Fitted, Key, fit_result
 from thermohyd.identify.fitting.parameters import ParameterInfo, ParameterPlan
+from thermohyd.identify.fitting.problem import Fit, Problem, solution_of
 from thermohyd.identify.fitting.result import FitResult
-from thermohyd.identify.fitting.static_readings import channel_slices
 from thermohyd.identify.fitting.uncertainty import Block, Covariance, covariance_of
 from thermohyd.identify.model.learned_terms import LearnedTerm
 from thermohyd.identify.model.model_file import model_json
@@ -27,7 +27,6 @@ from .case import Case, Progress
 from .final_model import FinalModel, exchange_fits, held_out_result
 from .held_out import Split
 from .left_over import lack_of_fit, learn as learn_term, smooth_block, variations_of
-from .library_fit import LibraryFit, LibraryProblem
 from .next_test import next_test
 from .record_noise import NoiseFound, first_noise
 from .result import (
@@ -57,7 +56,7 @@ def effect_plan(name: str) -> ParameterPlan:
     return ParameterPlan(as_parameter, 0.0, False, info.lower, info.upper)
 
 
-def gls_covariance(fit: LibraryFit, scale: float, priors: int) -> Covariance:
+def gls_covariance(fit: Fit, scale: float, priors: int) -> Covariance:
     """(J'J)^-1 of the whitened problem over `fit.free`; scale: variance of the whitened residuals where it exceeds 1.
 
     priors: rows at the end that are no readings.
@@ -70,52 +69,21 @@ def gls_covariance(fit: LibraryFit, scale: float, priors: int) -> Covariance:
 
 
 def result_of(
-    problem: LibraryProblem,
-    fit: LibraryFit,
+    problem: Problem,
+    fit: Fit,
     fitted: Fitted,
     noise: dict[Key, NoiseFound],
     scale: float,
 ) -> FitResult:
     """Everything that a plain fit reports, for `fit`; error bars by generalised least squares with the noise found."""
-    white = problem.with_noise(first_noise(_as_channel_noise(noise)))
-    at = white.evaluate(fit.values, fit.effects)
-    slices = channel_slices(fitted.tests)
-    count = max(s.stop for s in slices.values()) + len(fit.free)
-    columns = [at.order.index(name) for name in fit.free]
-    residual, jacobian = np.zeros(count), np.zeros((count, len(fit.free)))
-    for key, rows in problem.rows().items():
-        residual[slices[key]] = at.residual[rows]
-        jacobian[slices[key]] = at.columns[rows][:, columns]
-    for i, name in enumerate(fit.free):
-        if name in problem.parameters:
-            k = len(at.residual) - len(problem.parameters) + problem.parameters.index(name)
-            residual[count - len(fit.free) + i], jacobian[count - len(fit.free) + i] = (
-                at.residual[k],
-                at.columns[k, columns],
-            )
-    pick = [fit.order.index(name) for name in fit.free]
-    solution = replace(
-        fit.solution,
-        p=fit.solution.p[pick],
-        z=fit.solution.z[pick],
-        start=fit.solution.start[pick],
-        active=fit.solution.active[pick],
-        cost=float(np.sum(residual**2)),
-        residual=residual,
-        jacobian=jacobian,
-    )
+    white = problem.with_noise(first_noise(as_channel_noise(noise)))
+    solution = solution_of(problem, fit, white.evaluate(fit.values, fit.effects))
     plans = {name: plan for name, plan in fitted.plans.items()} | {name: effect_plan(name) for name in fit.effects}
-    whole = replace(
-        fitted, plans=plans, free=fit.free, noise=_as_channel_noise(noise), solution=solution, starts=fitted.starts
-    )
-    found = fit_result(whole, gls_covariance(fit, scale, len(problem.parameters)))
-    if not problem.in_motion:
-        return found
-    words = verdict_of_motion(found.channels, found.converged, found.message)
-    return replace(found, rows=sum(test.rows for test in fitted.tests.values()), verdict=words)
+    whole = replace(fitted, plans=plans, free=fit.free, noise=as_channel_noise(noise), solution=solution)
+    return fit_result(whole, gls_covariance(fit, scale, len(problem.parameters)))
 
 
-def _as_channel_noise(noise: dict[Key, NoiseFound]) -> dict[Key, ChannelNoise]:
+def as_channel_noise(noise: dict[Key, NoiseFound]) -> dict[Key, ChannelNoise]:
     return {key: ChannelNoise(n.std, n.source, n.known, False, n.std) for key, n in noise.items()}
 
 
@@ -189,7 +157,7 @@ def _held_out(
     case: Case,
     split: Split,
     model: FinalModel,
-    fit: LibraryFit,
+    fit: Fit,
     term: LearnedTerm | None,
     smooth: tuple[Variation, ...],
     first: Screen,
@@ -201,7 +169,7 @@ def _held_out(
     final = chosen.fit(fit.effects, fit.values) if fit.effects else base
     spared = set(fit.effects) | {r.name for rival in model.rivals.values() for r in rival.alike}
     exchanged = exchange_fits(chosen, final, [s.name for s in first.ranked], spared, say)
-    judge: LibraryProblem = case.problem
+    judge: Problem = case.problem
     if term is not None:
         chosen, final, own = learn_term(chosen, final, smooth[0])
         judge = case.problem.with_terms(own)

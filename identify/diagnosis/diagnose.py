@@ -1,30 +1,30 @@
 """The whole diagnosis of one record: fit, find where, name, confirm on rows held out, say what remains.
 
-The dynamic part of a record opened for diagnosis: its plain fit, its noise as stated, and the library beside it.
-
-One diagnosis of a record with dynamic tests: the static part first, then motion with what it gave.
+Static tests are searched first, then the dynamic ones with what the static ones gave held: a search over both libraries at
+once would integrate every run with the columns of effects that no run can show. What both searches found is then fitted to
+all tests together, so that every value and error bar is that of the whole record.
 """
 
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from thermohyd.identify.bench.record import BenchRecord
-from thermohyd.identify.fitting.fit_motion import joined, run_fit_motion
+from thermohyd.identify.fitting.library import Library, motion_library
+from thermohyd.identify.fitting.outcome import Fitted
 from thermohyd.identify.fitting.parameters import IN_MOTION, ParameterPlan, Prior
+from thermohyd.identify.fitting.problem import Noise, Problem
 from thermohyd.identify.fitting.result import FitResult
 from thermohyd.identify.noise.level import run_differences
 from thermohyd.numerics import require_float64
 
 from .case import Case, Progress, choose, open_case
-from .conclusion import conclude
-from .final_model import final_model
-from .library_fit import Noise
-from .motion_problem import MotionProblem, motion_library
-from .record_noise import NoiseFound, first_noise, repeats_in
-from .result import DiagnosisResult, Verdict
+from .conclusion import as_channel_noise, conclude, result_of
+from .final_model import FinalModel, final_model
+from .record_noise import NoiseFound, first_noise, noise_of, repeats_in
+from .result import DiagnosisResult, NamedEffect, Verdict
 from .screening import finite_steps
 
 
@@ -40,6 +40,9 @@ def open_motion(
     there. The noise is taken as stated and white until a first search has found what is missing: a misfit of motion looks
     like noise with a memory.
     """
+    # Here, not above: the diagnosis of static tests does not wait for the solvers of motion.
+    from thermohyd.identify.fitting.fit_motion import run_fit_motion, values_of
+
     data = record.dynamic
     assert data is not None
     known = None if static is None else {name: found.value for name, found in static.parameters.items()}
@@ -50,10 +53,10 @@ def open_motion(
         own |= _null(record, fitted.plans["null_bias"], static)
     fitted = replace(fitted, plans={**fitted.plans, **own})
     tests = fitted.tests
-    problem = MotionProblem(
-        record, tests, own, motion_library(data.tests, data.actuator.heat), first_noise(fitted.noise), held=fitted.plans,
-        known_effects=dict(effects or {}),
-    )  # fmt: skip
+    library = motion_library(data.tests, data.actuator.heat)
+    problem = Problem(
+        record, tests, fitted.plans, library, first_noise(fitted.noise), known_effects=dict(effects or {})
+    )
     repeats = {}
     for name, test in data.tests.items():
         for channel in test.channels:
@@ -67,8 +70,7 @@ def open_motion(
     correlation = {key: r.correlation for key, r in repeats.items() if r is not None}
     problem = problem.with_noise(Noise(problem.noise.std, {**problem.noise.correlation, **correlation}))
     say("the plain model with its null free")
-    start = dict(zip(fitted.free, (float(v) for v in fitted.solution.p), strict=True))
-    base = problem.fit(start=start, hops=True)
+    base = problem.fit(start=values_of(fitted), hops=True)
     say("what each effect would do")
     steps = finite_steps(problem, problem.with_all_columns(base), problem.library.names)  # pyright: ignore
     return Case(fitted, problem, repeats, noise, base, steps)
@@ -85,18 +87,15 @@ def _null(record: BenchRecord, plan: ParameterPlan, static: FitResult | None) ->
 
 
 ORDER: tuple[Verdict, ...] = ("consistent", "named", "ambiguous", "unexplained")
-Conclude = Callable[[Case], DiagnosisResult]
 
 
-def diagnose_motion(
-    record: BenchRecord, static: DiagnosisResult | None, conclude: Conclude, say: Progress = lambda _: None
-) -> DiagnosisResult:
-    """conclude: what follows an opened case (`diagnose.diagnose_case`). static: the diagnosis of the static tests, if any."""
-    if static is None:
-        return in_words_of_motion(conclude(open_motion(record, say)))
-    found = {effect.name: effect.value for effect in static.effects}
-    motion = in_words_of_motion(conclude(open_motion(record, say, static.after, found)))
-    return _both(record, static, motion)
+@dataclass(frozen=True)
+class Stage:
+    """A search over tests of one kind: what it began from, the model that it ended with, and the answer in words."""
+
+    case: Case
+    model: FinalModel
+    result: DiagnosisResult
 
 
 def in_words_of_motion(result: DiagnosisResult) -> DiagnosisResult:
@@ -106,38 +105,71 @@ def in_words_of_motion(result: DiagnosisResult) -> DiagnosisResult:
     )
 
 
-def _both(record: BenchRecord, static: DiagnosisResult, motion: DiagnosisResult) -> DiagnosisResult:
-    verdict = max(static.verdict, motion.verdict, key=ORDER.index)
-    lead = static.headline if static.verdict == motion.verdict == "consistent" else f"Static tests: {static.headline}"
-    end = motion.headline if static.verdict == motion.verdict == "consistent" else f"Dynamic tests: {motion.headline}"
-    seen = {c.name for c in motion.candidates}
-    after, before = joined(static.after, motion.after), joined(static.before, motion.before)
-    extra = {e.name: motion.after.parameters[e.name] for e in motion.effects}
+def fitted_together(
+    record: BenchRecord, static: Stage, motion: Stage, say: Progress = lambda _: None
+) -> tuple[FitResult, FitResult]:
+    """The plain model and the one with everything that both stages named, each fitted to all tests of the record at once."""
+    say("fitting static and dynamic tests together")
+    s, m = static.case, motion.case
+    plans = {**s.fitted.plans, **{name: m.fitted.plans[name] for name in IN_MOTION}}
+    tests = {**s.fitted.tests, **m.fitted.tests}
+    noise = {**s.noise, **m.noise}
+    names = tuple(dict.fromkeys((*s.problem.library.names, *m.problem.library.names)))
+    problem = Problem(record, tests, plans, Library(names, {}), noise_of(noise))
+    plain = problem.fit(start={**motion.model.base.values, **static.model.base.values})
+    effects = [effect.name for stage in (static, motion) for effect in stage.result.effects]
+    full, final = problem, plain
+    if effects or static.result.learned:
+        full = problem.with_terms(*static.result.learned)
+        final = full.fit(effects, {**motion.model.fit.values, **static.model.fit.values})
+    starts = (*s.fitted.starts, *m.fitted.starts)
+    warnings = tuple(dict.fromkeys((*s.fitted.warnings, *m.fitted.warnings)))
+    fitted = Fitted(record, tests, plans, plain.free, as_channel_noise(noise), plain.solution, starts, warnings)
+    scale = lambda fit: max(fit.chi2 / len(fit.residual), 1.0)
+    of = lambda p, fit: result_of(p, fit, fitted, noise, scale(fit))
+    before = of(problem, plain)
+    return before, before if final is plain else of(full, final)
+
+
+def in_one(record: BenchRecord, static: Stage, motion: Stage, say: Progress = lambda _: None) -> DiagnosisResult:
+    """One answer of both stages: words of each, values and error bars of the fit to all tests."""
+    s, m = static.result, motion.result
+    verdict = max(s.verdict, m.verdict, key=ORDER.index)
+    agreed = s.verdict == m.verdict == "consistent"
+    lead = s.headline if agreed else f"Static tests: {s.headline}"
+    end = m.headline if agreed else f"Dynamic tests: {m.headline}"
+    seen = {c.name for c in m.candidates}
+    before, after = fitted_together(record, static, motion, say)
     return replace(
-        static,
+        s,
         record=record,
         verdict=verdict,
         headline=f"{lead} {end}",
-        sentences=(*static.sentences, *motion.sentences),
-        where=(*static.where, *motion.where),
-        where_after=(*static.where_after, *motion.where_after),
-        effects=(*static.effects, *motion.effects),
-        candidates=(*(c for c in static.candidates if c.name not in seen), *motion.candidates),
-        absorbed=tuple(dict.fromkeys((*static.absorbed, *motion.absorbed))),
+        sentences=(*s.sentences, *m.sentences),
+        where=(*s.where, *m.where),
+        where_after=(*s.where_after, *m.where_after),
+        effects=tuple(_as_fitted(effect, after) for effect in (*s.effects, *m.effects)),
+        candidates=(*(c for c in s.candidates if c.name not in seen), *m.candidates),
+        absorbed=tuple(dict.fromkeys((*s.absorbed, *m.absorbed))),
         gap_before=before.reduced_chi2,
         gap_after=after.reduced_chi2,
-        held_out=motion.held_out if motion.effects or not static.effects else static.held_out,
-        next_test=static.next_test or motion.next_test,
+        held_out=m.held_out if m.effects or not s.effects else s.held_out,
+        next_test=s.next_test or m.next_test,
         before=before,
-        after=replace(after, parameters={**after.parameters, **extra}),
-        shifts=(*static.shifts, *motion.shifts),
-        variations=(*static.variations, *motion.variations),
-        evidence=(*static.evidence, *motion.evidence),
-        noise=(*static.noise, *motion.noise),
-        left_over_p=min(static.left_over_p, motion.left_over_p),
-        notes=tuple(dict.fromkeys((*static.notes, *motion.notes))),
-        warnings=tuple(dict.fromkeys((*static.warnings, *motion.warnings))),
+        after=after,
+        shifts=(*s.shifts, *m.shifts),
+        variations=(*s.variations, *m.variations),
+        evidence=(*s.evidence, *m.evidence),
+        noise=(*s.noise, *m.noise),
+        left_over_p=min(s.left_over_p, m.left_over_p),
+        notes=tuple(dict.fromkeys((*s.notes, *m.notes))),
+        warnings=tuple(dict.fromkeys((*s.warnings, *m.warnings))),
     )
+
+
+def _as_fitted(effect: NamedEffect, after: FitResult) -> NamedEffect:
+    found = after.parameters[effect.name]
+    return replace(effect, value=found.value, std=found.std, ci95=found.ci95, at_bound=found.at_bound)
 
 
 def diagnose(record: BenchRecord, *, learn: bool = False, progress: Progress | None = None) -> DiagnosisResult:
@@ -150,17 +182,27 @@ def diagnose(record: BenchRecord, *, learn: bool = False, progress: Progress | N
     require_float64("diagnose")
     began = time.perf_counter()
     say = progress or (lambda _: None)
-    conclusion = lambda case: diagnose_case(case, learn=learn, say=say)
+    stage = lambda case: diagnose_stage(case, learn=learn, say=say)
     if record.dynamic is None:
-        result = conclusion(open_case(record, say))
+        result = stage(open_case(record, say)).result
+    elif not record.tests:
+        result = in_words_of_motion(stage(open_motion(record, say)).result)
     else:
-        static = conclusion(open_case(replace(record, dynamic=None), say)) if record.tests else None
-        result = diagnose_motion(record, static, conclusion, say)
+        static = stage(open_case(replace(record, dynamic=None), say))
+        found = {effect.name: effect.value for effect in static.result.effects}
+        motion = stage(open_motion(record, say, static.result.after, found))
+        motion = replace(motion, result=in_words_of_motion(motion.result))
+        result = in_one(record, static, motion, say)
     return replace(result, seconds=time.perf_counter() - began)
 
 
-def diagnose_case(case: Case, *, learn: bool = False, say: Progress = lambda _: None) -> DiagnosisResult:
+def diagnose_stage(case: Case, *, learn: bool = False, say: Progress = lambda _: None) -> Stage:
     """What follows `open_case`; `seconds` of the result is left at 0."""
     case, found, split = choose(case, say)
     model = final_model(case, found, split, say)
-    return conclude(case, found, split, model, learn=learn, say=say)
+    return Stage(case, model, conclude(case, found, split, model, learn=learn, say=say))
+
+
+def diagnose_case(case: Case, *, learn: bool = False, say: Progress = lambda _: None) -> DiagnosisResult:
+    """The answer of an opened case."""
+    return diagnose_stage(case, learn=learn, say=say).result

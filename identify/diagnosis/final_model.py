@@ -8,10 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from thermohyd.identify.fitting.problem import Fit, Problem
+
 from .case import LEVEL_OF_ALL_ROWS, Case, Progress
 from .held_out import Split
 from .left_over import LackOfFit, lack_of_fit, smooth_block
-from .library_fit import LibraryFit, LibraryProblem
 from .result import HeldOut
 from .rivals import Rivals, settle_rivals
 from .search import Found, search
@@ -21,12 +22,12 @@ SEED = 20110913
 
 
 def held_out_result(
-    whole: LibraryProblem,
-    final_whole: LibraryProblem,
+    whole: Problem,
+    final_whole: Problem,
     split: Split,
-    base: LibraryFit,
-    final: LibraryFit,
-    exchanged: dict[str, LibraryFit],
+    base: Fit,
+    final: Fit,
+    exchanged: dict[str, Fit],
     what: str,
 ) -> HeldOut:
     """Judge fits of the other rows on the rows kept back. final_whole: the problem with the terms that `final` learned."""
@@ -44,7 +45,7 @@ def held_out_result(
     )
 
 
-def mean_square(whole: LibraryProblem, fit: LibraryFit, split: Split) -> float:
+def mean_square(whole: Problem, fit: Fit, split: Split) -> float:
     """Mean squared whitened misfit of the rows kept back: 1 where a model is right."""
     at = whole.evaluate(fit.values, fit.effects)
     return float(np.mean(at.residual[: len(split.held)][split.held] ** 2))
@@ -57,12 +58,12 @@ def closed(before: float, after: float) -> float:
 
 
 def exchange_fits(
-    problem: LibraryProblem,
-    final: LibraryFit,
+    problem: Problem,
+    final: Fit,
     ranked: list[str],
     spared: set[str],
     say: Callable[[str], None] = lambda _: None,
-) -> dict[str, LibraryFit]:
+) -> dict[str, Fit]:
     """Refits with the runner-up, and with an effect drawn by lot, in the place of the first named effect.
 
     ranked: candidates, the best first. spared: the named ones and their equals.
@@ -90,7 +91,7 @@ A_GAP = 0.2  # reduced chi-square beyond 1 from which a channel has a gap to spe
 MISFIT, MISFIT_SCORE = 1.08, 5.0
 
 
-def worth_naming(problem: LibraryProblem, base: LibraryFit, without: LibraryFit, fit: LibraryFit) -> float:
+def worth_naming(problem: Problem, base: Fit, without: Fit, fit: Fit) -> float:
     """At least 1 where an effect closes a good part of the gap: of all of it, or of what one channel shows.
 
     One channel with little noise has most of the chi-square, but a gap in another is a gap as well.
@@ -104,21 +105,21 @@ def worth_naming(problem: LibraryProblem, base: LibraryFit, without: LibraryFit,
     return max([worth, *(share / OF_A_CHANNEL for share in shares)])
 
 
-def _together_worth_naming(problem: LibraryProblem, base: LibraryFit, fit: LibraryFit) -> bool:
+def _together_worth_naming(problem: Problem, base: Fit, fit: Fit) -> bool:
     gap = base.chi2 - len(base.residual)
     if gap > 0.0 and (base.chi2 - fit.chi2) / gap >= TOGETHER:
         return True
     return max(_channel_shares(problem, base, base, fit), default=0.0) >= TOGETHER_IN_A_CHANNEL
 
 
-def _holds_up(problem: LibraryProblem, base: LibraryFit, fit: LibraryFit, split: Split) -> bool:
+def _holds_up(problem: Problem, base: Fit, fit: Fit, split: Split) -> bool:
     """Whether the effects, fitted to the other rows, close anything of the gap on the rows held out."""
     chosen = problem.with_rows(~split.held)
     before = mean_square(problem, chosen.fit(start=base.values), split)
     return closed(before, mean_square(problem, chosen.fit(fit.effects, fit.values), split)) > ON_HELD_OUT
 
 
-def _channel_shares(problem: LibraryProblem, base: LibraryFit, without: LibraryFit, fit: LibraryFit) -> list[float]:
+def _channel_shares(problem: Problem, base: Fit, without: Fit, fit: Fit) -> list[float]:
     """Of each channel with a gap to speak of: the share of it that opens again in `without`."""
     square = lambda f, rows: float(np.sum(f.residual[rows] ** 2))
     shares = []
@@ -138,8 +139,8 @@ class FinalModel:
     seen_apart: every effect was found without the rows held out.
     """
 
-    base: LibraryFit  # the ideal valve, in the deepest valley that was seen
-    fit: LibraryFit
+    base: Fit  # the ideal valve, in the deepest valley that was seen
+    fit: Fit
     rivals: dict[str, Rivals]
     p_values: dict[str, float]
     left: LackOfFit
@@ -148,7 +149,7 @@ class FinalModel:
     disagrees: bool
     seen_apart: bool
 
-    def gap_closed(self, without: LibraryFit) -> float:
+    def gap_closed(self, without: Fit) -> float:
         """Share of the gap that opens again in the model `without` something."""
         loss = without.chi2 - self.fit.chi2
         return float(np.clip(loss / max(self.excess, loss, 1e-300), 0.0, 1.0))

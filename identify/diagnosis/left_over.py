@@ -17,11 +17,11 @@ from numpy.polynomial import legendre
 from scipy.special import fdtrc
 
 from thermohyd.identify.bench.record import DynamicTest, TestRecord
+from thermohyd.identify.fitting.problem import Fit, Key, Noise, Problem
 from thermohyd.identify.model.learned_terms import ABSOLUTE, LearnedTerm, legendre_basis, term_values, variable_values
 from thermohyd.identify.noise.correlation import NoiseCorrelation
 from thermohyd.identify.noise.whitening import whiten_on_host, whitening_of
 
-from .library_fit import Key, LibraryFit, LibraryProblem, Noise
 from .result import Variation
 from .screening import Projection
 
@@ -79,7 +79,7 @@ def _scaled(column: np.ndarray | None) -> np.ndarray | None:
     return 2.0 * (column - low) / (high - low) - 1.0
 
 
-def smooth_block(problem: LibraryProblem, rows: int) -> np.ndarray:
+def smooth_block(problem: Problem, rows: int) -> np.ndarray:
     """Smooth columns of every channel, whitened like a residual of `rows` rows (priors last, untouched)."""
     where = problem.rows()
     blocks = []
@@ -91,7 +91,7 @@ def smooth_block(problem: LibraryProblem, rows: int) -> np.ndarray:
     return np.concatenate(blocks, axis=1)
 
 
-def whitened(problem: LibraryProblem, key: Key, columns: np.ndarray) -> np.ndarray:
+def whitened(problem: Problem, key: Key, columns: np.ndarray) -> np.ndarray:
     """Columns (rows, k) over a channel's rows, in shares of its noise, whitened as its residuals are."""
     test = problem.tests[key[0]]
     weight = 1.0 / problem.noise.std[key]
@@ -108,7 +108,7 @@ class LackOfFit:
     freedom: int
 
 
-def lack_of_fit(problem: LibraryProblem, fit: LibraryFit, block: np.ndarray, scale: float = 1.0) -> LackOfFit:
+def lack_of_fit(problem: Problem, fit: Fit, block: np.ndarray, scale: float = 1.0) -> LackOfFit:
     """Whether smooth curves over the conditions still explain something beside `fit`; the rest measures the noise."""
     used = fit.used
     base = Projection.beside(fit.nuisance[used])
@@ -144,7 +144,7 @@ CURVE_POINTS = 41
 MICRON = 1e-6  # unit of an absolute quantity's coefficients while they are solved for
 
 
-def variations_of(problem: LibraryProblem, fit: LibraryFit, most: int = MOST) -> tuple[Variation, ...]:
+def variations_of(problem: Problem, fit: Fit, most: int = MOST) -> tuple[Variation, ...]:
     """The leading smooth variations beside `fit`, those that closes most first; empty where none is beyond chance."""
     base = Projection.beside(fit.nuisance)
     residual = base(fit.residual)
@@ -179,9 +179,7 @@ def variations_of(problem: LibraryProblem, fit: LibraryFit, most: int = MOST) ->
     return tuple(variation for _, variation in found[:most])
 
 
-def _columns(
-    problem: LibraryProblem, fit: LibraryFit
-) -> Iterator[tuple[str, str, np.ndarray, float, float, np.ndarray]]:
+def _columns(problem: Problem, fit: Fit) -> Iterator[tuple[str, str, np.ndarray, float, float, np.ndarray]]:
     """(quantity, variable, its values over all rows, centre, reach, whitened columns (rows, degrees)) of every pair."""
     at = _white(problem, fit)
     reference = {"underlap": fit.values["underlap"], "null_bias": fit.values["null_bias"], "oil": problem.record.oil}
@@ -201,7 +199,7 @@ def _columns(
             yield quantity, variable, values, centre, reach, _times(problem, at, quantity, shapes)
 
 
-def term_columns(problem: LibraryProblem, fit: LibraryFit, term: LearnedTerm) -> np.ndarray:
+def term_columns(problem: Problem, fit: Fit, term: LearnedTerm) -> np.ndarray:
     """Whitened columns (rows, degrees) of a term's coefficients but the constant one; absolute ones per micron."""
     reference = {"underlap": term.underlap, "null_bias": term.null_bias, "oil": problem.record.oil}
     values = np.concatenate(
@@ -215,13 +213,13 @@ def term_columns(problem: LibraryProblem, fit: LibraryFit, term: LearnedTerm) ->
     return columns if problem.used is None else columns * fit.used[:, None]
 
 
-def _white(problem: LibraryProblem, fit: LibraryFit) -> LibraryFit:
+def _white(problem: Problem, fit: Fit) -> Fit:
     """Columns at a fit in units of the noise, not whitened."""
     white = Noise(problem.noise.std, dict.fromkeys(problem.noise.correlation, NoiseCorrelation()))
     return problem.with_noise(white).evaluate(fit.values, fit.effects)
 
 
-def _times(problem: LibraryProblem, at: LibraryFit, quantity: str, shapes: np.ndarray) -> np.ndarray:
+def _times(problem: Problem, at: Fit, quantity: str, shapes: np.ndarray) -> np.ndarray:
     """A quantity's own column times shapes (readings, degrees), whitened; zero in the rows of priors."""
     size = MICRON if quantity in ABSOLUTE else _size(quantity, at)
     slope = at.column(COLUMNS[quantity]) * size
@@ -235,7 +233,7 @@ def _times(problem: LibraryProblem, at: LibraryFit, quantity: str, shapes: np.nd
     return block
 
 
-def _size(quantity: str, fit: LibraryFit) -> float:
+def _size(quantity: str, fit: Fit) -> float:
     """What a relative change of 1 is in the column's own unit."""
     return 1.0 + fit.values.get("viscosity_shift", 0.0) if quantity == "viscosity" else fit.values[quantity]
 
@@ -244,9 +242,7 @@ ROUNDS = 6
 SETTLED = 1e-3  # of a coefficient's standard error
 
 
-def learn(
-    problem: LibraryProblem, fit: LibraryFit, variation: Variation
-) -> tuple[LibraryProblem, LibraryFit, LearnedTerm]:
+def learn(problem: Problem, fit: Fit, variation: Variation) -> tuple[Problem, Fit, LearnedTerm]:
     """The problem with the variation as a term of the model, its fit, and the term.
 
     Gauss-Newton in the coefficients, with the parameters refitted at every round: the compiled fit takes the term as

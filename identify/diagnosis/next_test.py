@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 
 from thermohyd.identify.bench.record import TestRecord
+from thermohyd.identify.fitting.problem import Fit, Problem
 
-from .library_fit import LibraryFit, LibraryProblem
 from .result import NextTest
 from .rivals import Rivals
 from .screening import BOTH_PORTS, Projection, can_measure_ports, ports_apart
@@ -20,8 +20,8 @@ ENOUGH = 12.0  # chi-square that settles a choice: odds of 400 to 1
 
 
 def next_test(
-    problem: LibraryProblem,
-    final: LibraryFit,
+    problem: Problem,
+    final: Fit,
     rivals: dict[str, Rivals],
     scale: float,
     say: Callable[[str], None] = lambda _: None,
@@ -105,7 +105,7 @@ def _at_rate(test: TestRecord, factor: float) -> TestRecord:
     return replace(test, time=test.time / factor, rate=rate, nodes=nodes)
 
 
-def _apart(here: LibraryProblem, there: LibraryProblem, true: LibraryFit, other: LibraryFit) -> float:
+def _apart(here: Problem, there: Problem, true: Fit, other: Fit) -> float:
     """Chi-square by which `other` would miss new data that follow `true`, once refitted to old and new data together."""
     made = there.evaluate(true.values, true.effects)
     claimed = there.evaluate(other.values, other.effects)

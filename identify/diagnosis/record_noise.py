@@ -5,11 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from thermohyd.identify.bench.record import Channel, TestRecord
+from thermohyd.identify.fitting.problem import Fit, Key, Noise, Problem
 from thermohyd.identify.noise.correlation import NoiseCorrelation, ProjectedNoise, Remembered, noise_correlation
 from thermohyd.identify.noise.level import ChannelNoise, repeat_differences
 
 from .left_over import smooth_block
-from .library_fit import Key, LibraryFit, LibraryProblem, Noise
 from .screening import Projection
 
 
@@ -60,7 +60,7 @@ def first_noise(noise: dict[Key, ChannelNoise]) -> Noise:
 
 
 def found_noise(
-    problem: LibraryProblem, fit: LibraryFit, stated: dict[Key, ChannelNoise], repeats: dict[Key, Repeats | None]
+    problem: Problem, fit: Fit, stated: dict[Key, ChannelNoise], repeats: dict[Key, Repeats | None]
 ) -> dict[Key, NoiseFound]:
     """The noise that tests around `fit` should believe.
 

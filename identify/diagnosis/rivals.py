@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .library import dear
-from .library_fit import LibraryFit, LibraryProblem
+from thermohyd.identify.fitting.library import dear
+from thermohyd.identify.fitting.problem import Fit, Problem
+
 from .screening import screen
 from .search import LEVEL, implausible
 
@@ -26,7 +27,7 @@ class Rival:
 
     name: str
     instead_of: str
-    fit: LibraryFit
+    fit: Fit
     chi2_more: float
 
 
@@ -35,7 +36,7 @@ class Rivals:
     """For one named effect: the fit without it, and the refits of what was put in its place, the best first."""
 
     instead_of: str
-    without: LibraryFit
+    without: Fit
     tried: tuple[Rival, ...]
 
     @property
@@ -43,7 +44,7 @@ class Rivals:
         return tuple(r for r in self.tried if r.chi2_more < ALIKE)
 
 
-def rivals_of(problem: LibraryProblem, final: LibraryFit, name: str, steps: dict, *, scale: float = 1.0) -> Rivals:
+def rivals_of(problem: Problem, final: Fit, name: str, steps: dict, *, scale: float = 1.0) -> Rivals:
     """Who else explains what `name` explains, beside the other effects of `final`. scale: of chi-square (1: noise known)."""
     others = tuple(n for n in final.effects if n != name)
     without = problem.fit(others, {**final.values, name: 0.0})
@@ -73,16 +74,14 @@ def rivals_of(problem: LibraryProblem, final: LibraryFit, name: str, steps: dict
     return Rivals(name, without, tuple(sorted(tried, key=lambda r: r.chi2_more)))
 
 
-def _more(fit: LibraryFit, final: LibraryFit, scale: float) -> float:
+def _more(fit: Fit, final: Fit, scale: float) -> float:
     """Chi-square that `fit` needs more than `final`; what is implausible stays so however large the misfit is."""
     if not np.isfinite(fit.chi2):
         return np.inf
     return (fit.chi2 - final.chi2) / scale + implausible(fit) - implausible(final)
 
 
-def settle_rivals(
-    problem: LibraryProblem, final: LibraryFit, steps: dict, *, scale: float = 1.0
-) -> tuple[LibraryFit, dict[str, Rivals]]:
+def settle_rivals(problem: Problem, final: Fit, steps: dict, *, scale: float = 1.0) -> tuple[Fit, dict[str, Rivals]]:
     """The rivals of every effect of `final`; where one does better on all rows, it takes the place and all is asked again.
 
     Among equals the data of all rows decide who is named first; that they are equals is said either way.
@@ -96,5 +95,5 @@ def settle_rivals(
     return final, all_rivals(problem, final, steps, scale)
 
 
-def all_rivals(problem: LibraryProblem, final: LibraryFit, steps: dict, scale: float) -> dict[str, Rivals]:
+def all_rivals(problem: Problem, final: Fit, steps: dict, scale: float) -> dict[str, Rivals]:
     return {name: rivals_of(problem, final, name, steps, scale=scale) for name in final.effects}

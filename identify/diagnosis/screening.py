@@ -18,13 +18,13 @@ import numpy as np
 from scipy.special import ndtri
 
 from thermohyd.effects.library import DYNAMIC_EFFECTS, EFFECTS, effect_info, with_effects
+from thermohyd.identify.fitting.library import Library
+from thermohyd.identify.fitting.library_program import PARAMETERS
 from thermohyd.identify.fitting.parameters import identified_by_default
+from thermohyd.identify.fitting.problem import Fit, Problem
 from thermohyd.identify.fitting.static_readings import base_valve, conditions_of, mean_over_nodes, row_weights
 from thermohyd.static_tests import blocked_port_readings
 
-from .library import Library
-from .library_fit import LibraryFit, LibraryProblem
-from .library_model import PARAMETERS
 from .max_t import MaxT, normal_score
 from .result import Candidate
 
@@ -134,7 +134,7 @@ class Screen:
 
 
 def screen(
-    fit: LibraryFit,
+    fit: Fit,
     names: Iterable[str],
     steps: dict[str, np.ndarray],
     *,
@@ -178,7 +178,7 @@ def is_effect(name: str) -> bool:
     return name in EFFECTS or name in DYNAMIC_EFFECTS
 
 
-def finite_steps(problem: LibraryProblem, fit: LibraryFit, names: Iterable[str]) -> dict[str, np.ndarray]:
+def finite_steps(problem: Problem, fit: Fit, names: Iterable[str]) -> dict[str, np.ndarray]:
     """(f(amount) - f(0))/amount at a typical amount: what an effect does that has no slope at neutral, or bends."""
     found = {}
     held = {name: value for name, value in fit.values.items() if not is_effect(name) or name in fit.effects}
@@ -201,7 +201,7 @@ VISIBLE_WITHIN = 1.0
 
 
 def candidates(
-    library: Library, screen: Screen, base: LibraryFit, singles: Mapping[str, LibraryFit], excess: float
+    library: Library, screen: Screen, base: Fit, singles: Mapping[str, Fit], excess: float
 ) -> tuple[Candidate, ...]:
     """One line per effect of the whole library, in its order. excess: chi-square of `base` beyond noise."""
     found = []
@@ -228,9 +228,7 @@ def candidates(
     return tuple(found)
 
 
-def _refit(
-    name: str, base: LibraryFit, singles: Mapping[str, LibraryFit], best: Signature, excess: float
-) -> tuple[float, float]:
+def _refit(name: str, base: Fit, singles: Mapping[str, Fit], best: Signature, excess: float) -> tuple[float, float]:
     """(gap closed by this effect alone, its amount): of a refit, or linear where the search made none."""
     if name in singles:
         fit = singles[name]
@@ -253,13 +251,13 @@ TEST = "pressure_gain"
 STEP = 1e-3  # of a parameter's natural step: finite differences, for a handful of rows' worth of evidence
 
 
-def can_measure_ports(problem: LibraryProblem) -> bool:
+def can_measure_ports(problem: Problem) -> bool:
     """Whether the record has a pressure-gain test that reads the difference only."""
     test = problem.tests.get(TEST)
     return test is not None and [c.name for c in test.channels] == ["load_pressure"]
 
 
-def ports_apart(problem: LibraryProblem, true: LibraryFit, other: LibraryFit) -> float:
+def ports_apart(problem: Problem, true: Fit, other: Fit) -> float:
     """Chi-square by which `other`, refitted, would miss both ports' pressures of a valve that follows `true`."""
     std = np.tile(problem.noise.std[TEST, "load_pressure"], 2)
     made, claimed = _ports(problem, true.values, true), _ports(problem, other.values, other)
@@ -277,7 +275,7 @@ def ports_apart(problem: LibraryProblem, true: LibraryFit, other: LibraryFit) ->
     return float(left @ left)
 
 
-def _ports(problem: LibraryProblem, values: dict[str, float], fit: LibraryFit) -> np.ndarray:
+def _ports(problem: Problem, values: dict[str, float], fit: Fit) -> np.ndarray:
     """p_A of every row, then p_B."""
     test = problem.tests[TEST]
     heat = "throttle_heating" in fit.effects
@@ -289,5 +287,5 @@ def _ports(problem: LibraryProblem, values: dict[str, float], fit: LibraryFit) -
     return np.concatenate([np.asarray(port)[: test.rows] for port in ports])
 
 
-def _scale(problem: LibraryProblem, name: str) -> float:
+def _scale(problem: Problem, name: str) -> float:
     return EFFECTS[name].scale if name in EFFECTS else identified_by_default(problem.record.valve)[name].scale

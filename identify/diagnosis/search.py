@@ -9,9 +9,9 @@ from scipy.optimize import nnls
 from scipy.special import chdtrc
 
 from thermohyd.effects.library import effect_info
+from thermohyd.identify.fitting.library import dear
+from thermohyd.identify.fitting.problem import Fit, Problem
 
-from .library import dear
-from .library_fit import LibraryFit, LibraryProblem
 from .screening import Screen, Signature, screen
 
 
@@ -32,7 +32,7 @@ class Step:
     """One round of the search: what it looked at and what it added."""
 
     screen: Screen
-    singles: dict[str, LibraryFit]
+    singles: dict[str, Fit]
     added: tuple[str, ...]
     p_value: float
 
@@ -41,14 +41,14 @@ class Step:
 class Found:
     """The end of a search. `base`: the ideal valve; `final`: with the effects that were added, in that order."""
 
-    base: LibraryFit
-    final: LibraryFit
+    base: Fit
+    final: Fit
     effects: tuple[str, ...]
     p_values: dict[str, float]
     steps: tuple[Step, ...]
 
 
-def implausible(fit: LibraryFit) -> float:
+def implausible(fit: Fit) -> float:
     """Penalty in chi-square for amounts beyond what is usual: it decides between effects that fit alike."""
     total = 0.0
     for name in fit.effects:
@@ -58,12 +58,12 @@ def implausible(fit: LibraryFit) -> float:
     return total
 
 
-def merit(fit: LibraryFit) -> float:
+def merit(fit: Fit) -> float:
     """What the search minimises."""
     return fit.chi2 + implausible(fit) if np.isfinite(fit.chi2) else np.inf
 
 
-def needed_beside(fit: LibraryFit) -> float:
+def needed_beside(fit: Fit) -> float:
     """Gain that an effect must bring, in critical values, beside the misfit that `fit` leaves.
 
     What nothing explains is systematic: any effect closes a bit of it, the more the larger it is.
@@ -73,11 +73,11 @@ def needed_beside(fit: LibraryFit) -> float:
 
 
 def search(
-    problem: LibraryProblem,
-    base: LibraryFit,
+    problem: Problem,
+    base: Fit,
     steps_of: dict[str, np.ndarray],
     *,
-    begin: LibraryFit | None = None,
+    begin: Fit | None = None,
     level: float = LEVEL,
     most: int = MOST_EFFECTS,
     freedom: float = np.inf,
@@ -126,12 +126,12 @@ def search(
 
 
 def _singles(
-    problem: LibraryProblem,
-    current: LibraryFit,
+    problem: Problem,
+    current: Fit,
     chosen: tuple[str, ...],
     ranked: list[Signature],
     critical: float,
-) -> dict[str, LibraryFit]:
+) -> dict[str, Fit]:
     """Refits of the leading candidates, each beside the effects chosen so far.
 
     A model that misses by far has bent its parameters to the misfit: scores beside it say little, and refits that start
@@ -188,13 +188,13 @@ def _p_of_pair(gain: float, candidates: int) -> float:
 
 
 def _best_pair(
-    problem: LibraryProblem,
-    current: LibraryFit,
+    problem: Problem,
+    current: Fit,
     chosen: tuple[str, ...],
     scores: Screen,
     pairs: list[tuple[tuple[Signature, Signature], float]],
-    best: LibraryFit,
-) -> LibraryFit | None:
+    best: Fit,
+) -> Fit | None:
     """The best nonlinear refit among the leading pairs; partners of the best single effect are tried too."""
     lead = next((name for name in best.effects if name not in chosen), None)
     too_dear = lambda pair: dear((*chosen, pair[0][0].name, pair[0][1].name)) and not dear(chosen)
@@ -213,9 +213,7 @@ def _nearly(pairs: list[tuple[tuple[Signature, Signature], float]]) -> bool:
     return len(pairs) > 1 and pairs[1][1] > 0.95 * pairs[0][1]
 
 
-def prune(
-    problem: LibraryProblem, fit: LibraryFit, chosen: tuple[str, ...], threshold: float
-) -> tuple[LibraryFit, tuple[str, ...]]:
+def prune(problem: Problem, fit: Fit, chosen: tuple[str, ...], threshold: float) -> tuple[Fit, tuple[str, ...]]:
     """Drop effects whose loss costs less chi-square than naming one must gain: later ones may have replaced them."""
     while chosen:
         without = {name: problem.fit([n for n in chosen if n != name], fit.values) for name in chosen}

@@ -20,6 +20,7 @@ from .profile_intervals import covariance_holds, profile_intervals
 from .result import FitResult, StartOutcome
 from .starts import hop, null_position, reversed_channels, warning_of, with_signs_turned
 from .static_readings import FitArgs, base_valve, box_of, channel_slices, prior_rows, residual_of, static_data
+from .uncertainty import leverage_of
 
 
 # Rounds of re-estimating unknown noise from the residuals; each starts from the last optimum and costs a few steps.
@@ -41,24 +42,34 @@ Progress = Callable[[str], None]
 
 
 def fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | None = None) -> FitResult:
-    """Fit the free parameters of a record's valve to all its static tests at once, then those of motion to the dynamic ones.
+    """Fit the free parameters of a record's valve and actuator to all its tests at once, static and dynamic ones.
 
     Raises BenchInputError where the record cannot determine anything (no readings, everything held, fewer readings than
     parameters) and RuntimeError in single precision. A fit that does not converge is returned with `converged` False.
     """
     require_float64("fit")
     began = time.perf_counter()
+    static = run_fit(record, starts=starts, progress=progress) if record.tests or record.dynamic is None else None
     if record.dynamic is None:
-        result = _with_intervals(run_fit(record, starts=starts, progress=progress), progress)
+        assert static is not None
+        result = _with_intervals(static, progress)
     else:
         # Here, not above: a static fit does not wait for the solvers of motion.
-        from .fit_motion import fit_motion, joined
+        from .fit_motion import fit_together, run_fit_motion
 
-        static = _with_intervals(run_fit(record, starts=starts, progress=progress), progress) if record.tests else None
-        known = None if static is None else {name: found.value for name, found in static.parameters.items()}
-        result, _ = fit_motion(record, progress, known)
-        result = result if static is None else joined(static, result)
+        motion = run_fit_motion(record, progress, None if static is None else static_values(static))
+        result = fit_result(motion if static is None else fit_together(record, static, motion, progress))
     return replace(result, seconds=time.perf_counter() - began)
+
+
+def static_values(fitted: Fitted) -> dict[str, float]:
+    """{parameter: value} of every parameter of a fit of static tests, held ones at their starts."""
+    free = dict(zip(fitted.free, (float(v) for v in fitted.solution.p), strict=True))
+    return {name: free.get(name, plan.start) for name, plan in fitted.plans.items() if _asked_for(name, plan)}
+
+
+def _asked_for(name: str, plan: ParameterPlan) -> bool:
+    return name != "heat_retention" or not plan.fixed or plan.given
 
 
 def run_fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | None = None) -> Fitted:
@@ -85,7 +96,7 @@ def run_fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | N
             f"{readings} readings cannot determine {len(free)} parameters; hold some in [start] or add rows",
             file=record.folder,
         )
-    problem = Problem(record, tests, plans, free)
+    problem = StaticSearch(record, tests, plans, free)
     say(f"fitting {len(free)} parameters to {readings:,} readings")
     first = problem.first_starts()
     outcomes = multi_start(
@@ -118,7 +129,7 @@ def run_fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | N
 def _with_intervals(fitted: Fitted, progress: Progress | None) -> FitResult:
     """The fit in figures; its intervals by profiles of chi-square where the covariance at the optimum does not hold."""
     say = progress or (lambda _: None)
-    problem = Problem(fitted.record, fitted.tests, fitted.plans, fitted.free)
+    problem = StaticSearch(fitted.record, fitted.tests, fitted.plans, fitted.free)
     for _ in range(MOST_BETTER):
         known, best, noise = uncertainty_of(fitted), fitted.solution, fitted.noise
         if not best.converged or best.cost <= TINY * len(best.residual):
@@ -146,8 +157,8 @@ def _change(before: ChannelNoise, after: ChannelNoise) -> float:
 
 
 @dataclass(frozen=True)
-class Problem:
-    """One record's least-squares problem; only the noise changes between its solves."""
+class StaticSearch:
+    """The plain fit of static tests, compiled as a whole: only the noise changes between its solves."""
 
     record: BenchRecord
     tests: dict[str, TestRecord]
@@ -179,7 +190,7 @@ class Problem:
         """Noise re-estimated from the residuals, where it is not known; each channel pays its share of the parameters."""
         new = {}
         jacobian = solution.jacobian * np.array([self.plans[name].info.scale for name in self.free])
-        leverage = _leverage(jacobian)
+        leverage = leverage_of(jacobian)
         for key, rows in channel_slices(self.tests).items():
             misfit = solution.residual[rows] * noise[key].used
             freedom = max(1.0 - float(np.sum(leverage[rows])) / len(misfit), 0.05)
@@ -201,10 +212,3 @@ class Problem:
     def outcome(self, result: LeastSquaresResult, restart: bool = False) -> StartOutcome:
         start = dict(zip(self.free, (float(v) for v in result.start), strict=True))
         return StartOutcome(start, result.cost, result.converged, result.message, result.steps, restart)
-
-
-def _leverage(jacobian: np.ndarray) -> np.ndarray:
-    """Diagonal of the hat matrix: how much of a parameter each reading uses up."""
-    q, r = np.linalg.qr(jacobian)
-    alive = np.abs(np.diag(r)) > 1e-12 * max(float(np.max(np.abs(np.diag(r)))), 1e-300)
-    return np.sum(q[:, alive] ** 2, axis=1)

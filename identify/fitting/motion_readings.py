@@ -9,7 +9,7 @@ Frequency tests with derivatives: the small-signal response at each operating po
 A record's valve and actuator as the simulator's modules, with some of their parameters and effects as a vector.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -26,7 +26,8 @@ from thermohyd.dynamics.integrate import NO_EQUILIBRIUM, integrate
 from thermohyd.dynamics.linear import Output, frequency_response
 from thermohyd.dynamics.machine import Heat, Plant, State, Walls, plant_of, transducer_gain
 from thermohyd.effects.library import with_effects
-from thermohyd.identify.bench.record import ActuatorData, BenchRecord, DynamicTest
+from thermohyd.identify.bench.errors import BenchInputError
+from thermohyd.identify.bench.record import ActuatorData, BenchRecord, DynamicData, DynamicTest
 from thermohyd.numerics import quickly
 from thermohyd.valve import Valve
 
@@ -246,42 +247,44 @@ class Weighing:
     whiten: Whiten | None = None
 
 
-def both_of(
+def rows_of_readings(
     simulator: DynamicSimulator,
     names: tuple[str, ...],
     effects: tuple[str, ...],
     weighing: Weighing,
-    plans: Sequence[ParameterPlan],
-) -> Callable[[Any, Any], tuple[Any, Any]]:
-    """A function (p, args) -> residuals (m,) and columns (entries, m), as `least_squares.solve` takes it.
-
-    names, effects: what `p` holds. plans: of `names`, for their priors; each makes one row behind all readings.
-    """
-    value = np.array([plan.prior.value if plan.prior else plan.start for plan in plans])
-    tightness = np.array([1.0 / plan.prior.std if plan.prior else 0.0 for plan in plans])
-
-    def both(p: Any, args: Any) -> tuple[Any, Any]:
-        del args
-        vector = np.asarray(p, dtype=float)
-        found = simulator.read(names, effects, vector)
-        parts, columns = [], []
-        for key, test, reading in readings_of(simulator.tests):
-            weight = weighing.weight[key]
-            rows = np.concatenate([(found.values[key] - reading)[None], found.slopes[key]]) * weight
-            rows = np.where(weight > 0.0, rows, 0.0)  # a masked row may hold NaN
-            if weighing.whiten is not None:
-                rows = weighing.whiten(key, rows)
-            rows = np.pad(rows, ((0, 0), (0, weighing.pad(test.rows) - test.rows)))
-            parts.append(rows[0])
-            columns.append(rows[1:])
-        prior = np.zeros((len(vector), len(plans)))
-        prior[: len(plans)] = np.diag(tightness)
-        parts.append((vector[: len(plans)] - value) * tightness)
-        return jnp.asarray(np.concatenate(parts)), jnp.asarray(np.concatenate([*columns, prior], axis=1))
-
-    return both
+    vector: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Residuals (m,) and columns (entries, m) of all channels behind one another. names, effects: what `vector` holds."""
+    found = simulator.read(names, effects, vector)
+    parts, columns = [], []
+    for key, test, reading in readings_of(simulator.tests):
+        weight = weighing.weight[key]
+        rows = np.concatenate([(found.values[key] - reading)[None], found.slopes[key]]) * weight
+        rows = np.where(weight > 0.0, rows, 0.0)  # a masked row may hold NaN
+        if weighing.whiten is not None:
+            rows = weighing.whiten(key, rows)
+        rows = np.pad(rows, ((0, 0), (0, weighing.pad(test.rows) - test.rows)))
+        parts.append(rows[0])
+        columns.append(rows[1:])
+    return np.concatenate(parts), np.concatenate(columns, axis=1)
 
 
 def readings_of(tests: Mapping[str, DynamicTest]) -> list[tuple[Key, DynamicTest, np.ndarray]]:
     """Every measured channel: key, test, readings (rows,), in the order of the residuals."""
     return [((name, c.name), test, c.value) for name, test in tests.items() for c in test.channels]
+
+
+def simulator_of(record: BenchRecord, plans: Mapping[str, ParameterPlan], effects=None) -> DynamicSimulator:
+    """The record's dynamic tests on its machine, held parameters at their starts."""
+    data = dynamic_of(record)
+    values = {name: plan.start for name, plan in plans.items() if name != "heat_retention" or plan.start > 0.0}
+    valve = valve_of(record, values, effects)
+    actuator = actuator_of(data.actuator, record.valve.rated_current, values)
+    return DynamicSimulator(data.tests, valve, actuator, data.actuator.heat, record.valve.polarity)
+
+
+def dynamic_of(record: BenchRecord) -> DynamicData:
+    """The record's dynamic part. Raises BenchInputError where it has none."""
+    if record.dynamic is None:
+        raise BenchInputError("holds no dynamic test; add [tests.step] or [tests.frequency]", file=record.folder)
+    return record.dynamic

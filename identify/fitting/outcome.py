@@ -9,13 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import stdtrit
 
-from thermohyd.identify.bench.record import BenchRecord, Channel, TestRecord
+from thermohyd.identify.bench.record import BenchRecord, Channel, DynamicTest, TestRecord
 from thermohyd.identify.noise.correlation import NoiseCorrelation, noise_correlation
 from thermohyd.identify.noise.level import ChannelNoise
 from thermohyd.identify.reduction.legs import sweep_ids
 
 from .least_squares import LeastSquaresResult
-from .misfit import verdict
+from .misfit import verdict, verdict_of_motion
 from .parameters import ParameterPlan
 from .profile_intervals import Interval
 from .result import ChannelFit, FitResult, ParameterEstimate, StartOutcome
@@ -118,7 +118,7 @@ def fit_result(
         noise_freedom=_noise_freedom(fitted, points),
         channels=channels,
         identifiability=words,
-        rows=sum(test.rows for test in fitted.record.tests.values()),
+        rows=sum(_rows_read(fitted.record, name) for name in fitted.tests),
         points=points,
         seconds=0.0,
         converged=solution.converged,
@@ -126,8 +126,26 @@ def fit_result(
         starts=fitted.starts,
         notes=tuple(notes),
         warnings=fitted.warnings,
-        verdict=verdict(channels, solution.converged, solution.message, parameters),
+        verdict=_words(fitted, channels, parameters),
     )
+
+
+def _rows_read(record: BenchRecord, name: str) -> int:
+    moving = {} if record.dynamic is None else record.dynamic.tests
+    return record.tests[name].rows if name in record.tests else moving[name].rows
+
+
+def _words(
+    fitted: Fitted, channels: tuple[ChannelFit, ...], parameters: Mapping[str, ParameterEstimate]
+) -> tuple[str, ...]:
+    """What the fit says first: of the valve in its static tests, then of the actuator in its dynamic ones."""
+    solution = fitted.solution
+    moves = {name for name, test in fitted.tests.items() if isinstance(test, DynamicTest)}
+    moving, still = (tuple(c for c in channels if (c.test in moves) == which) for which in (True, False))
+    words = verdict(still, solution.converged, solution.message, parameters) if still else ()
+    if moving and (solution.converged or not still):
+        words = (*words, *verdict_of_motion(moving, solution.converged, solution.message))
+    return words
 
 
 def _noise_freedom(fitted: Fitted, points: int) -> float:

@@ -137,3 +137,10 @@ def _trade_off(names: list[str], direction: np.ndarray, collinearity: float) -> 
         return f"{names[order[0]]} is weakly determined: {shares} (collinearity {collinearity:.0f})"
     listed = ", ".join(names[i] for i in order[:-1]) + f" and {names[order[-1]]}"
     return f"{listed} trade off: {shares} (collinearity {collinearity:.0f})"
+
+
+def leverage_of(jacobian: np.ndarray) -> np.ndarray:
+    """Diagonal of the hat matrix (rows,): how much of a parameter each reading uses up."""
+    q, r = np.linalg.qr(jacobian)
+    alive = np.abs(np.diag(r)) > 1e-12 * max(float(np.max(np.abs(np.diag(r)))), 1e-300)
+    return np.sum(q[:, alive] ** 2, axis=1)

@@ -9,31 +9,31 @@ from scipy.optimize import lsq_linear
 from helpers.small_bench import REACH, conditions_only, record_of
 from thermohyd.effects.library import EFFECTS
 from thermohyd.identify.bench.record import TestRecord
-from thermohyd.identify.diagnosis.library import Library
-from thermohyd.identify.diagnosis.library_fit import Key, LibraryFit, LibraryProblem, Noise, noise_sweeps
-from thermohyd.identify.diagnosis.library_model import PARAMETERS
 from thermohyd.identify.fitting.least_squares import LeastSquaresResult
+from thermohyd.identify.fitting.library import Library
+from thermohyd.identify.fitting.library_program import PARAMETERS
 from thermohyd.identify.fitting.parameters import plan_parameters
+from thermohyd.identify.fitting.problem import Fit, Key, Noise, Problem, noise_sweeps
 from thermohyd.identify.noise.correlation import NoiseCorrelation
 from thermohyd.identify.noise.whitening import whiten_on_host, whitening_of
 
 
-def linear_problem(correlation: NoiseCorrelation, tests: dict[str, TestRecord] | None = None) -> LibraryProblem:
+def linear_problem(correlation: NoiseCorrelation, tests: dict[str, TestRecord] | None = None) -> Problem:
     """Conditions of a small bench, noise of 1 in every channel; nothing of it is ever compiled."""
     tests = tests or {name: conditions_only(name) for name in REACH}
     record = record_of(tests)
     keys: list[Key] = [(test.name, channel.name) for test in tests.values() for channel in test.channels]
     std = {key: np.ones(tests[key[0]].rows) for key in keys}
     plans = plan_parameters(record.valve, {})
-    return LibraryProblem(record, tests, plans, Library((), {}), Noise(std, dict.fromkeys(keys, correlation)))
+    return Problem(record, tests, plans, Library((), {}), Noise(std, dict.fromkeys(keys, correlation)))
 
 
-def whitened(problem: LibraryProblem, key: Key, values: np.ndarray) -> np.ndarray:
+def whitened(problem: Problem, key: Key, values: np.ndarray) -> np.ndarray:
     test = problem.tests[key[0]]
     return whiten_on_host(whitening_of(problem.noise.correlation[key], noise_sweeps(test), test.rows), values)
 
 
-def linear_fit(residual: np.ndarray, columns: np.ndarray, names: tuple[str, ...] = PARAMETERS) -> LibraryFit:
+def linear_fit(residual: np.ndarray, columns: np.ndarray, names: tuple[str, ...] = PARAMETERS) -> Fit:
     """A fit of the parameters alone; residual (rows,) whitened and columns (rows, names), priors left out."""
     priors = len(PARAMETERS)
     residual = np.concatenate([residual, np.zeros(priors)])
@@ -43,14 +43,14 @@ def linear_fit(residual: np.ndarray, columns: np.ndarray, names: tuple[str, ...]
     solution = LeastSquaresResult(
         p, p, p, cost, residual, columns, np.zeros(len(names), int), True, "", 1, 0.0
     )  # fmt: skip
-    return LibraryFit(
+    return Fit(
         (), names, names, dict.fromkeys(names, 0.0), cost, residual, columns, np.ones(len(residual), bool), frozenset(),
         True, "", solution,
     )  # fmt: skip
 
 
-@dataclass
-class LinearProblem(LibraryProblem):
+@dataclass(frozen=True)
+class LinearProblem(Problem):
     """A linear model in the place of the compiled one: misfit of the ideal valve, parameters' columns, signatures.
 
     misfit (rows,), nuisance (rows, parameters) and signatures {effect: (rows,)}, all in units of the noise; a signature is
@@ -72,7 +72,7 @@ class LinearProblem(LibraryProblem):
         *,
         hops: bool = False,
         most_steps: int = 0,
-    ) -> LibraryFit:
+    ) -> Fit:
         chosen = tuple(name for name in self.library.names if name in set(effects))
         free = (*PARAMETERS[: self.nuisance.shape[1]], *chosen)
         columns, size = self._columns, np.array([_size(name) for name in free])
@@ -84,10 +84,10 @@ class LinearProblem(LibraryProblem):
         pressed = [name for name, side in zip(free, solved.active_mask, strict=True) if side]
         return self._at(values, chosen, free, frozenset(pressed))
 
-    def evaluate(self, values: Mapping[str, float], effects: Iterable[str] = ()) -> LibraryFit:
+    def evaluate(self, values: Mapping[str, float], effects: Iterable[str] = ()) -> Fit:
         return self._at(values, (), (), frozenset())
 
-    def with_all_columns(self, fit: LibraryFit) -> LibraryFit:
+    def with_all_columns(self, fit: Fit) -> Fit:
         return fit
 
     @property
@@ -97,7 +97,7 @@ class LinearProblem(LibraryProblem):
 
     def _at(
         self, values: Mapping[str, float], effects: tuple[str, ...], free: tuple[str, ...], active: frozenset[str]
-    ) -> LibraryFit:
+    ) -> Fit:
         at = {name: values.get(name, 0.0) for name in self.order}
         residual = self.misfit + self._columns @ np.array(list(at.values()))
         made = linear_fit(residual, self._columns, self.order)

@@ -66,7 +66,7 @@ def make_small() -> None:
 
     from helpers.small_diagnosis import LIBRARY
     from thermohyd.identify.diagnosis import case
-    from thermohyd.identify.diagnosis.library import Library
+    from thermohyd.identify.fitting.library import Library
     from thermohyd.identify.sensitivity import curves as row_slopes, static_figures as outputs, study
 
     jax.config.update("jax_disable_most_optimizations", True)

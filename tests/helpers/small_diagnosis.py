@@ -11,8 +11,8 @@ from thermohyd.identify.bench.record import BenchRecord
 from thermohyd.identify.diagnosis import case as case_module
 from thermohyd.identify.diagnosis.case import Case, open_case
 from thermohyd.identify.diagnosis.diagnose import diagnose_case
-from thermohyd.identify.diagnosis.library import Library
 from thermohyd.identify.diagnosis.result import DiagnosisResult
+from thermohyd.identify.fitting.library import Library
 
 
 # No coupled effect and no heat: one program serves every refit.

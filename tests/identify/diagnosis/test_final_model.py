@@ -7,10 +7,10 @@ from helpers.linear_fit import LinearProblem, linear_fit, linear_library, linear
 from thermohyd.identify.diagnosis.case import Case
 from thermohyd.identify.diagnosis.final_model import FinalModel, final_model, worth_naming
 from thermohyd.identify.diagnosis.held_out import split_rows
-from thermohyd.identify.diagnosis.library_fit import LibraryFit
 from thermohyd.identify.diagnosis.record_noise import NoiseFound
 from thermohyd.identify.diagnosis.search import search
 from thermohyd.identify.fitting.outcome import Fitted
+from thermohyd.identify.fitting.problem import Fit
 from thermohyd.identify.noise.correlation import NoiseCorrelation
 
 
@@ -22,7 +22,7 @@ ROWS = 3 * EACH
 SPLIT = split_rows(PROBLEM.tests)
 
 
-def fit_of(*reduced: float) -> LibraryFit:
+def fit_of(*reduced: float) -> Fit:
     """A fit that leaves this reduced chi-square in each channel."""
     return linear_fit(np.repeat(np.sqrt(reduced), EACH), np.zeros((ROWS, 1)))
 

@@ -6,7 +6,7 @@ import numpy as np
 from helpers.small_bench import REACH, conditions_only
 
 from thermohyd.effects.library import EFFECTS
-from thermohyd.identify.diagnosis.library import coupled, dear, library_for
+from thermohyd.identify.fitting.library import coupled, dear, library_for
 
 
 def bench_of(**changes):

@@ -7,9 +7,9 @@ import pytest
 from helpers.small_bench import REACH, conditions_only
 from helpers.small_diagnosis import small_case
 
-from thermohyd.identify.diagnosis.library_fit import LibraryFit
 from thermohyd.identify.diagnosis.next_test import menu, next_test
 from thermohyd.identify.diagnosis.rivals import Rival, Rivals
+from thermohyd.identify.fitting.problem import Fit
 
 
 def bench(**columns):
@@ -57,7 +57,7 @@ def test_a_change_changes_what_it_says():
 
 
 @pytest.fixture(scope="module")
-def rivals() -> tuple[LibraryFit, LibraryFit]:
+def rivals() -> tuple[Fit, Fit]:
     """Two explanations of a loop that a fast sweep tells apart, as if this record had not told them apart."""
     problem = small_case("two").problem
     return problem.fit(["hysteresis", "flowmeter_offset"]), problem.fit(["position_lag", "flowmeter_offset"])

@@ -5,8 +5,8 @@ import pytest
 from helpers.linear_fit import LinearProblem, linear_library
 
 from thermohyd.effects.library import EFFECTS
-from thermohyd.identify.diagnosis.library_fit import LibraryProblem
 from thermohyd.identify.diagnosis.search import Found, implausible, merit, needed_beside, pair_gain, prune, search
+from thermohyd.identify.fitting.problem import Problem
 
 
 ROWS = 768  # of a small bench
@@ -30,7 +30,7 @@ def bench(rng: np.random.Generator, **missing: float) -> LinearProblem:
     return linear_library(misfit, nuisance, dict(zip(LIBRARY, signatures.T, strict=True)))
 
 
-def found_in(problem: LibraryProblem, **options) -> Found:
+def found_in(problem: Problem, **options) -> Found:
     return search(problem, problem.fit(), {}, **options)
 
 
@@ -143,7 +143,7 @@ def test_beside_a_misfit_an_effect_must_bring_more():
     freedom = int(fit.used.sum()) - len(fit.free)
     assert needed_beside(fit) == pytest.approx(2.0 * (fit.chi2 / freedom - 1.0))
     assert abs(needed_beside(fit)) < 0.3
-    problem.misfit *= 3.0
+    problem.misfit[:] *= 3.0
     assert needed_beside(problem.fit()) > 10.0
 
 

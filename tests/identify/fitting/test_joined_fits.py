@@ -1,28 +1,13 @@
-"""A record of static and dynamic tests: one result, both covariances, and models of either kind still read."""
+"""A model of static tests, of motion or of both is read as it was written, and a spoiled one gets one line."""
 
 import json
 
-import numpy as np
 import pytest
 from helpers.fake_fit import fake_fit
 
 from thermohyd.identify.bench.errors import BenchInputError
-from thermohyd.identify.fitting.fit_motion import HELD, joined
 from thermohyd.identify.model.model_file import load_model, model_json
 from thermohyd.identify.report.fit_json import json_text
-
-
-def test_both_stand_beside_each_other(seed_fit):
-    static = fake_fit()
-    both = joined(static, seed_fit)
-    assert both.free == (*static.free, *seed_fit.free)
-    n = len(static.free)
-    np.testing.assert_array_equal(both.covariance[n:, n:], seed_fit.covariance)
-    assert not both.covariance[:n, n:].any()
-    assert both.parameters["clearance"] == static.parameters["clearance"]
-    assert both.parameters["spool_frequency"] == seed_fit.parameters["spool_frequency"]
-    assert HELD in both.notes
-    assert both.chi2 == pytest.approx(static.chi2 + seed_fit.chi2)
 
 
 def test_a_model_of_static_tests_reads_as_before(tmp_path):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from thermohyd.identify.fitting.fit_motion import simulator_of
+from thermohyd.identify.fitting.motion_readings import simulator_of
 from thermohyd.identify.fitting.parameters import IN_MOTION, plan_motion
 
 

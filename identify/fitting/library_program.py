@@ -57,8 +57,6 @@ class LibraryArgs(eqx.Module):
     data: StaticData
     whitening: tuple[Whitening, ...]  # one per channel
     terms: dict[str, RowTerms]  # by group
-    prior_value: Float[Array, " parameters"]
-    prior_weight: Float[Array, " parameters"]
 
 
 def order_of(effects: tuple[str, ...]) -> tuple[str, ...]:
@@ -69,7 +67,7 @@ def order_of(effects: tuple[str, ...]) -> tuple[str, ...]:
 
 @functools.cache
 def library_program(effects: tuple[str, ...]) -> Both:
-    """Compiled (p, args) -> whitened residuals and priors, and their columns; p in the order of `order_of(effects)`.
+    """Compiled (p, args) -> whitened residuals and their columns; p in the order of `order_of(effects)`.
 
     Without XLA's fusion emitters the coupled valve compiles in two thirds of the time, and runs faster too.
     """
@@ -140,9 +138,7 @@ def residual_and_columns(
         reading, column = data.means(channel.test, reading), data.means(channel.test, column)
         parts.append(whiten(args.whitening[i], (reading - channel.value) * channel.weight))
         columns.append(whiten(args.whitening[i], column * channel.weight))
-    priors = jnp.zeros((len(p), len(PARAMETERS))).at[: len(PARAMETERS)].set(jnp.diag(args.prior_weight))
-    parts.append((p[: len(PARAMETERS)] - args.prior_value) * args.prior_weight)
-    return jnp.concatenate(parts), jnp.concatenate([*columns, priors], axis=1)
+    return jnp.concatenate(parts), jnp.concatenate(columns, axis=1)
 
 
 def _lagged(channel: str, reading: Array, columns: Array, tau: Array, conditions: Conditions) -> tuple[Array, Array]:

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from thermohyd.effects.library import EFFECTS, EffectInfo, effect_info
-from thermohyd.identify.bench.record import TestRecord
+from thermohyd.effects.library import DYNAMIC_EFFECTS, EFFECTS, EffectInfo, effect_info
+from thermohyd.identify.bench.record import DynamicTest, TestRecord
 
 
 # Sweeps whose rates differ by less are one rate: a lag then cannot be told from hysteresis.
@@ -32,6 +32,9 @@ class Library:
     def cold(self) -> tuple[str, ...]:
         """Those that need no heat computed, coupled ones included: half as dear as all together."""
         return tuple(name for name in self.names if name != HEAT)
+
+
+NOTHING = Library((), {})  # of a plain fit
 
 
 def coupled(name: str) -> bool:
@@ -85,3 +88,27 @@ def _several_rates(tests: list[TestRecord]) -> bool:
             if len(moving):
                 rates.append(float(np.median(moving)))
     return bool(rates) and max(rates) > RATES_DIFFER * min(rates)
+
+
+# Static effects that a step test can show: few, as each is one more name that chance may hit. A leak between the ports is
+# the jack's leak by another name, and stands for itself in the static library.
+STATIC = ("unequal_underlap", "position_scale")
+
+
+def motion_library(tests: dict[str, DynamicTest], heat: str) -> Library:
+    """The dynamic effects, and a few static ones, that these tests can show."""
+    names, impossible = [], {}
+    kinds = {test.name for test in tests.values()}
+    readings = {channel.name for test in tests.values() for channel in test.channels}
+    for name in (*STATIC, *DYNAMIC_EFFECTS):
+        info = effect_info(name)
+        if name in DYNAMIC_EFFECTS and not kinds & set(info.shows):
+            impossible[name] = f"none of its tests ({', '.join(info.shows)}) is in the record"
+        elif name == "wall_heat" and heat == "isothermal":
+            impossible[name] = 'the record says heat = "isothermal": all oil has the supply\'s temperature'
+        elif name == "position_scale" and "spool_position" not in readings:
+            impossible[name] = "the spool's position is not measured"
+        else:
+            names.append(name)
+    known = list({**EFFECTS, **DYNAMIC_EFFECTS})
+    return Library(tuple(sorted(names, key=known.index)), impossible)

@@ -1,0 +1,538 @@
+"""A record's readings and a model of them as one least-squares problem, and fits of it with any effects freed.
+
+All tests of a record stand in one problem, static and dynamic ones: `Readings` is the only place where they differ. A
+problem is frozen; other noise, other rows or another term make another problem, so that nothing computed for one is ever
+taken for another's. The plain fit is the fit with no effect freed.
+"""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Protocol
+
+import jax.numpy as jnp
+import numpy as np
+
+from thermohyd.effects.library import effect_info
+from thermohyd.identify.bench.record import BenchRecord, DynamicTest, TestRecord
+from thermohyd.identify.model.learned_terms import ABSOLUTE, LearnedTerm, term_values
+from thermohyd.identify.noise.correlation import NoiseCorrelation
+from thermohyd.identify.noise.level import ChannelNoise, reweighted
+from thermohyd.identify.noise.whitening import whiten_on_host, whitening_of
+from thermohyd.identify.reduction.legs import piece_bounds
+
+from .boxes import Box
+from .least_squares import LeastSquaresResult, solve
+from .library import HEAT, Library, coupled, library_for
+from .library_program import PARAMETERS, LibraryArgs, RowTerms, library_program, order_of
+from .parameters import IN_MOTION, ParameterPlan
+from .starts import hop
+from .static_readings import StaticData, base_valve, channel_slices, coarse_size, groups_of, pad, static_data
+from .uncertainty import leverage_of
+
+
+if TYPE_CHECKING:
+    from .motion_readings import DynamicSimulator
+
+Key = tuple[str, str]  # test, channel
+# residual (rows,) and its columns (entries, rows) at a point (entries,), readings only
+Evaluation = Callable[[np.ndarray], tuple[Any, Any]]
+
+# A search stops a thousandth of a standard error from its optimum: chi-square is then right to 1e-6.
+CLOSE_ENOUGH = 1e-4
+# An end counts as an optimum up to here: a twentieth of a standard error is nothing to anybody.
+BELIEVE = 0.05
+# The same in motion: a run is known to its solver's tolerance, and its steps change a little from one point to the next.
+CLOSE_IN_MOTION = 1e-2
+# Amount from which a search starts where the linearised estimate lies at the neutral value or beyond its limit.
+SMALL_START = 0.05  # of the effect's scale
+START_WITHIN = 3.0  # times the largest usual amount
+MOST_STEPS, PATIENCE = 40, 5  # a refit that crawls is no candidate; one that is to stay may go on
+# A search starts beside an optimum that has been hopped over already: fewer and shorter hops than a first fit's.
+HOPS, ROUNDS_OF_HOPS = (2.0, 0.7), 2
+
+
+@dataclass(frozen=True)
+class Noise:
+    """What the diagnosis believes of the noise of each channel: standard deviation per row (SI) and correlation."""
+
+    std: dict[Key, np.ndarray]
+    correlation: dict[Key, NoiseCorrelation]
+
+
+@dataclass(frozen=True)
+class Fit:
+    """The end of a fit with the effects `effects` free. Rows: the real ones of every channel in turn, then the priors.
+
+    residual (rows,): whitened, model - reading. columns (rows, entries): its derivatives to every parameter and effect of
+    `order`, free or not. values: every entry of `order`. used (rows,): rows that the fit saw.
+    """
+
+    effects: tuple[str, ...]
+    order: tuple[str, ...]
+    free: tuple[str, ...]
+    values: dict[str, float]
+    chi2: float
+    residual: np.ndarray
+    columns: np.ndarray
+    used: np.ndarray
+    active: frozenset[str]  # free ones that press against a limit
+    converged: bool
+    message: str
+    solution: LeastSquaresResult
+
+    def column(self, name: str) -> np.ndarray:
+        return self.columns[:, self.order.index(name)]
+
+    @property
+    def nuisance(self) -> np.ndarray:
+        """Columns of what this fit adjusted, those at a limit left out."""
+        names = [name for name in self.free if name not in self.active]
+        return self.columns[:, [self.order.index(name) for name in names]]
+
+
+def white_noise(noise: Mapping[Key, ChannelNoise]) -> Noise:
+    """Independent readings with the standard deviations that a plain fit uses."""
+    return Noise({key: n.used for key, n in noise.items()}, dict.fromkeys(noise, NoiseCorrelation()))
+
+
+class Readings(Protocol):
+    """The tests of one kind as a function of named entries: parameters first, then amounts of effects."""
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of the entries that are no effects."""
+        ...
+
+    def program(self, chosen: tuple[str, ...]) -> tuple[str, ...]:
+        """The effects present in the cheapest program that serves `chosen`."""
+        ...
+
+    def order(self, program: tuple[str, ...]) -> tuple[str, ...]:
+        """Names of the entries of a program's vector."""
+        ...
+
+    def size(self, rows: int) -> int:
+        """Rows that a channel of so many is padded to."""
+        ...
+
+    def at(self, program: tuple[str, ...]) -> Evaluation:
+        """Whitened residuals and columns of a program, all channels of the tests behind one another."""
+        ...
+
+
+@dataclass(frozen=True)
+class StaticReadings:
+    """Static tests: one compiled program for any set of effects, whose columns come row by row (`library_program`)."""
+
+    record: BenchRecord
+    tests: dict[str, TestRecord]
+    plans: Mapping[str, ParameterPlan]
+    library: Library
+    noise: Noise
+    used: Mapping[Key, np.ndarray] | None
+    terms: tuple[LearnedTerm, ...]
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        return PARAMETERS
+
+    def program(self, chosen: tuple[str, ...]) -> tuple[str, ...]:
+        if not any(coupled(name) for name in chosen):
+            return self.library.plain
+        return self.library.names if HEAT in chosen or self._heat_asked else self.library.cold
+
+    def order(self, program: tuple[str, ...]) -> tuple[str, ...]:
+        return order_of(program)
+
+    def size(self, rows: int) -> int:
+        return coarse_size(rows)
+
+    def at(self, program: tuple[str, ...]) -> Evaluation:
+        both, args = library_program(program), self._arguments(program)
+        return lambda p: both(jnp.asarray(p), args)
+
+    @property
+    def _heat_asked(self) -> bool:
+        plan = self.plans["heat_retention"]
+        return not plan.fixed or plan.start > 0.0
+
+    def _arguments(self, program: tuple[str, ...]) -> LibraryArgs:
+        if HEAT in program or self._heat_asked:
+            return self._with_heat
+        return replace(self._with_heat, valve=replace(self._with_heat.valve, heat_retention=None))
+
+    @cached_property
+    def _with_heat(self) -> LibraryArgs:
+        values = {name: self.plans[name].start for name in PARAMETERS}
+        data = static_data(self.tests, self.noise.std, coarse_size)
+        whitening, channels = [], []
+        for channel in data.channels:
+            key = (channel.test, channel.name)
+            test = self.tests[channel.test]
+            sweeps = noise_sweeps(test)
+            whitening.append(whitening_of(self.noise.correlation[key], sweeps, coarse_size(test.rows)))
+            weight = channel.weight
+            if self.used is not None:
+                weight = weight * pad(self.used[key].astype(float), fill=0.0, size=coarse_size)
+            channels.append(type(channel)(channel.test, channel.name, channel.value, weight))
+        data = type(data)(data.conditions, tuple(channels), data.weights)
+        return LibraryArgs(base_valve(self.record, values, heat=True), data, tuple(whitening), self._row_terms(data))
+
+    def _row_terms(self, data: StaticData) -> dict[str, RowTerms]:
+        found = {}
+        for group, tests in groups_of(data.conditions).items():
+            nodes = [1 if (own := self.tests[name].nodes) is None else own.count for name in tests]
+            sizes = [coarse_size(self.tests[name].rows) * k for name, k in zip(tests, nodes, strict=True)]
+            factor, shift = np.ones((len(PARAMETERS), sum(sizes))), np.zeros((len(PARAMETERS), sum(sizes)))
+            viscosity = np.ones(sum(sizes))
+            first = 0
+            for name, size, k in zip(tests, sizes, nodes, strict=True):
+                rows = slice(first, first + self.tests[name].rows * k)
+                for term in self.terms:
+                    change = np.repeat(term_values(term, self.tests[name], self.record.oil), k)
+                    if term.quantity == "viscosity":
+                        viscosity[rows] *= 1.0 + change
+                    elif term.quantity in ABSOLUTE:
+                        shift[PARAMETERS.index(term.quantity), rows] += change
+                    else:
+                        factor[PARAMETERS.index(term.quantity), rows] *= 1.0 + change
+                first += size
+            found[group] = RowTerms(factor, shift, viscosity)
+        return found
+
+
+@dataclass(frozen=True)
+class MotionReadings:
+    """Dynamic tests: runs of the machine with forward derivatives, and its small-signal response (`motion_readings`).
+
+    parameters: names of the vector's entries; the simulator holds all others. library: effects of a search; None where only
+    those are present that are asked for: a program of its own, but with fewer columns to integrate.
+    """
+
+    simulator: "DynamicSimulator"
+    parameters: tuple[str, ...]
+    library: Library | None
+    noise: Noise
+    used: Mapping[Key, np.ndarray] | None
+
+    def program(self, chosen: tuple[str, ...]) -> tuple[str, ...]:
+        if self.library is None:
+            return chosen
+        return self.library.names if chosen else ()
+
+    def order(self, program: tuple[str, ...]) -> tuple[str, ...]:
+        return (*self.parameters, *program)
+
+    def size(self, rows: int) -> int:
+        return rows
+
+    def at(self, program: tuple[str, ...]) -> Evaluation:
+        # Here, not above: a static problem does not wait for the solvers of motion.
+        from .motion_readings import Weighing, rows_of_readings
+
+        tests = self.simulator.tests
+        weight = {(name, c.name): 1.0 / self.noise.std[name, c.name] for name, t in tests.items() for c in t.channels}
+        if self.used is not None:
+            weight = {key: w * self.used[key] for key, w in weight.items()}
+        weighing = Weighing(weight, whiten=self._whiten)
+        return lambda p: rows_of_readings(self.simulator, self.parameters, program, weighing, p)
+
+    def _whiten(self, key: Key, values: np.ndarray) -> np.ndarray:
+        correlation = self.noise.correlation[key]
+        if correlation == NoiseCorrelation():
+            return values
+        test = self.simulator.tests[key[0]]
+        return whiten_on_host(whitening_of(correlation, noise_sweeps(test), test.rows), values.T).T
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One record's refits. plans: of every parameter, held ones too. `used` (rows,) masks rows out of a fit (they still have
+    residuals and columns), counted as in a fit's residual. known_effects: {name: amount}, present and held, in motion only.
+    """
+
+    record: BenchRecord
+    tests: dict[str, TestRecord]
+    plans: dict[str, ParameterPlan]
+    library: Library
+    noise: Noise
+    used: np.ndarray | None = None
+    terms: tuple[LearnedTerm, ...] = ()
+    known_effects: Mapping[str, float] = field(default_factory=dict)
+
+    def with_noise(self, noise: Noise) -> "Problem":
+        return replace(self, noise=noise)
+
+    def with_rows(self, used: np.ndarray | None) -> "Problem":
+        """The same problem fitted to some rows only (priors are always used)."""
+        return replace(self, used=used)
+
+    def with_terms(self, *terms: LearnedTerm) -> "Problem":
+        """The same problem with learned smooth terms in the model, instead of those that it had."""
+        return replace(self, terms=terms)
+
+    @cached_property
+    def readings(self) -> tuple[Readings, ...]:
+        """Static tests first, then dynamic ones, as far as there are any."""
+        moving = {name: test for name, test in self.tests.items() if isinstance(test, DynamicTest)}
+        still = {name: test for name, test in self.tests.items() if name not in moving}
+        rows = self.rows()
+        used = None if self.used is None else {key: self.used[place] for key, place in rows.items()}
+        found: list[Readings] = []
+        if still:
+            library = library_for(still.values()) if moving else self.library
+            found.append(StaticReadings(self.record, still, self.plans, library, self.noise, used, self.terms))
+        if moving:
+            from .motion_readings import simulator_of
+
+            simulator = replace(simulator_of(self.record, self.plans, self.known_effects), tests=moving)
+            names = tuple(
+                n for n, plan in self.plans.items() if n in IN_MOTION or not (plan.fixed or n == "heat_retention")
+            )
+            found.append(MotionReadings(simulator, names, None if still else self.library, self.noise, used))
+        return tuple(found)
+
+    @property
+    def in_motion(self) -> bool:
+        """Whether all rows are those of dynamic tests."""
+        return all(isinstance(test, DynamicTest) for test in self.tests.values())
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Every entry that is no effect; each has one row of priors behind the readings."""
+        return tuple(dict.fromkeys(name for part in self.readings for name in part.parameters))
+
+    @property
+    def free_parameters(self) -> tuple[str, ...]:
+        return tuple(name for name in self.parameters if not self.plans[name].fixed)
+
+    @property
+    def _closeness(self) -> float:
+        """Standard errors from an optimum at which a search stops."""
+        moves = any(isinstance(test, DynamicTest) for test in self.tests.values())
+        return CLOSE_IN_MOTION if moves else CLOSE_ENOUGH
+
+    def scale_of(self, name: str) -> float:
+        """A natural step of a parameter or an effect's amount."""
+        return self.plans[name].info.scale if name in self.plans else effect_info(name).scale
+
+    def sweeps(self, test: str) -> np.ndarray:
+        """Stretches of a test's rows along which its noise remembers."""
+        return noise_sweeps(self.tests[test])
+
+    def rows(self) -> dict[Key, slice]:
+        """Where each channel's rows lie in a `Fit`'s residual."""
+        return self._slices(lambda rows: rows)
+
+    def _slices(self, size: Callable[[int], int]) -> dict[Key, slice]:
+        found, first = {}, 0
+        for name, test in self.tests.items():
+            for channel in test.channels:
+                found[name, channel.name] = slice(first, first + test.rows)
+                first += size(test.rows)
+        return found
+
+    def fit(
+        self,
+        effects: Iterable[str] = (),
+        start: Mapping[str, float] | None = None,
+        *,
+        hops: bool = False,
+        most_steps: int = MOST_STEPS,
+    ) -> Fit:
+        """Fit the free parameters and the amounts of `effects`, from `start` (missing entries: nominal, neutral).
+
+        hops: with patience, and over the kinks of the underlap, for a fit that is to stay.
+        """
+        chosen = tuple(name for name in self.library.names if name in set(effects))
+        programs = [part.program(chosen) for part in self.readings]
+        order = self._order(programs)
+        free = (*self.free_parameters, *(name for name in order if name in chosen))
+        begin = self._start(order, chosen, start or {})
+        boxes = [self._box(name, begin[i], name in free) for i, name in enumerate(order)]
+        both = self._both(programs, order)
+
+        def from_point(point: np.ndarray) -> LeastSquaresResult:
+            return solve(
+                None, boxes, None, point, tolerance=self._closeness, max_steps=most_steps, both=both, believe=BELIEVE
+            )
+
+        best = from_point(np.array(begin))
+        for _ in range(PATIENCE if hops else 0):
+            if best.converged or best.exhausted:
+                break
+            best = from_point(best.p)
+        if hops:
+            best = hop(best, order, from_point, hops=HOPS, rounds=ROUNDS_OF_HOPS)
+        return self._result(chosen, order, free, best)
+
+    def evaluate(self, values: Mapping[str, float], effects: Iterable[str] = ()) -> Fit:
+        """Residuals and columns at given values; nothing is fitted. `effects` must be present in the program used."""
+        chosen = tuple(name for name in self.library.names if name in set(effects) or values.get(name, 0.0) != 0.0)
+        return self._evaluate(values, [part.program(chosen) for part in self.readings])
+
+    def _evaluate(self, values: Mapping[str, float], programs: list[tuple[str, ...]]) -> Fit:
+        order = self._order(programs)
+        point = np.array([values.get(n, self.plans[n].start if n in self.plans else 0.0) for n in order], dtype=float)
+        residual, columns = (np.asarray(part) for part in self._both(programs, order)(point, None))
+        still = np.zeros(len(point), dtype=int)
+        cost = float(np.sum(residual**2))
+        result = LeastSquaresResult(point, point, point, cost, residual, columns.T, still, True, "", 0, 0.0)
+        return self._result((), order, (), result)
+
+    def with_all_columns(self, fit: Fit) -> Fit:
+        """The same fit with the columns of every effect of the library: those of its own program, then of others.
+
+        Beside a coupled effect the column of the heating is that of the valve without the coupling: close enough to say
+        whether a refit, which is exact, is worth its while. For the tests of one kind: of the others a search is one of its own.
+        """
+        missing = [name for name in self.library.names if name not in fit.order]
+        if not missing:
+            return fit
+        (part,) = self.readings
+        present = [name for name in fit.order if name not in self.parameters and fit.values[name] != 0.0]
+        other = part.program(() if HEAT in missing else (*present, *missing))
+        held = {name: value for name, value in fit.values.items() if name in self.parameters or name in other}
+        at = self._evaluate(held, [other])
+        order = part.order(self.library.names)
+        columns = [(fit if name in fit.order else at).column(name) for name in order]
+        values = {name: fit.values.get(name, 0.0) for name in order}
+        return replace(fit, order=order, values=values, columns=np.stack(columns, axis=1))
+
+    def _order(self, programs: list[tuple[str, ...]]) -> tuple[str, ...]:
+        """Names of the entries of the vector: every parameter, then every effect that a program has."""
+        orders = [part.order(program) for part, program in zip(self.readings, programs, strict=True)]
+        return tuple(dict.fromkeys((*self.parameters, *(name for order in orders for name in order))))
+
+    def _both(self, programs: list[tuple[str, ...]], order: tuple[str, ...]) -> Callable[[Any, Any], tuple[Any, Any]]:
+        """(p, args) -> residuals and columns (entries, rows) of all readings, then of the priors, as `solve` takes it."""
+        parts = [
+            (part.at(program), [order.index(name) for name in part.order(program)])
+            for part, program in zip(self.readings, programs, strict=True)
+        ]
+        plans = [self.plans[name] for name in self.parameters]
+        value = np.array([plan.prior.value if plan.prior else plan.start for plan in plans])
+        weight = np.array([1.0 / plan.prior.std if plan.prior else 0.0 for plan in plans])
+        count = len(plans)
+        slopes = np.zeros((len(order), count))
+        slopes[:count] = np.diag(weight)
+
+        def both(p: Any, args: Any) -> tuple[Any, Any]:
+            del args
+            vector = np.asarray(p, dtype=float)
+            residuals, blocks = [], []
+            for at, places in parts:
+                residual, columns = at(vector[places])
+                residuals.append(np.asarray(residual))
+                block = np.zeros((len(order), len(residual)))
+                block[places] = np.asarray(columns)
+                blocks.append(block)
+            residuals.append((vector[:count] - value) * weight)
+            return jnp.asarray(np.concatenate(residuals)), jnp.asarray(np.concatenate([*blocks, slopes], axis=1))
+
+        return both
+
+    def _start(self, order: tuple[str, ...], chosen: tuple[str, ...], start: Mapping[str, float]) -> list[float]:
+        found = []
+        for name in order:
+            if name in self.plans:
+                found.append(start.get(name, self.plans[name].start))
+                continue
+            if name not in chosen:
+                found.append(0.0)
+                continue
+            info = effect_info(name)
+            # A linear estimate may lie far outside of what the balances can solve.
+            most = START_WITHIN * info.typical[1]
+            value = float(np.clip(start.get(name, 0.0), max(info.lower, -most), min(info.upper, most)))
+            # An effect even in its amount has no slope at neutral, and a search that starts on a wall may stay there.
+            if abs(value) < SMALL_START * info.scale:
+                value = SMALL_START * info.scale * (1.0 if value >= 0.0 else -1.0)
+            found.append(value)
+        return found
+
+    def _box(self, name: str, value: float, free: bool) -> Box:
+        if name not in self.plans:
+            info = effect_info(name)
+            lower, upper, scale = info.lower, info.upper, info.scale
+        else:
+            plan = self.plans[name]
+            lower, upper, scale = plan.lower, plan.upper, plan.info.scale
+        if not free:
+            return Box(name, value, scale, value, value, held=True)
+        return Box(name, min(max(value, lower), upper), scale, lower, upper)
+
+    def _result(
+        self, chosen: tuple[str, ...], order: tuple[str, ...], free: tuple[str, ...], result: LeastSquaresResult
+    ) -> Fit:
+        priors = len(self.parameters)
+        places, first = [], 0
+        for part, tests in zip(self.readings, self._tests_of_parts, strict=True):
+            for test in tests:
+                for _ in test.channels:
+                    places.append(np.arange(first, first + test.rows))
+                    first += part.size(test.rows)
+        real = np.concatenate([*places, np.arange(len(result.residual) - priors, len(result.residual))])
+        values = dict(zip(order, (float(v) for v in result.p), strict=True))
+        pressed = frozenset(name for name, side in zip(order, result.active, strict=True) if side and name in free)
+        used = np.ones(len(real), dtype=bool) if self.used is None else np.append(
+            self.used[: len(real) - priors], np.ones(priors, dtype=bool)
+        )  # fmt: skip
+        return Fit(
+            chosen, order, free, values, result.cost, result.residual[real], result.jacobian[real], used, pressed,
+            result.converged, result.message, result,
+        )  # fmt: skip
+
+    @property
+    def _tests_of_parts(self) -> list[list[TestRecord]]:
+        """Tests by part; a record's tests stand in this order in `tests`, too."""
+        kinds: list[list[TestRecord]] = [[], []]
+        for test in self.tests.values():
+            kinds[isinstance(test, DynamicTest)].append(test)
+        return [tests for tests in kinds if tests]
+
+
+def noise_sweeps(test: TestRecord) -> np.ndarray:
+    """Stretches of rows along which noise remembers: one sweep after the other within a run hangs together."""
+    ids = np.zeros(test.rows, dtype=int)
+    for number, (start, stop) in enumerate(piece_bounds(test.run)):
+        ids[start:stop] = number
+    return ids
+
+
+def solution_of(problem: Problem, fit: Fit, at: Fit | None = None) -> LeastSquaresResult:
+    """`fit` over its free entries alone, rows as `channel_slices` lays them out, the free entries' priors behind them.
+
+    at: residual and columns to take instead, of the same point seen with other noise.
+    """
+    at = fit if at is None else at
+    slices = channel_slices(problem.tests)
+    count = max(s.stop for s in slices.values()) + len(fit.free)
+    columns = [at.order.index(name) for name in fit.free]
+    residual, jacobian = np.zeros(count), np.zeros((count, len(fit.free)))
+    for key, rows in problem.rows().items():
+        residual[slices[key]] = at.residual[rows]
+        jacobian[slices[key]] = at.columns[rows][:, columns]
+    priors = len(at.residual) - len(problem.parameters)
+    for i, name in enumerate(fit.free, start=count - len(fit.free)):
+        if name in problem.parameters:
+            k = priors + problem.parameters.index(name)
+            residual[i], jacobian[i] = at.residual[k], at.columns[k, columns]
+    pick = [fit.order.index(name) for name in fit.free]
+    whole = fit.solution
+    return replace(
+        whole, p=whole.p[pick], z=whole.z[pick], start=whole.start[pick], active=whole.active[pick],
+        cost=float(np.sum(residual**2)), residual=residual, jacobian=jacobian,
+    )  # fmt: skip
+
+
+def settled_noise(problem: Problem, fit: Fit, noise: Mapping[Key, ChannelNoise]) -> dict[Key, ChannelNoise]:
+    """Noise re-estimated from the residuals of `fit`, where it is not known; each channel pays its share of what was freed."""
+    scales = np.array([problem.scale_of(name) for name in fit.free])
+    leverage = leverage_of(fit.columns[:, [fit.order.index(name) for name in fit.free]] * scales)
+    found = {}
+    for key, rows in problem.rows().items():
+        misfit = fit.residual[rows] * noise[key].used
+        found[key] = reweighted(noise[key], misfit, max(1.0 - float(np.sum(leverage[rows])) / len(misfit), 0.05))
+    return found
