@@ -13,6 +13,7 @@ import numpy as np
 
 from thermohyd.identify.bench.record import BenchRecord
 from thermohyd.identify.fitting.library import Library, motion_library
+from thermohyd.identify.fitting.library_program import PARAMETERS
 from thermohyd.identify.fitting.outcome import Fitted
 from thermohyd.identify.fitting.parameters import IN_MOTION, ParameterPlan, Prior
 from thermohyd.identify.fitting.problem import Noise, Problem
@@ -47,7 +48,8 @@ def open_motion(
     assert data is not None
     known = None if static is None else {name: found.value for name, found in static.parameters.items()}
     known = None if known is None else {name: v for name, v in known.items() if name not in (effects or {})}
-    fitted = run_fit_motion(record, say, known)
+    also = () if static is None else tuple(n for n in static.free if n in PARAMETERS and n != "heat_retention")
+    fitted = run_fit_motion(record, say, known, also)
     own = {name: fitted.plans[name] for name in (*IN_MOTION, *(n for n in fitted.free if n not in IN_MOTION))}
     if any(test.time is not None for test in data.tests.values()) and "null_bias" not in own:
         own |= _null(record, fitted.plans["null_bias"], static)
@@ -55,7 +57,7 @@ def open_motion(
     tests = fitted.tests
     library = motion_library(data.tests, data.actuator.heat)
     problem = Problem(
-        record, tests, fitted.plans, library, first_noise(fitted.noise), known_effects=dict(effects or {})
+        record, tests, fitted.plans, library, first_noise(fitted.noise), known_effects=dict(effects or {}), also=also
     )
     repeats = {}
     for name, test in data.tests.items():

@@ -57,7 +57,8 @@ def fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | None 
         # Here, not above: a static fit does not wait for the solvers of motion.
         from .fit_motion import fit_together, run_fit_motion
 
-        motion = run_fit_motion(record, progress, None if static is None else static_values(static))
+        known, freed = (None, ()) if static is None else (static_values(static), seen_in_motion(static))
+        motion = run_fit_motion(record, progress, known, freed)
         result = fit_result(motion if static is None else fit_together(record, static, motion, progress))
     return replace(result, seconds=time.perf_counter() - began)
 
@@ -66,6 +67,11 @@ def static_values(fitted: Fitted) -> dict[str, float]:
     """{parameter: value} of every parameter of a fit of static tests, held ones at their starts."""
     free = dict(zip(fitted.free, (float(v) for v in fitted.solution.p), strict=True))
     return {name: free.get(name, plan.start) for name, plan in fitted.plans.items() if _asked_for(name, plan)}
+
+
+def seen_in_motion(fitted: Fitted) -> tuple[str, ...]:
+    """The free parameters of a fit of static tests that dynamic ones depend on, too."""
+    return tuple(name for name in fitted.free if name != "heat_retention")
 
 
 def _asked_for(name: str, plan: ParameterPlan) -> bool:

@@ -31,11 +31,15 @@ Progress = Callable[[str], None]
 
 
 def run_fit_motion(
-    record: BenchRecord, progress: Progress | None = None, known: Mapping[str, float] | None = None
+    record: BenchRecord,
+    progress: Progress | None = None,
+    known: Mapping[str, float] | None = None,
+    also: tuple[str, ...] = (),
 ) -> Fitted:
     """The dynamic tests alone: start, lengthen the horizon, solve, and settle the noise.
 
-    known: static values to hold (see `plan_motion`). Raises BenchInputError where the record determines nothing.
+    known: static values to hold (see `plan_motion`). also: of these, what a fit of all tests will free.
+    Raises BenchInputError where the record determines nothing.
     """
     say = progress or (lambda _: None)
     data = dynamic_of(record)
@@ -55,7 +59,7 @@ def run_fit_motion(
         )
     say(f"fitting {len(free)} parameters of motion to {readings:,} readings")
     tests: dict[str, TestRecord] = dict(data.tests)
-    problem = Problem(record, tests, plans, NOTHING, white_noise(noise))
+    problem = Problem(record, tests, plans, NOTHING, white_noise(noise), also=also)
     ends = [_grown(problem, {}, say)]
     if ends[0].chi2 > FAR * readings or not np.isfinite(ends[0].chi2):
         for factors in OTHERS:

@@ -250,6 +250,8 @@ class MotionReadings:
 class Problem:
     """One record's refits. plans: of every parameter, held ones too. `used` (rows,) masks rows out of a fit (they still have
     residuals and columns), counted as in a fit's residual. known_effects: {name: amount}, present and held, in motion only.
+    also: held parameters that stand in the vector of motion all the same, so that a later fit which frees them finds its
+    program compiled.
     """
 
     record: BenchRecord
@@ -260,6 +262,7 @@ class Problem:
     used: np.ndarray | None = None
     terms: tuple[LearnedTerm, ...] = ()
     known_effects: Mapping[str, float] = field(default_factory=dict)
+    also: tuple[str, ...] = ()
 
     def with_noise(self, noise: Noise) -> "Problem":
         return replace(self, noise=noise)
@@ -287,11 +290,13 @@ class Problem:
             from .motion_readings import simulator_of
 
             simulator = replace(simulator_of(self.record, self.plans, self.known_effects), tests=moving)
-            names = tuple(
-                n for n, plan in self.plans.items() if n in IN_MOTION or not (plan.fixed or n == "heat_retention")
-            )
+            names = tuple(name for name in (*IN_MOTION, *PARAMETERS) if name in self.plans and self._in_vector(name))
             found.append(MotionReadings(simulator, names, None if still else self.library, self.noise, used))
         return tuple(found)
+
+    def _in_vector(self, name: str) -> bool:
+        """Whether a run's derivative to this parameter is taken; heat in the valve's edges does not show in motion."""
+        return name in IN_MOTION or name in self.also or not (self.plans[name].fixed or name == "heat_retention")
 
     @property
     def in_motion(self) -> bool:
