@@ -21,7 +21,7 @@ PARAMETERS = (
 )
 STRATA = ((0.0, 3.0), (3.0, 5.0), (5.0, 8.0), (8.0, np.inf))
 
-# Exact or nearly exact rivals (MODEL section 6); the second group where p_A and p_B are not measured apart.
+# Exact or nearly exact rivals (docs/physics.md section 8.4); the second group where p_A and p_B are not measured apart.
 RIVALS = (
     {"eccentricity", "viscosity_shift", "flowmeter_scale", "position_scale"},
     {"supply_edge_wear", "return_edge_wear"},

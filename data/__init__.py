@@ -16,7 +16,7 @@ def _oils() -> dict[str, OilDefinition]:
 
 
 def oil_presets() -> dict[str, OilDefinition]:
-    """Every preset by name (MODEL section 2, sources in oils.toml), SI units."""
+    """Every preset by name (docs/physics.md section 2, sources in oils.toml), SI units."""
     return dict(_oils())
 
 

@@ -1,4 +1,4 @@
-"""The reference simulator against closed forms and against the figures of an independent model (MODEL section 4)."""
+"""The reference simulator against closed forms and against the figures of an independent model (docs/physics.md section 13)."""
 
 from dataclasses import replace
 

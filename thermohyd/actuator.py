@@ -1,4 +1,4 @@
-"""The actuator on the valve: a symmetric jack on a rigid anchorage, its load, and its position loop (MODEL section 7)."""
+"""The actuator on the valve: a symmetric jack on a rigid anchorage, its load, and its position loop (docs/physics.md section 9)."""
 
 import equinox as eqx
 import numpy as np

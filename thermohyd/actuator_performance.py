@@ -1,6 +1,6 @@
 """How good an actuator is at null: stability, rapidity, accuracy, consumption, from the valve's static gains.
 
-The seed paper's Eqs. 1 to 4 and its appendix, in the corrected form of MODEL section 7. The gains are derivatives of the
+The seed paper's Eqs. 1 to 4 and its appendix, in the corrected form of docs/physics.md section 11. The gains are derivatives of the
 static model at the hydraulic null, under zero load.
 
 The loop gain at which a position loop starts to oscillate, spool dynamics included, in closed form.
@@ -239,7 +239,7 @@ def performance(
     heat: float | Array | None = None,
     gamma: float = 2.0,
 ) -> Performance:
-    """Performance of the actuator on the valve, at null: the seed paper's Eqs. 1 to 4 and appendix (MODEL section 7).
+    """Performance of the actuator on the valve, at null: the seed paper's Eqs. 1 to 4 and appendix (docs/physics.md section 11).
 
     temperature [K], supply_pressure, return_pressure [Pa, gauge] broadcast to the shape of every figure. heat: the share eta
     of the throttling heat that the oil keeps, 0 isothermal (HM), 1 adiabatic (THM); None: the valve's own. gamma: of Eq. 1,

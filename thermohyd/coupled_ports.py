@@ -1,4 +1,4 @@
-"""Port balances that lines or a path between the ports tie together: closed and connected use ports (MODEL section 6).
+"""Port balances that lines or a path between the ports tie together: closed and connected use ports (docs/physics.md section 5).
 
 Lines between the gauges and the edges add two unknowns per row, the pressures that the edges see; they are counted as
 shares of the gauges' difference. The pressures *inside* come back as conditions beside the ports.

@@ -1,4 +1,4 @@
-"""One metering edge: a rounded edge with radial clearance, laminar to turbulent, open to overlapped (MODEL section 3).
+"""One metering edge: a rounded edge with radial clearance, laminar to turbulent, open to overlapped (docs/physics.md section 3).
 
 The law is one smooth expression, finite with finite derivatives at zero pressure drop, at zero opening and deep in the
 overlap. Where the opening u changes sign the land length max(-u, 0) starts, so dG/du has a jump there; automatic

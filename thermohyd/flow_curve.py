@@ -1,7 +1,7 @@
 """The flow curve of a valve in one line, for system-level models: the seed paper's Eq. 6, X = X0 tanh(Q/Q0) + k Q.
 
 X0, Q0 and k follow temperature through the kinematic viscosity alone: a slot's flow obeys Q/(w nu) = F(h sqrt(dp/rho)/nu)
-(MODEL section 4), so the whole curve does, with h a function of x. The same law carries them to another supply pressure:
+(docs/physics.md section 13), so the whole curve does, with h a function of x. The same law carries them to another supply pressure:
 X0 belongs to nu/sqrt(dp), Q0 and 1/k grow as sqrt(dp). `thermohyd.identify.macro_fit` finds the coefficients.
 """
 

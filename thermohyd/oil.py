@@ -1,4 +1,4 @@
-"""The oil: viscosity, density, expansion, bulk modulus, heat and the temperature rise of throttling (MODEL section 2).
+"""The oil: viscosity, density, expansion, bulk modulus, heat and the temperature rise of throttling (docs/physics.md section 2).
 
 Every function is elementwise over pressures [Pa, gauge] and temperatures [K] that broadcast against each other.
 """
@@ -195,7 +195,7 @@ def throttling_rise(
 ) -> Float[Array, "..."]:
     """Isenthalpic temperature rise [K] of oil at `temperature` throttled by `drop` = p1 - p2 [Pa].
 
-    T2 - T1 = (1 - alpha T1)(p1 - p2)/(rho c_p), properties at T1 and the mean pressure (MODEL section 2).
+    T2 - T1 = (1 - alpha T1)(p1 - p2)/(rho c_p), properties at T1 and the mean pressure (docs/physics.md section 2).
     """
     heat, slope = enthalpy_slopes(oil, mean_pressure, temperature)
     return slope * drop / heat

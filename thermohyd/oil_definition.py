@@ -14,7 +14,7 @@ REFERENCE_TEMPERATURE = 288.15  # K, 15 degC: where density, bulk modulus and sp
 
 @dataclass(frozen=True)
 class OilDefinition:
-    """Coefficients of the oil laws in `thermohyd.oil` (MODEL section 2), SI units.
+    """Coefficients of the oil laws in `thermohyd.oil` (docs/physics.md section 2), SI units.
 
     viscosity_a, viscosity_b: ASTM D341 (Walther), log10 log10(nu/cSt + 0.7) = a - b log10(T/K).
     density: kg/m3 at 15 degC and zero gauge pressure; expansion: 1/K there.

@@ -109,7 +109,7 @@ def ports_at(flows: PortFlows, drops: Between) -> Ports:
 
 
 def blocked_ports(edges: Edges, oil: Oil, heat_retention: Float[Array, "..."] | None, conditions: Conditions) -> Ports:
-    """Both ports closed: each port's inflow equals its outflow, ln(in/out) = 0 (MODEL section 4)."""
+    """Both ports closed: each port's inflow equals its outflow, ln(in/out) = 0 (docs/physics.md section 5)."""
     flows = port_flows(edges, oil, heat_retention, conditions)
 
     def log_ratio(q: Float[Array, "2 rows"]) -> Float[Array, "2 rows"]:

@@ -1,7 +1,7 @@
 """The servovalve, the oil and the conditions of the seed paper.
 
 "Thermal-hydraulic lumped parameters model of servovalve to predict performance sensitivity to temperature", INSA Toulouse.
-What it leaves open is chosen as in MODEL section 1: 70 bar supply, C_q 0.7, lambda_c 100, ASTM D341 through its two extremes.
+What it leaves open is chosen (docs/physics.md section 1): 70 bar supply, C_q 0.7, lambda_c 100, ASTM D341 through its extremes.
 """
 
 import math

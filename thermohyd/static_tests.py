@@ -1,10 +1,10 @@
-"""The static bench tests as pure functions: readings, one per operating point (MODEL section 4; ISO 10770-1, ARP490).
+"""The static bench tests as pure functions: readings, one per operating point (docs/physics.md section 6; ISO 10770-1, ARP490).
 
 All of them take a `Valve` and `Conditions` of shape (rows,) and return arrays of shape (rows,), SI units. They are
 compiled once per shape, and can be jitted, vmapped and differentiated, forward and reverse, in every field of the valve
 and of the conditions.
 
-The static gains of a valve by differentiation: K_QX, K_PX, K_QP and their non-dimensional forms (MODEL section 4).
+The static gains of a valve by differentiation: K_QX, K_PX, K_QP and their non-dimensional forms (docs/physics.md section 6).
 
 Which balance a valve's ports obey: the plain one, or the coupled one where its effects tie the balances together.
 """

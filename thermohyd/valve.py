@@ -44,7 +44,7 @@ def _in_order(effects: Any) -> Any:
 
 
 class Valve(eqx.Module):
-    """A four-edge spool valve, second stage (MODEL sections 3 to 5). Lengths in m; every array field is differentiable.
+    """A four-edge spool valve, second stage (docs/physics.md section 4). Lengths in m; every array field is differentiable.
 
     Edges P-A and B-T open with +x, P-B and A-T with -x: u = U +- (x - x0).
 

@@ -73,7 +73,7 @@ def columns_of(test: str) -> dict[str, str]:
 
 
 def standard_columns() -> set[str]:
-    """Every column name that BENCH_FORMAT knows, of all tests: a log may hold more than one test needs."""
+    """Every column name of docs/bench_format.md sections 4 and 5, of all tests: a log may hold more than one test needs."""
     names = {"run", "time", *POSITION, *CONDITIONS, *DRIVES}
     for readings in READINGS.values():
         names |= {*readings, *(f"{reading}_std" for reading in readings)}

@@ -236,7 +236,7 @@ def record_folder(path: str | Path) -> Path:
 
 
 def read_record(folder: str | Path, *, readings_required: bool = True) -> BenchRecord:
-    """The record in a folder (BENCH_FORMAT), or the one whose bench.toml is named. With `readings_required=False`
+    """The record in a folder (docs/bench_format.md), or the one whose bench.toml is named. With `readings_required=False`
     (predictions) readings may be missing: a test without any then has no channels.
 
     Raises BenchInputError, and nothing else, for whatever is wrong with the folder or its files.

@@ -2,7 +2,7 @@
 
 The `noise` of a test in bench.toml: what the user knows of its readings' scatter.
 
-The `[actuator]` table: the jack, its load and its loop, with the defaults that BENCH_FORMAT states.
+The `[actuator]` table: the jack, its load and its loop, with the defaults that docs/bench_format.md section 2.5 states.
 """
 
 from collections.abc import Mapping
@@ -35,7 +35,7 @@ def read_noise(table: TomlTable, readings: Mapping[str, str] | None = None) -> d
     return {r: table.as_quantity("noise", table.data["noise"], kind, sign="positive") for r, kind in readings.items()}
 
 
-# Key: kind of quantity, sign, default (BENCH_FORMAT).
+# Key: kind of quantity, sign, default (docs/bench_format.md section 2.5).
 ACTUATOR = {
     "piston_area": ("area", "positive", "12 cm^2"),
     "chamber_volume": ("volume", "positive", "60 cm^3"),

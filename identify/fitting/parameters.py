@@ -11,7 +11,7 @@ from thermohyd.identify.bench.record import ActuatorData, StartValue, ValveData
 
 @dataclass(frozen=True)
 class ParameterInfo:
-    """One identifiable parameter (MODEL section 5). `scale` is a natural step: what a fit thinks of as order one."""
+    """One identifiable parameter (docs/physics.md section 4.1). `scale` is a natural step: what a fit thinks of as order one."""
 
     name: str
     unit: str
@@ -46,7 +46,7 @@ def heat_retention() -> ParameterInfo:
     return ParameterInfo("heat_retention", "dimensionless", 0.0, 0.0, 1.0, 0.3, "share of the heat that the oil keeps")
 
 
-# Identified from motion (MODEL section 7); names of `thermohyd.actuator.Actuator`.
+# Identified from motion (docs/physics.md section 9.7); names of `thermohyd.actuator.Actuator`.
 IN_MOTION = ("spool_frequency", "spool_damping", "bulk_modulus_factor", "viscous_friction")
 
 

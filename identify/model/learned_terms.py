@@ -75,7 +75,7 @@ def variable_values(name: str, test: TestRecord, reference: Mapping[str, Any]) -
 
 
 def kinematic_viscosity(oil: OilDefinition, temperature: np.ndarray) -> np.ndarray:
-    """ASTM D341 (MODEL section 2), m2/s."""
+    """ASTM D341 (docs/physics.md section 2), m2/s."""
     return 1e-6 * (10.0 ** (10.0 ** (oil.viscosity_a - oil.viscosity_b * np.log10(temperature))) - 0.7)
 
 

@@ -1,4 +1,4 @@
-"""`diagnosis.json`: a diagnosis as one plain dictionary, SI units, with the keys that the bench format promises."""
+"""`diagnosis.json`: a diagnosis as one plain dictionary, SI units; its keys: docs/bench_format.md section 8.3."""
 
 from collections.abc import Mapping
 from typing import Any

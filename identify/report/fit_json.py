@@ -1,4 +1,4 @@
-"""`fit.json`: a fit as one plain dictionary, SI units, with the keys that the bench format promises.
+"""`fit.json`: a fit as one plain dictionary, SI units; its keys: docs/bench_format.md section 8.2.
 
 Every file that `fit --out` writes, as bytes and text in memory: whole before the first one is written.
 """

@@ -49,7 +49,7 @@ class Subject:
 
 
 def seed_model() -> Model:
-    """The seed paper's valve and oil (MODEL section 1): the valve of a study that names none."""
+    """The seed paper's valve and oil (docs/physics.md section 1): the valve of a study that names none."""
     from thermohyd.seed_paper import NOMINAL_FLOW, NOMINAL_PRESSURE, STROKE, seed_oil_definition, seed_valve
 
     valve = seed_valve()

@@ -35,7 +35,7 @@ def valve_of(values, eta: float | None = None, oil: Oil | None = None) -> Valve:
 
 
 def seed_valve(eta: float | None = None, **changes) -> Valve:
-    """The paper's valve (MODEL section 1)."""
+    """The paper's valve (docs/physics.md section 1)."""
     values = dict(zip(NAMES, (15e-6, 2e-6, 15e-6, 0.7, 100.0, 0.0), strict=True)) | changes
     return valve_of([values[name] for name in NAMES], eta)
 

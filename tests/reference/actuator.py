@@ -1,4 +1,4 @@
-"""The actuator in time in plain NumPy: MODEL section 7 written out once more, one right-hand side for SciPy's solvers."""
+"""The actuator in time in plain NumPy: docs/physics.md section 9 written out once more, one right-hand side for SciPy's solvers."""
 
 from dataclasses import dataclass, field, replace
 from typing import Literal
@@ -41,7 +41,7 @@ class Jack:
 
 @dataclass(frozen=True)
 class Dynamic:
-    """The dynamic effects of MODEL section 7 by name, the record's own friction and leakage included."""
+    """The dynamic effects of docs/physics.md section 8.3 by name, the record's own friction and leakage included."""
 
     coulomb_friction: float = 0.0
     stribeck_friction: float = 0.0

@@ -44,7 +44,7 @@ def rows_of(test: str) -> Rows:
 
 
 def readings_of(test: str, effect: str) -> np.ndarray:
-    """Readings [SI] of one test with one effect ("none", a name of MODEL section 6, or "all")."""
+    """Readings [SI] of one test with one effect ("none", a name of docs/physics.md section 8.2, or "all")."""
     names, table = _table()
     return table[table[:, names["test"]] == test][:, names[effect]].astype(float)
 

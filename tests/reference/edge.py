@@ -25,7 +25,7 @@ def volume_flow(
     eccentricity: Array = 0.0,
     land_leakage: Array = 0.0,
 ) -> np.ndarray:
-    """Q [m3/s], of the sign of `drop`; oil at the upstream temperature and the mean pressure (MODEL section 3).
+    """Q [m3/s], of the sign of `drop`; oil at the upstream temperature and the mean pressure (docs/physics.md section 3).
 
     `drop` and `p_mean` come separately, so that a small drop is not lost in the difference of two large pressures.
     """

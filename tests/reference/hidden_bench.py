@@ -18,7 +18,7 @@ CHANNELS = {
 }
 ROWS = 2600  # aimed at, of a record
 
-# The oils of [oil] in bench.toml: how it names them, and the same coefficients for the reference (MODEL section 2).
+# The oils of [oil] in bench.toml: how it names them, and the same coefficients for the reference (docs/physics.md section 2).
 OILS = {
     "mil-prf-5606": ('preset = "mil-prf-5606"', Oil(6.454, 2.553, 849.2, 8.00754e-4, 1.79e9, specific_heat=1880.6)),
     "mil-prf-83282": ('preset = "mil-prf-83282"', Oil(8.728, 3.470, 849.2, 8.00754e-4, 2.07e9, specific_heat=2005.6)),

@@ -1,6 +1,6 @@
 """The load-flow test: p_A - p_B is imposed, load flow leaves port A and enters port B; the mean port pressure balances.
 
-Conventions beyond MODEL section 6, where flows may have either sign (a load pressure above the supply's):
+Conventions of docs/physics.md section 5 where flows may have either sign (a load pressure above the supply's):
 every edge takes its oil at the upstream temperature; oil that comes back from the return line is at the supply's;
 the load flow arrives at the sending port's temperature, without a throttling rise of its own.
 """

@@ -1,6 +1,6 @@
 """The actuator's vector field at small motions, and its linearisation by central differences: the peer of the formulas.
 
-Written from the dynamic model (MODEL section 7), not from the appendix: chambers, piston, spool and loop, isothermal or
+Written from the dynamic model (docs/physics.md section 9), not from the appendix: chambers, piston, spool and loop, isothermal or
 adiabatic, on the same edge law as the static tests.
 """
 

@@ -84,7 +84,7 @@ def walther(points_degc_cst: Sequence[Sequence[float]]) -> tuple[float, float]:
     return float(y.mean() - slope * x.mean()), float(-slope)
 
 
-SEED_VISCOSITY = ((-40.0, 4000.0), (70.0, 30.0))  # degC, cSt: MODEL section 1
+SEED_VISCOSITY = ((-40.0, 4000.0), (70.0, 30.0))  # degC, cSt: docs/physics.md section 1
 
 
 def seed_oil() -> Oil:

@@ -23,7 +23,7 @@ class Valve:
 
 @dataclass(frozen=True)
 class Effects:
-    """The effects of MODEL section 6 and `position_lag` by name; 0 switches one off exactly. `throttle_heating` is eta."""
+    """The effects of docs/physics.md section 8.2 by name; 0 switches one off exactly. `throttle_heating` is eta."""
 
     supply_edge_wear: Array = 0.0
     return_edge_wear: Array = 0.0

@@ -41,7 +41,7 @@ def metal(conductance: float, capacity: float, ambient: float, at: float = TAMB)
 
 @pytest.mark.parametrize("start", [263.15, 288.15])
 def test_closed_volume_that_is_warmed(start):
-    """With one pressure everywhere nothing flows: dp = alpha beta dT, and 50 degF make 5000 to 6200 psi (MODEL section 7).
+    """With one pressure everywhere nothing flows: dp = alpha beta dT, and 50 degF make 5000 to 6200 psi (docs/physics.md section 13).
 
     From cold and from room temperature; warmer oil is softer, from 40 degC on they make 4700 psi and less.
     """

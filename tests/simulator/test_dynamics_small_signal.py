@@ -1,4 +1,4 @@
-"""Small-signal responses against the appendix's formulas, to the figures that MODEL section 7 states for them."""
+"""Small-signal responses against the appendix's formulas, to the figures that docs/physics.md section 11 states for them."""
 
 from dataclasses import replace
 from functools import cache, partial

@@ -25,7 +25,7 @@ from thermohyd.static_tests import blocked_port_readings, control_flow, load_flo
 from thermohyd.valve import Valve
 
 
-# The third model does not know the effects that MODEL section 6 does not list.
+# Effects of docs/physics.md section 8.2 that are younger than the third model, which does not know them.
 UNKNOWN_TO_IT = ("position_lag",)
 LINES = ("flow_saturation", "supply_droop", "return_back_pressure")
 CROSSING = ("cross_port_leakage",)

@@ -1,4 +1,4 @@
-"""The appendix's formulas against a numerical linearisation of the same loop, and what MODEL section 7 says of them."""
+"""The appendix's formulas against a numerical linearisation of the same loop, and what docs/physics.md section 11 says of them."""
 
 import doctest
 from dataclasses import replace
@@ -130,7 +130,7 @@ def test_adiabatic(i):
 
 
 def test_away_from_mid_stroke():
-    # MODEL section 7: 4.6 % at z = 15 mm of a +-25 mm jack. The chambers in series are stiffer there, the formula reads low.
+    # docs/physics.md section 11: 4.6 % at z = 15 mm of a +-25 mm jack. The chambers in series are stiffer there.
     omega, _ = oscillation(some(jacobian(bench(0), 15e-3), "pa pb v", "pa pb v"))
     share = float(found(0.0).natural_frequency[0]) / omega - 1.0
     print(f"omega_h of the formula at z = 15 mm: {share:+.2%}")

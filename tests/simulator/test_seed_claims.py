@@ -1,4 +1,4 @@
-"""The exact checks of MODEL section 4 and the seed paper's claims, the figure computed printed beside the claim."""
+"""The exact checks of docs/physics.md section 13 and the seed paper's claims, the figure computed printed beside the claim."""
 
 import itertools
 

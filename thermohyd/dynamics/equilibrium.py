@@ -1,4 +1,4 @@
-"""Where a run starts: the steady state under the first row's command, as a root of the same equations (MODEL section 7).
+"""Where a run starts: the steady state under the first row's command, as a root of the same equations (docs/physics.md section 9.5).
 
 Closed loop: everything at rest, the spool where the closed ports carry the external force, the piston where the loop asks
 for that spool. Open loop: the spool where the command puts it, the piston at mid stroke and at its steady speed.

@@ -1,10 +1,10 @@
-"""Flows into and out of the chambers at any pressures, with the heat that comes with them (MODEL sections 3 and 7).
+"""Flows into and out of the chambers at any pressures, with the heat that comes with them (docs/physics.md section 9.2).
 
 Arrays have the ports A, B along their last axis, and along the one before it the edges from the supply and to the return.
 The edge law is that of the static tests; here a drop may have either sign, and the oil is that of the side which the flow
 leaves. What comes back from the return is at T_s.
 
-Mass and energy of the two chambers: how fast their pressures and temperatures change (MODEL section 7).
+Mass and energy of the two chambers: how fast their pressures and temperatures change (docs/physics.md section 9.3).
 """
 
 import math
@@ -41,7 +41,7 @@ class Flows(eqx.Module):
 
     through: of the edges, from the supply and to the return. net: into the chambers, flow past the piston and the spool
     included. warming: sum over the inflows of mass times how much warmer they arrive [kg K/s], None where no heat is
-    computed. inflow: mass that enters, all inflows. force: F of MODEL section 7 [N], None where nothing feels it.
+    computed. inflow: mass that enters, all inflows. force: F of docs/physics.md section 9.1 [N], None where nothing feels it.
     """
 
     through: Float[Array, "2 2"]
@@ -173,7 +173,7 @@ def mixture_modulus(
 ) -> Float[Array, "..."]:
     """Bulk modulus [Pa] of oil with a share phi of its volume, at atmospheric pressure, as air bubbles; pressure gauge.
 
-    1/beta_eff = [(1 - phi)/beta + g/(n P)]/(1 - phi + g), g = phi (p_a/P)^(1/n), polytropic, n = 1.4 (MODEL section 7;
+    1/beta_eff = [(1 - phi)/beta + g/(n P)]/(1 - phi + g), g = phi (p_a/P)^(1/n), polytropic, n = 1.4 (docs/physics.md section 9.3;
     the mixture model of Merritt, section 2-4, with the air's compression followed).
     """
     absolute = jnp.maximum(pressure + ATMOSPHERE, THINNEST_AIR)

@@ -125,7 +125,7 @@ def step_inputs(
     (None: the actuator's own).
     knots: at least as many bends as this, so that inputs of several runs stack (`jax.vmap`).
     Raises ValueError with one sentence where the columns do not fit, ArgumentValueError (one of them) for a wrong unit,
-    ArgumentTypeError for what is no number, RuntimeError in single precision. Source: MODEL section 7.
+    ArgumentTypeError for what is no number, RuntimeError in single precision. See docs/physics.md section 9.5.
     """
     require_float64("step_inputs")
     time = np.asarray(time, dtype=float)

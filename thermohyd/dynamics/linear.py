@@ -129,7 +129,7 @@ def frequency_response(
 
     Raises ValueError with one sentence for backlash, which has no small-signal response, and for the ratio of a piston
     position in open loop, which has no asymptote; RuntimeError in single precision and, with `throw`, where there is no
-    equilibrium. Source: MODEL section 7.
+    equilibrium. See docs/physics.md section 10.
     """
     require_float64("frequency_response")
     if output not in OUTPUTS:

@@ -2,7 +2,7 @@
 
 The state of an actuator in SI units, and the same as a vector of numbers of order 1 for the solver.
 
-Heat between the oil of the chambers, the metal around it, and the surroundings (MODEL section 7).
+Heat between the oil of the chambers, the metal around it, and the surroundings (docs/physics.md section 9.3).
 
 What only shows in motion: the physics that a dynamic effect may add to an actuator, and how such an effect joins.
 

@@ -1,4 +1,4 @@
-"""A step test of an actuator: readings at a record's rows (MODEL section 7).
+"""A step test of an actuator: readings at a record's rows (docs/physics.md section 9).
 
 What a step response is judged by: rise, settling, overshoot. Plain NumPy on readings.
 """
@@ -114,7 +114,7 @@ def simulate_step(
     max_steps: int = MAX_STEPS,
     throw: bool = True,
 ) -> StepReadings:
-    """Run the actuator on the valve through a step test; readings at the rows of `inputs` (MODEL section 7).
+    """Run the actuator on the valve through a step test; readings at the rows of `inputs` (docs/physics.md section 9).
 
     inputs: from `step_inputs`. heat: "adiabatic" (THM: chambers keep their heat, but for what `walls` take) or "isothermal"
     (HM: all oil at T_s). polarity: +1 or -1, of an open-loop current. Effects of the valve act where they make sense: static

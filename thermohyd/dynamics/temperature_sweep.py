@@ -113,7 +113,7 @@ def loop_sweep(
 
     They are those of the very equations that `simulate_step` integrates, linearised: spool, effects, heat in the chambers,
     external force and dry friction with its slope at rest included, unlike in `loop_margins`. A `spool_delay` shifts the
-    setpoint (MODEL section 7) and so stays outside the loop. Pressures in Pa, gauge.
+    setpoint (docs/physics.md section 10) and so stays outside the loop. Pressures in Pa, gauge.
 
     Raises ValueError for backlash, which has no small-signal response, and RuntimeError in single precision and where a
     temperature has no equilibrium.

@@ -1,8 +1,8 @@
 """The actuator's equations of motion put together: rates of change of a state at a time.
 
-From the command to the spool: controller, clip, play, flow force, and the spool's own second order (MODEL section 7).
+From the command to the spool: controller, clip, play, flow force, the spool's own second order (docs/physics.md section 9.1).
 
-Forces on the piston beside the pressures': friction and end stops (MODEL section 7).
+Forces on the piston beside the pressures': friction and end stops (docs/physics.md section 9.4).
 """
 
 import equinox as eqx

@@ -1,4 +1,4 @@
-"""`diagnosis.json` holds the keys that BENCH_FORMAT promises, in SI, as JSON that any reader accepts."""
+"""`diagnosis.json` holds the keys of docs/bench_format.md section 8.3, in SI, as JSON that any reader accepts."""
 
 import json
 from dataclasses import replace

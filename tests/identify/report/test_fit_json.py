@@ -1,4 +1,4 @@
-"""`fit.json` holds the keys that BENCH_FORMAT promises, in SI, as JSON that any reader accepts."""
+"""`fit.json` holds the keys of docs/bench_format.md section 8.2, in SI, as JSON that any reader accepts."""
 
 import hashlib
 import json
