@@ -153,7 +153,7 @@ STRETCHES = 12
 
 
 def verdict_of_motion(fits: tuple[ChannelFit, ...], converged: bool, message: str) -> tuple[str, ...]:
-    """The answer first, then one sentence_of_motion per channel."""
+    """The answer first, then one sentence per channel."""
     if not converged:
         first = f"The fit did not converge: {message}. Do not use these values."
     else:
