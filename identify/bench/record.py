@@ -109,6 +109,16 @@ class TestRecord:
         return len(self.spool_position)
 
     @property
+    def axis(self) -> str:
+        """What the readings run along: spool_position, or of a dynamic test time or frequency."""
+        return "spool_position"
+
+    @property
+    def in_motion(self) -> bool:
+        """Whether the spool moves during a reading."""
+        return self.axis != "spool_position"
+
+    @property
     def place(self) -> np.ndarray:
         """What the rows are drawn over (rows,), SI: the position here, time or frequency in a dynamic test."""
         return self.spool_position
@@ -151,6 +161,10 @@ class DynamicTest(TestRecord):
     frequency: np.ndarray | None = None
     output: str = "spool_position"
     absolute: bool = False
+
+    @property
+    def axis(self) -> str:
+        return "time" if self.frequency is None else "frequency"
 
     @property
     def place(self) -> np.ndarray:

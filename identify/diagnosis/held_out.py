@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from thermohyd.identify.bench.record import DynamicTest, TestRecord
+from thermohyd.identify.bench.record import TestRecord
 from thermohyd.identify.reduction.legs import piece_bounds, sweep_ids
 
 
@@ -30,12 +30,12 @@ def split_rows(tests: dict[str, TestRecord]) -> Split:
     return Split(np.concatenate(parts), "; ".join(words))
 
 
-def _held_in_motion(test: DynamicTest) -> tuple[np.ndarray, str]:
+def _held_in_motion(test: TestRecord) -> tuple[np.ndarray, str]:
     """Later runs where there are several, else the end of each run; every fourth frequency."""
     held = np.zeros(test.rows, dtype=bool)
     codes = np.unique(test.run)
-    if test.frequency is not None:
-        held[np.argsort(test.frequency, kind="stable")[2::4]] = True
+    if test.axis == "frequency":
+        held[np.argsort(test.place, kind="stable")[2::4]] = True
         return held, "every fourth frequency"
     if len(codes) > 2:
         last = codes[-max(1, round(SHARE * len(codes))) :]
@@ -48,7 +48,7 @@ def _held_in_motion(test: DynamicTest) -> tuple[np.ndarray, str]:
 
 
 def _held_rows(test: TestRecord) -> tuple[np.ndarray, str]:
-    if isinstance(test, DynamicTest):
+    if test.in_motion:
         return _held_in_motion(test)
     levels = np.stack([_level(test.temperature, 1.0), _level(test.supply_pressure, 0.02), _rates(test)], axis=1)
     conditions, number = np.unique(levels, axis=0, return_inverse=True)

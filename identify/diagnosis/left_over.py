@@ -16,7 +16,7 @@ import numpy as np
 from numpy.polynomial import legendre
 from scipy.special import fdtrc
 
-from thermohyd.identify.bench.record import DynamicTest, TestRecord
+from thermohyd.identify.bench.record import TestRecord
 from thermohyd.identify.fitting.problem import Fit, Key, Noise, Problem
 from thermohyd.identify.model.learned_terms import ABSOLUTE, LearnedTerm, legendre_basis, term_values, variable_values
 from thermohyd.identify.noise.correlation import NoiseCorrelation
@@ -35,7 +35,7 @@ def smooth_columns(test: TestRecord) -> np.ndarray:
 
     The position counts by its rank: a bench puts its points where the curve moves. Over time, run by run, in motion.
     """
-    if isinstance(test, DynamicTest):
+    if test.in_motion:
         return smooth_in_time(test)
     order = np.argsort(np.argsort(test.spool_position, kind="stable"), kind="stable")
     place = 2.0 * order / max(test.rows - 1, 1) - 1.0
@@ -56,9 +56,9 @@ def smooth_columns(test: TestRecord) -> np.ndarray:
     return np.concatenate(blocks, axis=1)
 
 
-def smooth_in_time(test: DynamicTest) -> np.ndarray:
+def smooth_in_time(test: TestRecord) -> np.ndarray:
     """(rows, k): Legendre polynomials over each run's rows; runs beyond the first few share theirs."""
-    degree = DEGREE_IN_TIME if test.frequency is None else DEGREE
+    degree = DEGREE_IN_TIME if test.axis == "time" else DEGREE
     shared = np.minimum(test.run, MOST_RUNS_APART - 1)
     columns = np.zeros((test.rows, (degree + 1) * (int(shared.max()) + 1)))
     for code in np.unique(test.run):

@@ -18,7 +18,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import SymLogNorm
 from matplotlib.figure import Figure
 
-from thermohyd.identify.bench.record import DynamicTest, TestRecord
+from thermohyd.identify.bench.record import TestRecord
 from thermohyd.identify.bench.shown_units import reading_unit, significant
 from thermohyd.identify.fitting.result import ChannelFit, FitResult
 from thermohyd.identify.report import style as look
@@ -71,8 +71,7 @@ def _axes(test: TestRecord) -> dict[str, list[tuple[np.ndarray, tuple[float, flo
     axes: dict[str, list[tuple[np.ndarray, tuple[float, float] | None]]] = {}
     x = test.place
     edges = np.unique(np.quantile(x, np.linspace(0.0, 1.0, STRETCHES + 1)))
-    dynamic = isinstance(test, DynamicTest)
-    first = "spool_position" if not dynamic else "time" if test.frequency is None else "frequency"
+    first = test.axis
     stretches: list[tuple[np.ndarray, tuple[float, float] | None]] = [(everywhere, None)]
     for i in range(len(edges) - 1):
         for j in range(i + 1, len(edges)):
@@ -84,7 +83,7 @@ def _axes(test: TestRecord) -> dict[str, list[tuple[np.ndarray, tuple[float, flo
         ("supply_pressure", test.supply_pressure, 0.03 * max(float(np.max(np.abs(test.supply_pressure))), 1e-300)),
         ("direction", test.direction, 0.5),
         ("rate", None if test.rate is None else np.abs(test.rate), None),
-        ("run", test.run.astype(float) if dynamic else None, 0.5),
+        ("run", test.run.astype(float) if test.in_motion else None, 0.5),
     ):
         if column is None:
             continue

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from thermohyd.identify.bench.errors import BenchInputError
-from thermohyd.identify.bench.record import BenchRecord, DynamicTest, TestRecord
+from thermohyd.identify.bench.record import BenchRecord, TestRecord
 from thermohyd.identify.noise.level import ChannelNoise, first_noise_of
 
 from .least_squares import LeastSquaresResult
@@ -126,9 +126,9 @@ def _settled(problem: Problem, fit: Fit, noise: dict[Key, ChannelNoise], fitted:
 
 def _grown(problem: Problem, start: Mapping[str, float], say: Progress) -> Fit:
     """The first part of every run, then more of it, then all."""
-    moving = [test for test in problem.tests.values() if isinstance(test, DynamicTest)]
+    moving = problem.tests.values()
     values, found = dict(start), None
-    for horizon in HORIZONS if any(test.time is not None for test in moving) else (1.0,):
+    for horizon in HORIZONS if any(test.axis == "time" for test in moving) else (1.0,):
         say(f"fitting the first {100 * horizon:.0f} % of every run" if horizon < 1.0 else "fitting all rows")
         masks = [within(test, horizon) for test in moving for _ in test.channels]
         part = problem.with_rows(None if horizon == 1.0 else np.concatenate(masks))
@@ -145,9 +145,9 @@ def _outcome(problem: Problem, fit: Fit) -> StartOutcome:
     return StartOutcome(start, fit.chi2, fit.converged, fit.message, result.steps)
 
 
-def within(test: DynamicTest, horizon: float) -> np.ndarray:
+def within(test: TestRecord, horizon: float) -> np.ndarray:
     """True in the first share of every run's span (rows,); a frequency test counts from the start."""
-    if test.time is None or horizon >= 1.0:
+    if test.axis == "frequency" or test.time is None or horizon >= 1.0:
         return np.ones(test.rows, dtype=bool)
     found = np.zeros(test.rows, dtype=bool)
     for code in np.unique(test.run):

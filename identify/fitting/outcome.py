@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import stdtrit
 
-from thermohyd.identify.bench.record import BenchRecord, Channel, DynamicTest, TestRecord
+from thermohyd.identify.bench.record import BenchRecord, Channel, TestRecord
 from thermohyd.identify.noise.correlation import NoiseCorrelation, noise_correlation
 from thermohyd.identify.noise.level import ChannelNoise
 from thermohyd.identify.reduction.legs import sweep_ids
@@ -140,7 +140,7 @@ def _words(
 ) -> tuple[str, ...]:
     """What the fit says first: of the valve in its static tests, then of the actuator in its dynamic ones."""
     solution = fitted.solution
-    moves = {name for name, test in fitted.tests.items() if isinstance(test, DynamicTest)}
+    moves = {name for name, test in fitted.tests.items() if test.in_motion}
     moving, still = (tuple(c for c in channels if (c.test in moves) == which) for which in (True, False))
     words = verdict(still, solution.converged, solution.message, parameters) if still else ()
     if moving and (solution.converged or not still):

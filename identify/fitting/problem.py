@@ -301,7 +301,7 @@ class Problem:
     @property
     def in_motion(self) -> bool:
         """Whether all rows are those of dynamic tests."""
-        return all(isinstance(test, DynamicTest) for test in self.tests.values())
+        return all(test.in_motion for test in self.tests.values())
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -315,7 +315,7 @@ class Problem:
     @property
     def _closeness(self) -> float:
         """Standard errors from an optimum at which a search stops."""
-        moves = any(isinstance(test, DynamicTest) for test in self.tests.values())
+        moves = any(test.in_motion for test in self.tests.values())
         return CLOSE_IN_MOTION if moves else CLOSE_ENOUGH
 
     def scale_of(self, name: str) -> float:
@@ -494,7 +494,7 @@ class Problem:
         """Tests by part; a record's tests stand in this order in `tests`, too."""
         kinds: list[list[TestRecord]] = [[], []]
         for test in self.tests.values():
-            kinds[isinstance(test, DynamicTest)].append(test)
+            kinds[test.in_motion].append(test)
         return [tests for tests in kinds if tests]
 
 

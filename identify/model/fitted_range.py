@@ -117,7 +117,7 @@ def fitted_ranges(model: Model, test: TestRecord) -> dict[str, tuple[float, floa
 
 def tests_alike(model: Model, test: TestRecord) -> list[str]:
     """Fitted tests that are static like this one, or dynamic like it."""
-    dynamic = isinstance(test, DynamicTest)
+    dynamic = test.in_motion
     return [name for name in model.fitted if (name in ("step", "frequency")) == dynamic]
 
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from thermohyd.identify.bench.record import DynamicTest, TestRecord
+from thermohyd.identify.bench.record import TestRecord
 
 
 SMALLEST_LEG = 0.02  # of the position's range: a reversal smaller than this is dither
@@ -25,7 +25,7 @@ def sweep_ids(test: TestRecord) -> np.ndarray:
 
     A run of a dynamic test is one sweep, whatever its measured supply pressure does.
     """
-    if isinstance(test, DynamicTest):
+    if test.in_motion:
         return test.run
     return _numbered(test.run, test.direction, condition_ids(test, window=1))
 

@@ -16,7 +16,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from thermohyd.identify.bench.record import Channel, DynamicTest, Nodes, TestRecord
+from thermohyd.identify.bench.record import Channel, Nodes, TestRecord
 from thermohyd.identify.bench.shown_units import reading_unit, significant
 
 from .legs import log_legs, piece_bounds, sweep_axis
@@ -340,7 +340,7 @@ def smooth_sweep(test: TestRecord) -> TestRecord:
 
     A held position (load_flow with a load that sweeps) stays as logged; its load pressure is smoothed instead.
     """
-    if isinstance(test, DynamicTest) or not is_raw_log(test):
+    if test.in_motion or not is_raw_log(test):
         return test
     legs, direction = log_legs(test)
     axis = sweep_axis(test)
