@@ -17,8 +17,8 @@ from thermohyd.identify.report.diagnosis_page import diagnosis_files
 
 
 def stand_in(monkeypatch, name: str, **functions) -> None:
-    """Put a module of our own in the place of `thermohyd.identify.diagnosis.<name>`."""
-    module = ModuleType(f"thermohyd.identify.diagnosis.{name}")
+    """Put a module of our own in the place of `thermohyd.identify.<name>`."""
+    module = ModuleType(f"thermohyd.identify.{name}")
     vars(module).update(functions)
     monkeypatch.setitem(sys.modules, module.__name__, module)
 
