@@ -9,6 +9,9 @@ from pathlib import Path
 from thermohyd.oil_definition import OilDefinition
 
 
+__all__ = ["oil_preset", "oil_presets", "sample_record"]
+
+
 @functools.cache
 def _oils() -> dict[str, OilDefinition]:
     table = tomllib.loads(files(__name__).joinpath("oils.toml").read_text(encoding="utf-8"))

@@ -55,7 +55,7 @@ class Eq6Fit:
 
 
 @dataclass(frozen=True)
-class MacroFit:
+class FlowCurveFit:
     """The fits temperature by temperature and the model with smooth laws; std: (3, degree + 1) of the model's coefficients.
 
     position: (n,) [m] counted from null; flow: (temperatures, n) [m3/s], the curves that were fitted.
@@ -75,7 +75,7 @@ class MacroFit:
         return max(fit.smooth_worst for fit in self.fits)
 
 
-def fit_macro_model(
+def fit_flow_curve(
     valve: Valve,
     temperatures: Sequence[float] | np.ndarray,
     *,
@@ -83,14 +83,14 @@ def fit_macro_model(
     return_pressure: float = 0.0,
     points: int = 201,
     degree: int = DEGREE,
-) -> MacroFit:
+) -> FlowCurveFit:
     """Eq. 6 of a valve: its flow curve with connected ports over the whole stroke, at several temperatures [K], fitted.
 
     Least squares in the opening X over `points` equidistant openings. Needs at least degree + 1 temperatures (ValueError).
 
     >>> import jax; jax.config.update("jax_enable_x64", True)
-    >>> from thermohyd.seed_paper import seed_valve
-    >>> found = fit_macro_model(seed_valve(), [300.0, 310.0, 320.0, 330.0], supply_pressure=70e5, degree=3)
+    >>> from thermohyd import seed_valve
+    >>> found = fit_flow_curve(seed_valve(), [300.0, 310.0, 320.0, 330.0], supply_pressure=70e5, degree=3)
     >>> print(f"{1e6 * found.worst:.1f} um")
     1.2 um
     """
@@ -118,7 +118,7 @@ def fit_eq6(
     *,
     drop: float,
     degree: int = DEGREE,
-) -> MacroFit:
+) -> FlowCurveFit:
     """Eq. 6 through flow curves: position (n,) [m] from null, flow (t, n) [m3/s], temperature [K] and viscosity [m2/s] (t,).
 
     drop: P_s - P_t of the curves [Pa]. Raises ValueError where there are fewer temperatures than coefficients per law.
@@ -156,7 +156,7 @@ def fit_eq6(
         )
         for t, nu, fit, miss in zip(temperature, viscosity, alone, missed, strict=True)
     )
-    return MacroFit(
+    return FlowCurveFit(
         model, std * np.array([[TO_SI[0]], [1.0], [1.0]]), fits, float(position.max()), position, flow, smooth.converged
     )
 
@@ -269,7 +269,7 @@ def _best_of_two_knees(x: np.ndarray, q: np.ndarray, scan: np.ndarray) -> tuple[
     return x0, float(scan[first[best]]), x1, float(scan[second[best]]), k
 
 
-def macro_formulas(fit: MacroFit, oil: Oil) -> dict[str, str]:
+def flow_curve_formulas(fit: FlowCurveFit, oil: Oil) -> dict[str, str]:
     """{name: right-hand side}, in the order in which to evaluate them; SI units, T the oil's temperature [K], Q the flow
     [m3/s], dp = P_s - P_t [Pa], X the opening from null [m]. Only + - * / ^, log (natural), log10, exp, sqrt and tanh.
     """
@@ -295,14 +295,14 @@ def _horner(coefficients: np.ndarray) -> str:
     return words
 
 
-def macro_json(fit: MacroFit, oil: Oil) -> dict[str, Any]:
+def flow_curve_json(fit: FlowCurveFit, oil: Oil) -> dict[str, Any]:
     """The model, its coefficients' standard errors, every temperature's own fit and all errors; SI units."""
     model = fit.model
     coefficients = dict(zip(NAMES, (model.x0, model.log_q0, model.log_k), strict=True))
     return {
         "equation": "X = X0 tanh(Q/Q0) + k Q",
         "units": "SI: X, X0 [m], Q, Q0 [m3/s], k [s/m2], T [K], dp = P_s - P_t [Pa], nu [m2/s]",
-        "formulas": macro_formulas(fit, oil),
+        "formulas": flow_curve_formulas(fit, oil),
         "laws": "X0 = sum c_i u^i, ln Q0 = sum c_i u^i, ln k = sum c_i u^i, with nu and dp as in the formulas",
         "coefficients": {
             name: {"value": np.asarray(values).tolist(), "std": std.tolist()}

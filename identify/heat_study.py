@@ -102,8 +102,8 @@ def eta_identifiability(
 
     >>> import jax; jax.config.update("jax_enable_x64", True)
     >>> import numpy as np
-    >>> from thermohyd import eta_identifiability
-    >>> from thermohyd.seed_paper import seed_valve
+    >>> from thermohyd import seed_valve
+    >>> from thermohyd.identify import eta_identifiability
     >>> found = eta_identifiability(seed_valve(), temperature=[253.15, 343.15], supply_pressure=[210e5],
     ...                             position=np.linspace(-20e-6, 20e-6, 41))
     >>> for name, held, free in zip(found.tests, found.held[:, 0, 0], found.free[:, 0, 0]):

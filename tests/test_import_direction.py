@@ -1,6 +1,7 @@
 """Imports run one way: oil -> edge -> valve -> static tests -> identify -> command line."""
 
 import ast
+from collections.abc import Iterator
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -20,7 +21,30 @@ INTERFACE = "thermohyd.effects.effect"  # what a valve must know of effects: the
 IDENTIFY = "thermohyd.identify"
 ENTRY = f"{IDENTIFY}.__main__"
 # Whole packages that a reader of files or results needs without waiting for JAX.
-WITHOUT_JAX = ("bench", "reduction", "report", "model.model", "model.learned_terms", "model.fitted_range")
+WITHOUT_JAX = (
+    "bench",
+    "reduction",
+    "report",
+    "result",
+    "fitting.result",
+    "diagnosis.result",
+    "model.model",
+    "model.model_file",
+    "model.learned_terms",
+    "model.fitted_range",
+)
+# Their methods call what stands above them: a result draws and writes itself, a record reads arrays. Only on a call.
+FACES = {
+    f"{IDENTIFY}.{name}"
+    for name in (
+        "bench.record",
+        "fitting.result",
+        "diagnosis.result",
+        "seed.study",
+        "sensitivity.result",
+        "servo.study",
+    )
+}
 JAX = {"jax", "jaxtyping", "equinox", "optimistix", "lineax", "diffrax"}
 # Each package may import those before it, not those after it.
 FLOORS = ("fitting", "diagnosis", "cli")
@@ -44,10 +68,11 @@ def _within(package: str, folder: Path) -> dict[str, Path]:
 
 
 @cache
-def imports(name: str) -> frozenset[str]:
-    """Dotted names of everything that a module imports, inside functions too."""
+def imports(name: str, *, on_call: bool = True) -> frozenset[str]:
+    """Dotted names of everything that a module imports, inside functions too where `on_call`; of a face never those."""
     found = set()
-    for node in ast.walk(ast.parse(modules()[name].read_text(encoding="utf-8"))):
+    tree = ast.parse(modules()[name].read_text(encoding="utf-8"))
+    for node in ast.walk(tree) if on_call and name not in FACES else _at_once(tree):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -57,16 +82,25 @@ def imports(name: str) -> frozenset[str]:
     return frozenset(found)
 
 
+def _at_once(node: ast.AST) -> Iterator[ast.AST]:
+    """What runs when the module is imported: nothing inside functions, nothing for type checkers."""
+    for child in ast.iter_child_nodes(node):
+        typing_only = isinstance(child, ast.If) and ast.unparse(child.test) == "TYPE_CHECKING"
+        if not isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef) and not typing_only:
+            yield child
+            yield from _at_once(child)
+
+
 @cache
-def reachable(name: str) -> frozenset[str]:
+def reachable(name: str, *, on_call: bool = True) -> frozenset[str]:
     """Every module of the project that a module leads to, itself left out unless it stands in a circle."""
     seen: set[str] = set()
-    open_ = [m for m in imports(name) if m in modules()]
+    open_ = [m for m in imports(name, on_call=on_call) if m in modules()]
     while open_:
         module = open_.pop()
         if module not in seen:
             seen.add(module)
-            open_ += [m for m in imports(module) if m in modules()]
+            open_ += [m for m in imports(module, on_call=on_call) if m in modules()]
     return frozenset(seen)
 
 
@@ -113,7 +147,8 @@ def test_a_package_knows_nothing_of_what_is_made_of_it(level):
 
 @pytest.mark.parametrize("name", within(*WITHOUT_JAX))
 def test_reading_and_reporting_need_no_jax(name):
-    outside = {m.split(".")[0] for module in (name, *reachable(name)) for m in imports(module)}
+    waited_for = (name, *reachable(name, on_call=False))
+    outside = {m.split(".")[0] for module in waited_for for m in imports(module, on_call=False)}
     assert not outside & JAX
 
 

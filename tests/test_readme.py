@@ -1,17 +1,20 @@
 """README's blocks as a reader types them: in the printed order, in one session, from an empty folder; outputs as it says."""
 
+import ast
 import json
 import re
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import pytest
 import typer
 from helpers.readme_session import commands, comments, python_blocks
 
-from thermohyd.identify.bench.read import read_record
+from thermohyd.identify import read_record
 from thermohyd.identify.cli.commands import app
 
 
@@ -72,6 +75,37 @@ def test_the_first_commands_leave_what_they_promise(session):
     assert set(session["commands"].values()) == {0}
     for name in ("my_valve/bench.toml", "my_report/report.html", "my_report/model.json", "my_prediction/leakage.csv"):
         assert name in session["files"]
+
+
+PUBLIC = {"thermohyd", "thermohyd.identify", "thermohyd.data"}
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("**/*.md"))]
+# Of prose too: `thermohyd.identify.fitting.fit` names a module that may move.
+DOTTED = re.compile(r"(?<![.\w])thermohyd(?:\.[a-z_]\w*)+")
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.name)
+def test_pages_import_only_what_is_public(path):
+    page = path.read_text(encoding="utf-8")
+    for block in python_blocks(page):
+        for node in ast.walk(ast.parse(block)):
+            modules = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            modules += [str(node.module)] if isinstance(node, ast.ImportFrom) else []
+            for module in modules:
+                assert module in PUBLIC or module.split(".")[0] != "thermohyd", module
+            if isinstance(node, ast.ImportFrom) and node.module in PUBLIC:
+                for alias in node.names:
+                    assert hasattr(import_module(node.module), alias.name), alias.name
+                    assert not isinstance(getattr(import_module(node.module), alias.name), ModuleType) or (
+                        f"{node.module}.{alias.name}" in PUBLIC
+                    ), alias.name
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.name)
+def test_pages_name_only_what_is_public(path):
+    prose = re.sub(r"^```.*?^```", "", path.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+    for name in DOTTED.findall(prose):
+        home, _, attribute = name.rpartition(".")
+        assert name in PUBLIC or (home in PUBLIC and attribute in import_module(home).__all__), name
 
 
 def test_every_command_is_one_that_the_program_takes():

@@ -2,6 +2,7 @@
 
 The names below are loaded on first use (PEP 562), so that `import thermohyd` and `thermohyd --help` stay free of JAX.
 The simulator lives here; records, fits and reports in `thermohyd.identify`; oil presets and samples in `thermohyd.data`.
+These names, those of `thermohyd.identify` and of `thermohyd.data` are the public ones; modules below them may move.
 """
 
 from importlib import import_module
@@ -13,12 +14,22 @@ if TYPE_CHECKING:
     from .actuator_performance import Performance, performance
     from .arguments import ArgumentTypeError, ArgumentValueError
     from .conditions import Conditions, operating_points
-    from .control_loop import loop_frequency_response, loop_margins
+    from .control_loop import (
+        closed_loop,
+        load_response,
+        loop_frequency_response,
+        loop_margins,
+        loops,
+        open_loop,
+        state_space,
+    )
+    from .data import oil_preset, oil_presets, sample_record
     from .dynamics.inputs import StepInputs, step_inputs
     from .dynamics.linear import FrequencyResponse, frequency_response
     from .dynamics.machine import Walls
     from .dynamics.simulate import StepReadings, simulate_step
     from .dynamics.simulate_many import simulate_many
+    from .dynamics.temperature_sweep import loop_sweep
     from .effects.library import EFFECTS, with_effects
     from .heat import HeatExchange, effectiveness, eta_from_ntu
     from .oil import Oil, oil_from_definition
@@ -46,6 +57,10 @@ _HOME = {
         "Actuator",
         "seed_actuator",
     ),
+    "actuator_performance": (
+        "Performance",
+        "performance",
+    ),
     "arguments": (
         "ArgumentTypeError",
         "ArgumentValueError",
@@ -55,8 +70,18 @@ _HOME = {
         "operating_points",
     ),
     "control_loop": (
+        "closed_loop",
+        "load_response",
         "loop_frequency_response",
         "loop_margins",
+        "loops",
+        "open_loop",
+        "state_space",
+    ),
+    "data": (
+        "oil_preset",
+        "oil_presets",
+        "sample_record",
     ),
     "dynamics.inputs": (
         "StepInputs",
@@ -72,6 +97,7 @@ _HOME = {
         "simulate_step",
     ),
     "dynamics.simulate_many": ("simulate_many",),
+    "dynamics.temperature_sweep": ("loop_sweep",),
     "effects.library": (
         "EFFECTS",
         "with_effects",
@@ -88,10 +114,6 @@ _HOME = {
     "oil_definition": (
         "OilDefinition",
         "walther_coefficients",
-    ),
-    "performance": (
-        "Performance",
-        "performance",
     ),
     "performance_derivatives": (
         "PerformanceDerivatives",

@@ -2,7 +2,7 @@
 
 X0, Q0 and k follow temperature through the kinematic viscosity alone: a slot's flow obeys Q/(w nu) = F(h sqrt(dp/rho)/nu)
 (docs/physics.md section 13), so the whole curve does, with h a function of x. The same law carries them to another supply pressure:
-X0 belongs to nu/sqrt(dp), Q0 and 1/k grow as sqrt(dp). `thermohyd.identify.macro_fit` finds the coefficients.
+X0 belongs to nu/sqrt(dp), Q0 and 1/k grow as sqrt(dp). `thermohyd.identify.fit_flow_curve` finds the coefficients.
 """
 
 import equinox as eqx

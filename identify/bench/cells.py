@@ -57,7 +57,7 @@ class BadCellsOfTest:
 class BadCellsError(BenchInputError):
     """A BenchInputError about the bad cells of one or more tests."""
 
-    def __init__(self, tests: Sequence[BadCellsOfTest], folder: Path) -> None:
+    def __init__(self, tests: Sequence[BadCellsOfTest], folder: Path | None) -> None:
         self.tests = tuple(tests)
         first = [cell for test in tests for cell in test.first]
         count = sum(test.count for test in tests)
@@ -202,6 +202,7 @@ class Source:
     numbers: list[int]
 
     word = "line"  # how the place of a row is called
+    noun = "file"  # and what holds them
 
     @abstractmethod
     def top(self, most: int) -> Iterable[tuple[int, list[str]]]:

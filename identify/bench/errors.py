@@ -12,9 +12,10 @@ LONGEST_QUOTE = 60
 class BenchInputError(Exception):
     """A record, model file or option that cannot be used. `str()` is one line, ready for the terminal (exit status 2).
 
-    file: the file (or folder) at fault; line: its line, counted from 1, comment lines included; row: instead of a line,
-    the row of a file that has no lines (a spreadsheet's own number); column: the header; key: the TOML key, such as
-    "[valve] stroke". Any of them may be None.
+    file: the file (or folder) at fault, or the name of a test of a record made from arrays; line: its line, counted from
+    1, comment lines included; row: instead of a line, the row of a file that has no lines (a spreadsheet's own number) or
+    of arrays (from 0, as `iloc` counts); column: the header; key: the TOML key, such as "[valve] stroke". Any of them may
+    be None.
     """
 
     def __init__(

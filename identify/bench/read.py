@@ -6,6 +6,7 @@ Parts of a test's table that static and dynamic tests share: file, conditions, r
 """
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -38,14 +39,15 @@ def read_tables(bench: BenchFile) -> dict[str, BenchTable]:
         except BadCellsError as error:
             bad += error.tests
     if bad:
-        raise BadCellsError(bad, bench.source.path.parent)
+        raise BadCellsError(bad, bench.source.folder)
     return tables
 
 
 def _read_table(test: StaticTest, bench: BenchFile) -> BenchTable:
     if not _is_file(test.file):
         endings = (".csv", ".csv.gz", ".xlsx", ".parquet")
-        found = sorted(p.name for p in bench.source.path.parent.iterdir() if p.name.lower().endswith(endings))
+        folder = bench.source.folder or Path()
+        found = sorted(p.name for p in folder.iterdir() if p.name.lower().endswith(endings))
         hint = suggestion(test.file.name, found) if found else "the folder holds no CSV file"
         raise test.table.error(f"there is no file {quoted(test.table.data['file'])}; {hint}", "file")
     return read_bench_csv(test, bench.valve)
@@ -64,7 +66,9 @@ def missing(table: BenchTable, test: StaticTest, what: str) -> BenchInputError:
     standard = what.split()[0]
     likely = likely_header(test, standard, table.unused)
     way = f"; if that is {quoted(likely)}, write {mapping(test, {standard: likely})}" if likely else ""
-    return table.error(None, None, f"the {test.name} test needs a column {what}, but the file has {has}{way}")
+    return table.error(
+        None, None, f"the {test.name} test needs a column {what}, but the {table.source.noun} has {has}{way}"
+    )
 
 
 def condition(table: BenchTable, bench: BenchFile, test: StaticTest, name: str) -> np.ndarray:
@@ -88,7 +92,7 @@ def channels_of(table: BenchTable, test: StaticTest, found: tuple[str, ...]) -> 
     for reading in found:
         std, source = table.values.get(f"{reading}_std"), "declared per row"
         if std is None and reading in test.noise:
-            std, source = np.full(table.rows, test.noise[reading]), f"declared in {NAME}"
+            std, source = np.full(table.rows, test.noise[reading]), f"declared in {test.table.source.words}"
         channels.append(Channel(reading, table.values[reading], std, "" if std is None else source))
     return tuple(channels)
 
@@ -251,17 +255,24 @@ def read_record(folder: str | Path, *, readings_required: bool = True) -> BenchR
     except (OSError, ValueError) as error:  # a name that no file system takes
         raise BenchInputError(f"cannot be read ({error})", file=folder) from None
     bench = read_bench_toml(folder / NAME)
-    tables = read_tables(bench)
+    record = record_of(bench, read_tables(bench), folder, readings_required=readings_required)
+    try:
+        provenance = provenance_of(folder, folder / NAME, record.all_tests.values())
+    except OSError as error:  # gone since it was read
+        raise BenchInputError(f"cannot be read ({error.strerror})", file=error.filename) from None
+    return replace(record, provenance=provenance)
+
+
+def record_of(
+    bench: BenchFile, tables: dict[str, BenchTable], folder: Path, *, readings_required: bool = True
+) -> BenchRecord:
+    """The record that a description and the tables of its tests make, wherever both come from. Raises BenchInputError."""
     tests = {test.name: _read_test(test, tables[test.name], bench, readings_required) for test in bench.tests.values()}
     dynamic = read_dynamic(bench, tables, readings_required=readings_required)
     moving = {} if dynamic is None else dynamic.tests
     warnings = [w for name, test in tests.items() for w in static_warnings(test, tables[name], bench)]
     for name, test in moving.items():
         warnings += condition_warnings(test, tables[name], bench)
-    try:
-        provenance = provenance_of(folder, folder / NAME, (*tests.values(), *moving.values()))
-    except OSError as error:  # gone since it was read
-        raise BenchInputError(f"cannot be read ({error.strerror})", file=error.filename) from None
     return BenchRecord(
         folder,
         bench.valve.name,
@@ -271,7 +282,6 @@ def read_record(folder: str | Path, *, readings_required: bool = True) -> BenchR
         bench.start,
         warnings=tuple(warnings),
         dynamic=dynamic,
-        provenance=provenance,
     )
 
 

@@ -3,8 +3,10 @@
 The reader (`read_record`) makes these, `reduction` shortens them, `fit` and `simulate` consume them.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -194,7 +196,10 @@ class RecordFile:
 
 @dataclass(frozen=True)
 class Provenance:
-    """Where a record was read from, when (ISO 8601, local time with its offset), and by which version of the program."""
+    """Where a record was read from, when (ISO 8601, local time with its offset), and by which version of the program.
+
+    path: of one made from arrays, its name and a word; its files are then those arrays.
+    """
 
     path: str
     files: tuple[RecordFile, ...]
@@ -204,7 +209,10 @@ class Provenance:
 
 @dataclass(frozen=True)
 class BenchRecord:
-    """A folder with `bench.toml`, read and checked."""
+    """A bench record, read and checked: from a folder with `bench.toml` by `read_record`, or from arrays or DataFrames.
+
+    folder: of a record from arrays, its name alone.
+    """
 
     folder: Path
     name: str
@@ -220,3 +228,105 @@ class BenchRecord:
     def all_tests(self) -> dict[str, TestRecord]:
         """Static tests, then dynamic ones."""
         return self.tests if self.dynamic is None else {**self.tests, **self.dynamic.tests}
+
+    @property
+    def source(self) -> str:
+        """The folder that it was read from, in full; else a word for the arrays."""
+        return str(self.folder.resolve()) if self.provenance is None else self.provenance.path
+
+    @classmethod
+    def from_arrays(
+        cls,
+        tests: Mapping[str, Mapping[str, Any]],
+        *,
+        valve: Mapping[str, Any] | ValveData,
+        oil: str | Mapping[str, Any] | OilDefinition,
+        conditions: Mapping[str, Any] | None = None,
+        actuator: Mapping[str, Any] | ActuatorData | None = None,
+        start: Mapping[str, Any] | None = None,
+        noise: Mapping[str, Any] | None = None,
+        options: Mapping[str, Mapping[str, Any]] | None = None,
+        readings_required: bool = True,
+    ) -> "BenchRecord":
+        """A record from NumPy arrays: what `read_record` makes of the same rows in CSV files, to the last bit.
+
+        Every value is a pint quantity, a text such as "70 bar", or a number in SI: m, m3/s, Pa (gauge), K, A, s, N, rad;
+        frequencies in Hz.
+
+        tests: {"leakage", "pressure_gain", "flow_gain", "load_flow", "step" or "frequency": {column: (rows,), or one value
+        for all rows}}, with the columns of a CSV: spool_position or current, time, run (texts), the conditions, the readings
+        and <reading>_std; in the order of the sweep. A number for the command of a loop that is open is a spool position.
+        valve: name, stroke, slot_width, rated_current ... as in the table [valve]. oil: the name of a preset, a table as
+        [oil], or an OilDefinition. conditions: for columns that a test does not have. actuator: as [actuator], for dynamic
+        tests. start: as [start], such as {"clearance": 2e-6, "discharge_coefficient": {"value": 0.7, "fixed": True}}.
+        noise: {test: standard deviation, or {reading: standard deviation}}. options: {test: columns, ignore, missing="skip",
+        output, absolute as in [tests.<name>]}.
+
+        Raises BenchInputError: `file` is then the test's name, `column` the column, `row` counts from 0; its sentence calls
+        arguments by their tables in a bench.toml, such as [valve] stroke.
+
+        >>> record = BenchRecord.from_arrays(
+        ...     {"leakage": {"spool_position": [-1e-5, 0.0, 1e-5], "leakage_flow": [1.1e-6, 2.3e-6, 1.2e-6]}},
+        ...     valve={"stroke": 213e-6, "slot_width": "12 mm"},
+        ...     oil="mil-prf-5606",
+        ...     conditions={"supply_pressure": 70e5, "temperature": "40 degC"},
+        ... )
+        >>> print(record.tests["leakage"].temperature)
+        [313.15 313.15 313.15]
+        """
+        from .arrays import record_from_arrays
+
+        return record_from_arrays(
+            tests,
+            valve=valve,
+            oil=oil,
+            conditions=conditions,
+            actuator=actuator,
+            start=start,
+            noise=noise,
+            options=options,
+            readings_required=readings_required,
+        )
+
+    @classmethod
+    def from_dataframe(
+        cls,
+        tests: "Mapping[str, pd.DataFrame]",
+        *,
+        valve: Mapping[str, Any] | ValveData,
+        oil: str | Mapping[str, Any] | OilDefinition,
+        conditions: Mapping[str, Any] | None = None,
+        actuator: Mapping[str, Any] | ActuatorData | None = None,
+        start: Mapping[str, Any] | None = None,
+        noise: Mapping[str, Any] | None = None,
+        options: Mapping[str, Mapping[str, Any]] | None = None,
+        readings_required: bool = True,
+    ) -> "BenchRecord":
+        """A record from one DataFrame per test, whose columns have the headers of a CSV: "spool_position [um]", "run".
+
+        An index with a name is a column. Everything else, the errors too, is as in `from_arrays`: other headers are named
+        by options={"leakage": {"columns": {"spool_position": "LVDT [um]"}, "ignore": ["remarks"]}}.
+
+        >>> table = pd.DataFrame({"spool_position [um]": [-10.0, 0.0, 10.0], "leakage_flow [l/min]": [0.066, 0.138, 0.072]})
+        >>> record = BenchRecord.from_dataframe(
+        ...     {"leakage": table},
+        ...     valve={"stroke": "213 um", "slot_width": "12 mm"},
+        ...     oil="mil-prf-5606",
+        ...     conditions={"supply_pressure": "70 bar", "temperature": "40 degC"},
+        ... )
+        >>> print(record.tests["leakage"].spool_position)
+        [-1.e-05  0.e+00  1.e-05]
+        """
+        from .arrays import record_from_dataframe
+
+        return record_from_dataframe(
+            tests,
+            valve=valve,
+            oil=oil,
+            conditions=conditions,
+            actuator=actuator,
+            start=start,
+            noise=noise,
+            options=options,
+            readings_required=readings_required,
+        )

@@ -156,6 +156,12 @@ def _parquet(path: Path) -> SheetRows:
         if isinstance(error, OSError) and error.errno is not None:
             raise BenchInputError(f"cannot be read ({error.strerror})", file=path) from None
         raise BenchInputError("is no .parquet file, or a damaged one; write it again", file=path) from None
+    header, frame = headers_apart(frame, path)
+    return SheetRows(path, header, 0, list(range(1, len(frame) + 1)), frame)
+
+
+def headers_apart(frame: pd.DataFrame, path: Path) -> tuple[list[str], pd.DataFrame]:
+    """(headers, the rows under numbered columns); an index with a name is a column. The frame given stays as it is."""
     if any(name is not None for name in frame.index.names):
         frame = frame.reset_index()
     if not len(frame.columns) or not len(frame):
@@ -163,4 +169,4 @@ def _parquet(path: Path) -> SheetRows:
     header = [one_line(str(name)).strip() for name in frame.columns]
     frame = frame.reset_index(drop=True)
     frame.columns = range(len(header))
-    return SheetRows(path, header, 0, list(range(1, len(frame) + 1)), frame)
+    return header, frame

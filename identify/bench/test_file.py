@@ -47,7 +47,11 @@ class BenchTable:
 
 def read_bench_csv(test: StaticTest, valve: ValveData) -> BenchTable:
     """Raises BenchInputError with file, line and column, BadCellsError where that is all that is wrong."""
-    source = _source(test)
+    return bench_table(test, valve, _source(test))
+
+
+def bench_table(test: StaticTest, valve: ValveData, source: Source) -> BenchTable:
+    """The rows of a test as standard columns, wherever they come from. Raises as `read_bench_csv` does."""
     columns, spare = recognise(test, source)
     source, units, kinds = _units(test, source, columns, valve)
     run = columns.get("run")
@@ -63,7 +67,7 @@ def read_bench_csv(test: StaticTest, valve: ValveData) -> BenchTable:
             raise _without_unit(test, source, columns, name)
     bad = cells.bad_cells(test.name, skip_missing=test.skip_missing)
     if bad is not None:
-        raise BadCellsError((bad,), test.table.source.path.parent)
+        raise BadCellsError((bad,), test.table.source.folder)
     missing = cells.missing()
     kept = np.flatnonzero(~missing)
     if not len(kept):

@@ -157,7 +157,7 @@ def read_tests(table: TomlTable, actuator: ActuatorData) -> tuple[dict[str, Stat
         file = test.text("file")
         if file is None:
             raise test.error(f'file is missing; write for example file = "{name}.csv"')
-        path = test.source.path.parent / file
+        path = (test.source.folder or Path()) / file
         if name in DYNAMIC_TESTS:
             dynamic[name] = _dynamic(name, path, test, actuator.closed_loop)
         else:

@@ -1,5 +1,9 @@
-"""A TOML file with the line of each key, which the standard parser does not keep: messages need it."""
+"""A TOML file with the line of each key, which the standard parser does not keep: messages need it.
 
+The same tables may come from a caller's arguments: then there is no line, and a bare number is one in SI.
+"""
+
+import math
 import re
 import tomllib
 from pathlib import Path
@@ -14,8 +18,34 @@ HEADER = re.compile(r"\s*\[\[?([^\]]*)\]")
 KEY = re.compile(r"""\s*((?:[\w-]+|"[^"]*"|'[^']*')(?:\s*\.\s*(?:[\w-]+|"[^"]*"|'[^']*'))*)\s*=""")
 
 
-class TomlSource:
-    """The parsed file (`root`) and where its keys stand. Raises BenchInputError where it is not TOML."""
+class TableSource:
+    """Nested tables that describe a record (`root`), wherever they come from, and how messages call their places."""
+
+    path: Path | None = None  # None: no file
+    si_numbers = False  # whether a number without a unit is one in SI, or a mistake
+    words = "the arguments"  # what says it, in a sentence
+
+    def __init__(self, root: dict[str, Any]) -> None:
+        self._root = root
+
+    @property
+    def root(self) -> "TomlTable":
+        return TomlTable(self, (), self._root)
+
+    @property
+    def folder(self) -> Path | None:
+        """Where the files that it names lie."""
+        return None if self.path is None else self.path.parent
+
+    def line_of(self, path: tuple[str, ...]) -> int | None:
+        """Line of a key, or of the nearest table around it that has a line of its own."""
+        return None
+
+
+class TomlSource(TableSource):
+    """The parsed file and where its keys stand. Raises BenchInputError where it is not TOML."""
+
+    words = "bench.toml"
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -33,7 +63,7 @@ class TomlSource:
             raise BenchInputError("is not UTF-8 text; save the file as UTF-8", file=path, line=line) from None
         self._lines = text.replace("\r\n", "\n").split("\n")
         try:
-            self._root = tomllib.loads("\n".join(self._lines))
+            super().__init__(tomllib.loads("\n".join(self._lines)))
         except RecursionError:
             raise BenchInputError("is nested too deeply to be a bench.toml", file=path) from None
         except tomllib.TOMLDecodeError as error:
@@ -48,12 +78,7 @@ class TomlSource:
         except ValueError:  # Python's limit on the digits of an integer
             raise BenchInputError("holds a number of thousands of digits", file=path) from None
 
-    @property
-    def root(self) -> "TomlTable":
-        return TomlTable(self, (), self._root)
-
     def line_of(self, path: tuple[str, ...]) -> int | None:
-        """Line of a key, or of the nearest table around it that has a line of its own."""
         best, best_depth = None, 0
         table: tuple[str, ...] = ()
         for number, line in enumerate(self._lines, start=1):
@@ -70,6 +95,16 @@ class TomlSource:
         return best
 
 
+def _finite(table: "TomlTable", key: str, value: float) -> float:
+    try:
+        number = float(value)
+    except OverflowError:
+        number = math.inf
+    if not math.isfinite(number):
+        raise table.error(f"{quoted(value)} is not finite", key)
+    return number
+
+
 def _split(dotted: str) -> tuple[str, ...]:
     return tuple(part.strip().strip("\"'") for part in dotted.split("."))
 
@@ -77,7 +112,7 @@ def _split(dotted: str) -> tuple[str, ...]:
 class TomlTable:
     """One table of the file: its values checked as they are taken, with messages that say where they stand."""
 
-    def __init__(self, source: TomlSource, path: tuple[str, ...], data: dict[str, Any]) -> None:
+    def __init__(self, source: TableSource, path: tuple[str, ...], data: dict[str, Any]) -> None:
         self.source = source
         self.path = path
         self.data = data
@@ -123,6 +158,8 @@ class TomlTable:
     ) -> float:
         """A value found under a key (itself, or inside an array) as a quantity in SI."""
         if isinstance(value, (int, float)) and not isinstance(value, bool):
+            if self.source.si_numbers:
+                return self._signed(key, value, _finite(self, key, value), sign)
             if kind != "plain number":
                 raise self.error(f'{quoted(value)} has no unit; write it in quotes, such as "1.5 {KINDS[kind]}"', key)
             value = str(quoted(value))[1:-1]
@@ -132,6 +169,9 @@ class TomlTable:
             number = parse_quantity(value, kind, full_scale)
         except UnitError as error:
             raise self.error(str(error), key) from None
+        return self._signed(key, value, number, sign)
+
+    def _signed(self, key: str, value: object, number: float, sign: str) -> float:
         if (sign == "positive" and not number > 0.0) or (sign == "not negative" and number < 0.0):
             raise self.error(f"{quoted(value)} must be {sign if sign == 'positive' else 'zero or more'}", key)
         return number

@@ -40,6 +40,22 @@ KINDS = {
     "plain number": "1",
     "angle": "deg",
 }
+# The units of a test's columns where a program gives numbers without any: SI. Frequencies are in Hz.
+SI = {
+    "length": "m",
+    "flow": "m^3/s",
+    "pressure": "Pa",
+    "temperature": "K",
+    "current": "A",
+    "time": "s",
+    "force": "N",
+    "velocity": "m/s",
+    "frequency": "Hz",
+    "length per current": "m/A",
+    "velocity per current": "m/s/A",
+    "plain number": "1",
+    "angle": "rad",
+}
 # What engineers write and pint does not know. Gauge pressures: all pressures of a record are gauge.
 DEFINITIONS = ("gpm = gallon / minute", "lpm = liter / minute", "barg = bar", "psig = psi", "psid = psi", "cc = cm**3")
 ABSOLUTE = {"psia", "bara", "bar_a", "psi_a", "bar(a)", "psi(a)"}  # refused: a record's pressures are gauge
@@ -215,8 +231,10 @@ def parse_quantity(text: str, kind: str, full_scale: float | None = None) -> flo
     return value
 
 
-def number_of(text: str) -> float:
-    """213.0 of "213 um", a text that `parse_quantity` takes."""
+def number_of(text: str | float) -> float:
+    """213.0 of "213 um", a text that `parse_quantity` takes; a number stays what it is."""
+    if not isinstance(text, str):
+        return float(text)
     match = NUMBER.match(text)
     assert match is not None
     return float(match[1])

@@ -16,7 +16,7 @@ from .columns import CONDITIONS, impossible, wrong_size
 from .errors import quoted
 from .record import ActuatorData, StartValue, ValveData
 from .test_tables import DynamicTestTable, StaticTest, read_actuator, read_tests
-from .toml_file import TomlSource, TomlTable
+from .toml_file import TableSource, TomlSource, TomlTable
 from .units import number_of
 
 
@@ -161,9 +161,9 @@ VALVE = ("name", *SIZED, "polarity")
 
 @dataclass(frozen=True)
 class BenchFile:
-    """A bench.toml, SI units. actuator: None without dynamic tests; actuator_given: its table is in the file."""
+    """What a bench.toml says, SI units. actuator: None without dynamic tests; actuator_given: its table is in the file."""
 
-    source: TomlSource
+    source: TableSource
     valve: ValveData
     oil: OilDefinition
     conditions: dict[str, float]
@@ -176,10 +176,18 @@ class BenchFile:
 
 def read_bench_toml(path: Path) -> BenchFile:
     """Raises BenchInputError with file, line and key."""
-    root = TomlSource(path).root
+    return read_description(TomlSource(path), path.absolute().parent.name)
+
+
+def read_description(source: TableSource, name: str, oil: OilDefinition | None = None) -> BenchFile:
+    """The tables of a bench.toml. name: of a valve without one; oil: in the place of the table [oil].
+
+    Raises BenchInputError with the place of what is wrong.
+    """
+    root = source.root
     root.refuse_unknown(TABLES, "table")
-    valve = _valve(_needed(root, "valve"), path)
-    oil = read_oil(_needed(root, "oil"))
+    valve = _valve(_needed(root, "valve"), name)
+    oil = read_oil(_needed(root, "oil")) if oil is None else oil
     conditions = _conditions(root.table("conditions"))
     table = root.table("actuator")
     actuator = read_actuator(TomlTable(root.source, ("actuator",), {}) if table is None else table, valve)
@@ -202,7 +210,7 @@ def _needed(root: TomlTable, name: str) -> TomlTable:
     return table
 
 
-def _valve(table: TomlTable, path: Path) -> ValveData:
+def _valve(table: TomlTable, name: str) -> ValveData:
     table.refuse_unknown(VALVE)
     sizes = {key: _size(table, key, kind) for key, kind in SIZED.items()}
     stroke, slot_width = sizes["stroke"], sizes["slot_width"]
@@ -215,7 +223,7 @@ def _valve(table: TomlTable, path: Path) -> ValveData:
             f"{quoted(polarity)} must be 1, or -1 where a positive current gives a negative flow", "polarity"
         )
     return ValveData(
-        name=table.text("name") or path.absolute().parent.name,
+        name=table.text("name") or name,
         stroke=stroke,
         slot_width=slot_width,
         land_diameter=sizes["land_diameter"],

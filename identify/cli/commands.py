@@ -2,7 +2,7 @@
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
@@ -10,15 +10,18 @@ from .process import fail, plain_failures
 
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Iterable
 
     from rich.console import Console
 
     from thermohyd.identify.diagnosis.result import DiagnosisResult
     from thermohyd.identify.fitting.result import FitResult
+    from thermohyd.identify.result import Result
 
     from .process import Consoles
     from .several_records import Outcome
+
+Found = TypeVar("Found", bound="Result")
 
 
 app = typer.Typer(
@@ -91,39 +94,13 @@ def fit_command(benches: Benches, out: Out = None, json: Json = False) -> None:
             _set_up_jax()
             from thermohyd.identify.fitting.fit import fit
 
-            outcome = compute_all(
-                records, lambda record, say: fit(record, progress=say), _files_of_fit, folder, progress, "fit"
-            )
-        _print_fits(outcome, len(records), consoles)
-        if json:
-            from thermohyd.identify.report.fit_json import fit_json, fits_json
+            outcome = compute_all(records, lambda record, say: fit(record, progress=say), folder, progress)
+        from .several_results import print_summary_of_fits, unsettled
 
-            (first,) = outcome.results.values() if len(records) == 1 else (None,)
-            _print_json(fits_json(outcome.results, outcome.failed) if first is None else fit_json(first))
-        from .several_results import unsettled
-
+        _show_records(outcome, len(records), consoles, json, print_summary_of_fits)
         trouble = unsettled(outcome)
         if trouble:
             fail(trouble)
-
-
-def _files_of_fit(result: "FitResult") -> dict[str, bytes | str]:
-    from thermohyd.identify.report.fit_json import fit_files  # brings matplotlib: not for a fit without --out
-
-    return fit_files(result)
-
-
-def _print_fits(outcome: "Outcome[FitResult]", count: int, consoles: "Consoles") -> None:
-    from thermohyd.identify.report.fit_report import print_report
-
-    from .several_results import print_summary_of_fits
-
-    if count > 1:
-        print_summary_of_fits(outcome.results, consoles.results)
-    else:
-        for result in outcome.results.values():
-            print_report(result, consoles.results)
-    _after_records(outcome.folders, {name: r.warnings for name, r in outcome.results.items()}, count, consoles)
 
 
 @app.command("diagnose")
@@ -145,56 +122,47 @@ def diagnose_command(
     """
     with plain_failures():
         from .several_records import compute_all, progress_on, read_records
-        from .several_results import unsettled_diagnoses
 
         folder, consoles = _begin(out, json)
         with progress_on(consoles.notes) as progress:
             records = read_records(benches, folder, progress)
             progress("starting JAX")
             _set_up_jax()
-            from thermohyd.identify.diagnosis.conclusion import model_content
             from thermohyd.identify.diagnosis.diagnose import diagnose
-            from thermohyd.identify.report.diagnosis_page import diagnosis_files
 
             outcome = compute_all(
-                records,
-                lambda record, say: diagnose(record, learn=learn, progress=say),
-                lambda result: diagnosis_files(result, model_content(result)),
-                folder,
-                progress,
-                "diagnose",
+                records, lambda record, say: diagnose(record, learn=learn, progress=say), folder, progress
             )
-        _print_diagnoses(outcome, len(records), consoles)
-        if json:
-            from thermohyd.identify.report.diagnosis_json import diagnoses_json, diagnosis_json
+        from .several_results import print_summary_of_many, unsettled_diagnoses
 
-            (first,) = outcome.results.values() if len(records) == 1 else (None,)
-            _print_json(diagnoses_json(outcome.results, outcome.failed) if first is None else diagnosis_json(first))
+        _show_records(outcome, len(records), consoles, json, print_summary_of_many)
         trouble = unsettled_diagnoses(outcome)
         if trouble:
             fail(trouble)
 
 
-def _print_diagnoses(outcome: "Outcome[DiagnosisResult]", count: int, consoles: "Consoles") -> None:
-    from thermohyd.identify.report.diagnosis_report import print_summary
-
-    from .several_results import print_summary_of_many
-
+def _show_records(
+    outcome: "Outcome[FitResult] | Outcome[DiagnosisResult]",
+    count: int,
+    consoles: "Consoles",
+    json: bool,
+    print_table: "Callable[[Any, Console], None]",
+) -> None:
+    """Results of one record or a table of several, where their files are, their warnings, and JSON of all."""
     if count > 1:
-        print_summary_of_many(outcome.results, consoles.results)
+        print_table(outcome.results, consoles.results)
     else:
         for result in outcome.results.values():
-            print_summary(result, consoles.results)
-    _after_records(outcome.folders, {name: r.warnings for name, r in outcome.results.items()}, count, consoles)
-
-
-def _after_records(
-    folders: "Mapping[str, Path]", warnings: "Mapping[str, tuple[str, ...]]", count: int, consoles: "Consoles"
-) -> None:
-    for folder in folders.values():
+            result.print_on(consoles.results)
+    for folder in outcome.folders.values():
         _say_where(consoles.results, folder, "report.html")
-    for name, words in warnings.items():
-        consoles.warn(words, name if count > 1 else "")
+    for name, result in outcome.results.items():
+        consoles.warn(result.warnings, name if count > 1 else "")
+    if json:
+        from .several_results import json_of_several
+
+        (only,) = outcome.results.values() if count == 1 else (None,)
+        _print_json(json_of_several(outcome) if only is None else only.to_dict())
 
 
 @app.command("simulate")
@@ -224,35 +192,18 @@ def simulate_command(
         with progress_on(consoles.notes) as progress:
             progress(f"reading {bench}")
             record = read_record(bench, readings_required=False)
-            from thermohyd.identify.model.simulation_output import (
-                simulation_files,
-                simulation_json,
-                simulation_table,
-                spare_the_record,
-            )
+            from thermohyd.identify.model.simulation_output import spare_the_record
 
             spare_the_record(record, folder)
             progress("starting JAX")
             _set_up_jax()  # first: effects in a model file are checked against the library of effects, which brings JAX
             chosen = nominal_model(record) if model is None else load_model(model)
             from thermohyd.identify.model.predict import simulate
-            from thermohyd.identify.model.simulation_output import note_lines
 
             found = simulate(record, chosen, progress=progress)
-            tables = found.tables
             if folder is not None:
-                from thermohyd.identify.report.files import Writer, write_all
-
-                write_all(folder, simulation_files(tables), Writer("simulate", str(record.folder.resolve())))
-        consoles.results.print(simulation_table(tables))
-        notes = (*record.warnings, *found.notes)
-        for line in note_lines(notes):
-            consoles.results.print(line)
-        consoles.warn(notes)
-        if folder is not None:
-            _say_where(consoles.results, folder, *(f"{test}.csv" for test in tables))
-        if json:
-            _print_json(simulation_json(tables, found.notes, found.outside))
+                found.save(folder)
+        _show(found, folder, consoles, json, *(f"{test}.csv" for test in found.tables), warnings=found.warnings)
 
 
 @app.command("seed")
@@ -268,23 +219,10 @@ def seed_command(out: Out = None, json: Json = False) -> None:
         with progress_on(consoles.notes) as progress:
             progress("starting JAX")
             _set_up_jax()
-            from thermohyd.identify.seed.report import print_seed
             from thermohyd.identify.seed.study import seed_study
 
-            study = seed_study(progress)
-            if folder is not None:
-                from thermohyd.identify.report.files import Writer, write_all
-                from thermohyd.identify.seed.report import seed_files
-
-                progress("drawing")
-                write_all(folder, seed_files(study), Writer("seed"))
-        print_seed(study, consoles.results)
-        if folder is not None:
-            _say_where(consoles.results, folder, "seed.html")
-        if json:
-            from thermohyd.identify.seed.report import seed_json
-
-            _print_json(seed_json(study))
+            study = _saved(seed_study(progress), folder, progress)
+        _show(study, folder, consoles, json, "seed.html")
 
 
 @app.command("sensitivity")
@@ -320,28 +258,10 @@ def sensitivity_command(
             from thermohyd.identify.sensitivity.study import sensitivity
 
             subject = given.subject(progress)
-            result = sensitivity(
-                subject,
-                given.settings,
-                actuator=actuator_of(subject, given.settings),
-                evaluations=evaluations,
-                progress=progress,
-            )
-            if folder is not None:
-                from thermohyd.identify.report.files import Writer, write_all
-                from thermohyd.identify.sensitivity.report import sensitivity_files
-
-                progress("drawing")
-                write_all(folder, sensitivity_files(result), Writer("sensitivity"))
-        from thermohyd.identify.sensitivity.report import print_sensitivity
-
-        print_sensitivity(result, consoles.results)
-        if folder is not None:
-            _say_where(consoles.results, folder, "report.html")
-        if json:
-            from thermohyd.identify.sensitivity.report import sensitivity_json
-
-            _print_json(sensitivity_json(result))
+            actuator = actuator_of(subject, given.settings)
+            result = sensitivity(subject, given.settings, actuator=actuator, evaluations=evaluations, progress=progress)
+            _saved(result, folder, progress)
+        _show(result, folder, consoles, json, "report.html")
 
 
 @app.command("servo")
@@ -393,21 +313,8 @@ def servo_command(
             from thermohyd.identify.servo.subject import subject_of
 
             study = servo_study(subject_of(given, request, progress), progress=progress)
-            if folder is not None:
-                from thermohyd.identify.report.files import Writer, write_all
-                from thermohyd.identify.servo.report import servo_files
-
-                progress("drawing")
-                write_all(folder, servo_files(study), Writer("servo"))
-        from thermohyd.identify.servo.report import print_servo
-
-        print_servo(study, consoles.results)
-        if folder is not None:
-            _say_where(consoles.results, folder, "report.html")
-        if json:
-            from thermohyd.identify.servo.report import servo_json
-
-            _print_json(servo_json(study))
+            _saved(study, folder, progress)
+        _show(study, folder, consoles, json, "report.html")
 
 
 @app.command("new")
@@ -429,6 +336,26 @@ def _begin(out: str | None, json: bool) -> "tuple[Path | None, Consoles]":
     from .process import consoles
 
     return checked_folder(out), consoles(json)
+
+
+def _saved(result: "Found", folder: Path | None, progress: "Callable[[str], None]") -> "Found":
+    """The result, its files written where --out names a folder."""
+    if folder is not None:
+        progress("drawing")
+        result.save(folder)
+    return result
+
+
+def _show(
+    result: "Result", folder: Path | None, consoles: "Consoles", json: bool, *names: str, warnings: "Iterable[str]" = ()
+) -> None:
+    """A result in words, where those of its files are that a user opens, and JSON."""
+    result.print_on(consoles.results)
+    consoles.warn(warnings)
+    if folder is not None:
+        _say_where(consoles.results, folder, *names)
+    if json:
+        _print_json(result.to_dict())
 
 
 def _print_json(content: dict[str, Any]) -> None:

@@ -17,20 +17,21 @@ from thermohyd.identify.bench.errors import BenchInputError, quoted
 from thermohyd.identify.bench.read import read_record, record_folder
 from thermohyd.identify.bench.record import BenchRecord
 from thermohyd.identify.interruption import when_interrupted
-from thermohyd.identify.report.files import Writer, checked_folder, write_all
+from thermohyd.identify.report.files import checked_folder
+from thermohyd.identify.result import Result
 
 from .process import in_words, wants_the_whole_story
 
 
 Progress = Callable[[str], None]
-Result = TypeVar("Result")
+Found = TypeVar("Found", bound=Result)
 
 
 @dataclass
-class Outcome(Generic[Result]):
+class Outcome(Generic[Found]):
     """What became of each record, by the name of its folder."""
 
-    results: dict[str, Result] = field(default_factory=dict)
+    results: dict[str, Found] = field(default_factory=dict)
     failed: dict[str, str] = field(default_factory=dict)  # {name: reason}
     folders: dict[str, Path] = field(default_factory=dict)  # {name: where its files were written}
 
@@ -69,17 +70,15 @@ def _names(benches: Sequence[Path], out: Path | None) -> list[str]:
 
 def compute_all(
     records: Mapping[str, BenchRecord],
-    compute: Callable[[BenchRecord, Progress], Result],
-    files: Callable[[Result], dict[str, bytes | str]],
+    compute: Callable[[BenchRecord, Progress], Found],
     out: Path | None,
     progress: Progress,
-    command: str,
-) -> Outcome[Result]:
+) -> Outcome[Found]:
     """Compute each record, and write its files as soon as it is done: DIR itself for one record, DIR/<name> for several.
 
     What a single record raises passes through; of several, a failure is kept in words and the others go on.
     """
-    outcome: Outcome[Result] = Outcome()
+    outcome: Outcome[Found] = Outcome()
     for number, (name, record) in enumerate(records.items(), 1):
         before = f"record {number} of {len(records)}, {name}: " if len(records) > 1 else ""
         try:
@@ -87,7 +86,7 @@ def compute_all(
             if out is not None:
                 progress(f"{before}drawing")
                 folder = out / name if len(records) > 1 else out
-                write_all(folder, files(result), Writer(command, str(record.folder.resolve())))
+                result.save(folder)
                 outcome.folders[name] = folder
             outcome.results[name] = result
         except Exception as error:
@@ -101,7 +100,7 @@ def _said(progress: Progress, before: str) -> Progress:
     return lambda words: progress(before + words)
 
 
-def confession(outcome: Outcome[Result], missed: Iterable[tuple[str, str]]) -> str:
+def confession(outcome: Outcome[Found], missed: Iterable[tuple[str, str]]) -> str:
     """What the command has to confess at its end, in one sentence; empty where all went well.
 
     missed: (name, reason) of the records that gave a result, but not a good one.

@@ -6,6 +6,7 @@ What a `diagnose` of one or several records has to confess at its end.
 """
 
 from collections.abc import Mapping
+from typing import Any
 
 from rich import box
 from rich.console import Console
@@ -70,6 +71,14 @@ def _chi2(result: FitResult) -> Text:
     if not result.converged:
         return Text(f"{words} NOT CONVERGED", style="bold red")
     return Text(words, style="yellow" if result.reduced_chi2 > chi2_band(result.degrees_of_freedom)[1] else "")
+
+
+def json_of_several(outcome: Outcome[FitResult] | Outcome[DiagnosisResult]) -> dict[str, Any]:
+    """Several results by the name of the record's folder, and why the others failed."""
+    return {
+        "records": [{"folder": name, **result.to_dict()} for name, result in outcome.results.items()],
+        "failed": [{"folder": name, "reason": reason} for name, reason in outcome.failed.items()],
+    }
 
 
 def unsettled(outcome: Outcome[FitResult]) -> str:

@@ -1,13 +1,26 @@
-"""What a diagnosis returns: plain numbers and words, ready for the terminal, for JSON and for plots. No JAX here."""
+"""What a diagnosis returns: plain numbers and words, ready for the terminal, for JSON and for plots. No JAX here.
+
+Methods that need reports, figures or the simulator import them when they are called: the numbers stay light.
+"""
 
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
+import pandas as pd
 
 from thermohyd.identify.bench.record import BenchRecord
-from thermohyd.identify.fitting.result import FitResult
+from thermohyd.identify.fitting.result import FitResult, ParameterEstimate
 from thermohyd.identify.model.learned_terms import LearnedTerm
+from thermohyd.identify.result import Result
+
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from rich.console import Console
+
+    from thermohyd.identify.model.model import Model
+    from thermohyd.identify.model.predict import Simulation
 
 
 Verdict = Literal["consistent", "named", "ambiguous", "unexplained"]
@@ -173,13 +186,15 @@ class ChannelNoiseFound:
 
 
 @dataclass(frozen=True)
-class DiagnosisResult:
+class DiagnosisResult(Result):
     """Everything that `diagnose` found. gap_before, gap_after: reduced chi-square of the ideal and of the final model.
 
     before, after: the fits without and with the effects, row by row. left_over_p: of the smooth lack-of-fit test of the
     final model. seconds: wall time of this record. critical_level: |z| that a candidate must reach to be named, corrected
     for the size of the library; None where no search was made.
     """
+
+    _command: ClassVar[str] = "diagnose"
 
     record: BenchRecord
     verdict: Verdict
@@ -222,3 +237,68 @@ class DiagnosisResult:
         """Testable effects that were not named."""
         named = {effect.name for effect in self.effects}
         return tuple(c for c in self.candidates if c.state == "testable" and c.name not in named)
+
+    @property
+    def parameters(self) -> dict[str, ParameterEstimate]:
+        """The parameters of the final model, effects included (SI)."""
+        return self.after.parameters
+
+    @property
+    def model(self) -> "Model":
+        """The final model as `model.json` holds it: effects and learned terms included."""
+        from thermohyd.identify.model.model_file import model_of_fit
+
+        return model_of_fit(self.after, self.learned)
+
+    def predict(self, record: BenchRecord) -> "Simulation":
+        """Each row of a record, which needs no readings, predicted with the final model; `identify.predict` says more."""
+        from thermohyd.identify.model.predict import simulate
+
+        return simulate(record, self.model)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content of `diagnosis.json`: plain Python, SI units, null for what is not finite."""
+        from thermohyd.identify.report.diagnosis_json import diagnosis_json
+
+        return diagnosis_json(self)
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """One row per named effect, by name, SI: value, unit, std, ci95_low, ci95_high (NaN: no error bar), p_value, strength,
+        gap_closed, at_bound, alternatives (names, joined by commas) and sentence. No rows where nothing is named."""
+        rows = []
+        for effect in self.effects:
+            low, high = effect.ci95 or (np.nan, np.nan)
+            rivals = ", ".join(rival.name for rival in effect.alternatives)
+            std = np.nan if effect.std is None else effect.std
+            figures = (effect.p_value, effect.strength, effect.gap_closed)
+            head = (effect.name, effect.value, effect.unit, std, low, high)
+            rows.append((*head, *figures, effect.at_bound, rivals, effect.sentence))
+        columns = ["effect", "value", "unit", "std", "ci95_low", "ci95_high"]
+        columns += ["p_value", "strength", "gap_closed", "at_bound", "alternatives", "sentence"]
+        return pd.DataFrame(rows, columns=columns).set_index("effect")
+
+    def print_on(self, console: "Console") -> None:
+        from thermohyd.identify.report.diagnosis_report import print_summary
+
+        print_summary(self, console)
+
+    def figures(self) -> "dict[str, Figure]":
+        """Data and models of each test by its name, and "residual_map", "candidates", "evidence_<effect>", "exchange",
+        "variations" where there is something to show: matplotlib figures."""
+        from thermohyd.identify.report.diagnosis_figures import diagnosis_figures
+
+        return diagnosis_figures(self)
+
+    def _files(self) -> dict[str, bytes | str]:
+        from thermohyd.identify.model.model_file import model_json
+        from thermohyd.identify.report.diagnosis_page import diagnosis_files
+
+        return diagnosis_files(self, model_json(self.after, self.learned))
+
+    def _of(self) -> str:
+        return self.record.source
+
+    def _repr_html_(self) -> str:
+        from thermohyd.identify.report.notebook import diagnosis_html
+
+        return diagnosis_html(self)

@@ -1,10 +1,24 @@
-"""What a fit returns: plain numbers and words, ready for the terminal, for JSON and for plots. No JAX here."""
+"""What a fit returns: plain numbers and words, ready for the terminal, for JSON and for plots. No JAX here.
 
-from dataclasses import dataclass, field
+Methods that need reports, figures or the simulator import them when they are called: the numbers stay light.
+"""
+
+from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
+import pandas as pd
 
 from thermohyd.identify.bench.record import BenchRecord
+from thermohyd.identify.result import Result
+
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from rich.console import Console
+
+    from thermohyd.identify.model.model import Model
+    from thermohyd.identify.model.predict import Simulation
 
 
 # Reduced chi-square above which the program says that model and bench disagree (about 1.5 noise units RMS).
@@ -86,8 +100,10 @@ class Identifiability:
 
 
 @dataclass(frozen=True)
-class FitResult:
+class FitResult(Result):
     """Everything that `fit` found. `covariance` is over `free` (names in order), SI units."""
+
+    _command: ClassVar[str] = "fit"
 
     record: BenchRecord
     parameters: dict[str, ParameterEstimate]
@@ -121,3 +137,59 @@ class FitResult:
         if not self.converged or any(c.noise_known and c.reduced_chi2 >= DISAGREES for c in self.channels):
             return "bad"
         return "good" if self.judged and not any(p.at_bound for p in self.parameters.values()) else "open"
+
+    @property
+    def model(self) -> "Model":
+        """The valve as `model.json` holds it: parameters, their covariance, and where the tests were run."""
+        from thermohyd.identify.model.model_file import model_of_fit
+
+        return model_of_fit(self)
+
+    def predict(self, record: BenchRecord) -> "Simulation":
+        """Each row of a record, which needs no readings, predicted with this fit's valve; `identify.predict` says more."""
+        from thermohyd.identify.model.predict import simulate
+
+        return simulate(record, self.model)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content of `fit.json`: plain Python, SI units, null for what is not finite."""
+        from thermohyd.identify.report.fit_json import fit_json
+
+        return fit_json(self)
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """One row per parameter, by name, SI: value, unit, std, ci95_low, ci95_high (NaN: no error bar), start, lower, upper,
+        at_bound, fixed, why_no_error_bar, and how the interval was found."""
+        rows = {}
+        for name, estimate in self.parameters.items():
+            row = asdict(estimate)
+            low, high = row.pop("ci95") or (np.nan, np.nan)
+            del row["name"]
+            std, prior = (np.nan if row.pop(key) is None else getattr(estimate, key) for key in ("std", "prior_std"))
+            head = {"value": row.pop("value"), "unit": row.pop("unit"), "std": std, "ci95_low": low, "ci95_high": high}
+            rows[name] = {**head, **row, "prior_std": prior}
+        return pd.DataFrame.from_dict(rows, orient="index").rename_axis("parameter")
+
+    def print_on(self, console: "Console") -> None:
+        from thermohyd.identify.report.fit_report import print_report
+
+        print_report(self, console)
+
+    def figures(self) -> "dict[str, Figure]":
+        """Data, model and residuals of each test by its name, and "parameters": matplotlib figures."""
+        from thermohyd.identify.report.fit_figures import fit_figures
+
+        return fit_figures(self)
+
+    def _files(self) -> dict[str, bytes | str]:
+        from thermohyd.identify.report.fit_json import fit_files
+
+        return fit_files(self)
+
+    def _of(self) -> str:
+        return self.record.source
+
+    def _repr_html_(self) -> str:
+        from thermohyd.identify.report.notebook import fit_html
+
+        return fit_html(self)

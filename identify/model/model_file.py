@@ -267,20 +267,26 @@ def nominal_model(record: BenchRecord) -> Model:
 
 def model_json(result: FitResult, learned: Iterable[LearnedTerm] = ()) -> dict[str, Any]:
     """The content of `model.json` for a fit, of a plain valve or with effects, and for smooth terms learned beside it."""
-    model = model_of_fit(result, learned)
     entries = {
         name: {"value": estimate.value, "unit": estimate.unit, "std": estimate.std}
         for name, estimate in result.parameters.items()
     }
+    about = {"record": result.record.name, "converged": result.converged}
+    return _content(model_of_fit(result, learned), entries, about)
+
+
+def _content(model: Model, entries: dict[str, dict[str, Any]], about: dict[str, Any]) -> dict[str, Any]:
+    """entries: {parameter or effect: its value, unit and standard deviation}. about: what else the file says first."""
     content = {
         "schema": SCHEMA,
         "units": "SI: m, Pa (gauge), K, m3/s, A, kg/m3, J/(kg K)",
-        "record": result.record.name,
-        "converged": result.converged,
+        **about,
         "valve": asdict(model.valve),
         "oil": asdict(model.oil),
         "parameters": {name: entries[name] for name in model.parameters},
-        "covariance": {"of": list(model.free), "matrix": np.asarray(model.covariance).tolist()},
+        "covariance": None
+        if model.covariance is None
+        else {"of": list(model.free), "matrix": np.asarray(model.covariance).tolist()},
         "effects": {name: entries[name] for name in model.effects},
     }
     if model.actuator is not None:
@@ -293,6 +299,35 @@ def model_json(result: FitResult, learned: Iterable[LearnedTerm] = ()) -> dict[s
     if model.learned:
         content["learned"] = [learned_json(term) for term in model.learned]
     return content
+
+
+def save_model(model: Model, path: Path | str) -> Path:
+    """Write a model as a `model.json` that `load_model` and the commands read: whole, or not at all. Returns the path.
+
+    Standard deviations in it are those of the model's covariance. Raises OSError.
+    """
+    from thermohyd.identify.report.files import write_all
+
+    path = Path(path)
+    spread = {} if model.covariance is None else dict(zip(model.free, np.sqrt(np.diag(model.covariance)), strict=True))
+    units = _units(model)
+    values = {**model.parameters, **model.effects, **model.dynamics}
+    entries = {n: {"value": v, "unit": units[n], "std": spread.get(n)} for n, v in values.items()}
+    content = json.dumps(_content(model, entries, {}), indent=2, allow_nan=False) + "\n"
+    write_all(path.parent, {path.name: content})
+    return path
+
+
+def _units(model: Model) -> dict[str, str]:
+    """{parameter or effect of the model: its SI unit}"""
+    infos = [*identified_by_default(model.valve).values(), heat_retention()]
+    infos += [] if model.actuator is None else identified_in_motion(model.actuator).values()
+    units = {info.name: info.unit for info in infos}
+    if model.effects:
+        from thermohyd.effects.library import effect_info
+
+        units |= {name: effect_info(name).unit for name in model.effects}
+    return units
 
 
 def _parameter_names(result: FitResult) -> set[str]:

@@ -5,6 +5,8 @@ The simulator's valve for a `Model` and the rows of a test: parameters, effects,
 
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -12,6 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 from jaxtyping import Array, Float
+from matplotlib.figure import Figure
+from rich.console import Console
 
 from thermohyd.conditions import Conditions
 from thermohyd.effects.instruments import FLOW_CHANNELS, behind_meter
@@ -22,6 +26,7 @@ from thermohyd.identify.bench.units import from_si
 from thermohyd.identify.fitting.starts import reversed_channels, warning_of
 from thermohyd.identify.fitting.static_readings import base_valve, conditions_of, pad, predict, with_parameters
 from thermohyd.identify.reduction.reduce import smooth_sweep
+from thermohyd.identify.result import Result
 from thermohyd.numerics import require_float64
 from thermohyd.oil_definition import OilDefinition, kinematic_viscosity_of
 from thermohyd.valve import Valve
@@ -30,6 +35,7 @@ from .fitted_range import COLUMN, Outside, names_of_rows, outside, sentences
 from .learned_terms import ABSOLUTE, term_values
 from .model import Model
 from .predict_motion import as_static, require_actuator, unit_of
+from .simulation_output import note_lines, simulation_files, simulation_json, simulation_table, spare_the_record
 
 
 # Applied to the readings of a whole test: it looks back along the sweep.
@@ -206,17 +212,50 @@ def readings_behind_lag(
 
 
 @dataclass(frozen=True)
-class Simulation:
-    """What `simulate` found.
+class Simulation(Result):
+    """What `simulate` predicts.
 
     tables: {test: the record's columns with `<reading>_predicted [unit]` and `<reading>_predicted_std [unit]` added, and
     `outside_fitted_range` where any of its rows lies outside}. notes: what the user must know, in sentences. outside: the
-    rows meant there.
+    rows meant there. record: whose rows they are.
     """
+
+    _command: ClassVar[str] = "simulate"
 
     tables: dict[str, pd.DataFrame]
     notes: tuple[str, ...] = ()
     outside: tuple[Outside, ...] = field(default=())
+    record: BenchRecord | None = None
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What is unusual about the record, and the notes."""
+        return (*(() if self.record is None else self.record.warnings), *self.notes)
+
+    def to_dict(self) -> dict[str, Any]:
+        """{test: {column with its unit: values}}, "notes", and "outside_fitted_range": bench units, as the headers say."""
+        return simulation_json(self.tables, self.notes, self.outside)
+
+    def print_on(self, console: Console) -> None:
+        console.print(simulation_table(self.tables))
+        for line in note_lines(self.warnings):
+            console.print(line)
+
+    def figures(self) -> dict[str, Figure]:
+        """None: a prediction is drawn beside the readings of a fit."""
+        return {}
+
+    def save(self, folder: str | Path) -> list[Path]:
+        """A CSV per test, all or none. Raises BenchInputError where one would replace the record's own, OSError."""
+        if self.record is not None:
+            spare_the_record(self.record, Path(folder))
+        return super().save(folder)
+
+    def _files(self) -> dict[str, bytes | str]:
+        return simulation_files(self.tables)
+
+    def _of(self) -> str:
+        return "" if self.record is None else self.record.source
 
 
 Piece = tuple[Conditions, dict[str, Array]]
@@ -317,7 +356,7 @@ def simulate(record: BenchRecord, model: Model, *, progress: Callable[[str], Non
     beyond = outside(model, record)
     for name in dict.fromkeys(entry.test for entry in beyond):
         tables[name][COLUMN] = names_of_rows(beyond, name, len(tables[name]))
-    return Simulation(tables, (*told, *sentences(beyond, record, model)), tuple(beyond))
+    return Simulation(tables, (*told, *sentences(beyond, record, model)), tuple(beyond), record)
 
 
 def _dynamic_tables(

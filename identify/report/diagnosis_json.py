@@ -1,6 +1,5 @@
 """`diagnosis.json`: a diagnosis as one plain dictionary, SI units; its keys: docs/bench_format.md section 8.3."""
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -84,14 +83,6 @@ def diagnosis_json(result: DiagnosisResult) -> dict[str, Any]:
         "fit": {key: value for key, value in fit_json(result.after).items() if key != "verdict"},
     }
     return plain(content)
-
-
-def diagnoses_json(results: Mapping[str, DiagnosisResult], failed: Mapping[str, str]) -> dict[str, Any]:
-    """Several diagnoses by the name of the record's folder, and why the others failed."""
-    return {
-        "records": [{"folder": name, **diagnosis_json(result)} for name, result in results.items()],
-        "failed": [{"folder": name, "reason": reason} for name, reason in failed.items()],
-    }
 
 
 def _region(region: Region) -> dict[str, Any]:

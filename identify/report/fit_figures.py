@@ -103,6 +103,12 @@ def _finish(figure: Figure, grid: np.ndarray, title: str) -> None:
     figure.legend(unique.values(), unique.keys(), loc="lower center", ncols=4, bbox_to_anchor=(0.5, 0.0))
 
 
+def fit_figures(result: FitResult) -> dict[str, Figure]:
+    """{file name without ending: figure}: one per test, and the parameters where some were free."""
+    figures = test_figures(result)
+    return {**figures, "parameters": parameter_figure(result)} if result.free else figures
+
+
 def test_figures(result: FitResult) -> dict[str, Figure]:
     """{test: figure}, one column of panels per channel; a single channel gets a second, closer view."""
     figures = {}

@@ -5,7 +5,6 @@ Every file that `fit --out` writes, as bytes and text in memory: whole before th
 
 import json
 import math
-from collections.abc import Mapping
 from importlib.metadata import version
 from typing import Any
 
@@ -15,7 +14,7 @@ from thermohyd.identify.bench.provenance import record_json
 from thermohyd.identify.fitting.result import ChannelFit, FitResult, ParameterEstimate
 from thermohyd.identify.model.model_file import model_json
 
-from .fit_figures import parameter_figure, test_figures
+from .fit_figures import fit_figures
 from .fit_report import chi2_band
 from .page import html_report
 from .style import drawn
@@ -70,14 +69,6 @@ def fit_json(result: FitResult) -> dict[str, Any]:
         "units": "SI: m, Pa (gauge), K, m3/s",
     }
     return plain(content)
-
-
-def fits_json(results: Mapping[str, FitResult], failed: Mapping[str, str]) -> dict[str, Any]:
-    """Several fits by the name of the record's folder, and why the others failed."""
-    return {
-        "records": [{"folder": name, **fit_json(result)} for name, result in results.items()],
-        "failed": [{"folder": name, "reason": reason} for name, reason in failed.items()],
-    }
 
 
 def json_text(content: dict[str, Any]) -> str:
@@ -148,10 +139,7 @@ def rounded(value: Any) -> Any:
 
 def fit_files(result: FitResult) -> dict[str, bytes | str]:
     """{file name: content}: fit.json, model.json, report.html, and a PNG and an SVG per test and for the parameters."""
-    figures = {**test_figures(result)}
-    if result.free:
-        figures["parameters"] = parameter_figure(result)
-    vectors, files = drawn(figures)
+    vectors, files = drawn(fit_figures(result))
     files["fit.json"] = json_text(fit_json(result))
     files["model.json"] = json_text(model_json(result))
     files["report.html"] = html_report(result, vectors, version("thermohyd"))

@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from thermohyd.identify.flow_curve_fit import TO_SI, MacroFit, TwoTermFit
+from thermohyd.identify.flow_curve_fit import TO_SI, FlowCurveFit, TwoTermFit
 from thermohyd.identify.report import style as look
 
 from .blocked_port_claims import BAR_VISCOSITY, BARS, L_MIN, PRESSURE_OPENINGS, bar_secant, bar_slope, heat_gap
@@ -237,7 +237,7 @@ CST, UM = 1e6, 1e6
 SYMBOLS = (("$X_0$", "um"), ("$Q_0$", "l/min"), ("$k$", "um/(l/min)"))
 
 
-def macro_figure(macro: MacroFit, two_terms: Sequence[TwoTermFit], drawn: Sequence[int]) -> Figure:
+def macro_figure(macro: FlowCurveFit, two_terms: Sequence[TwoTermFit], drawn: Sequence[int]) -> Figure:
     """Above: flow curves with Eq. 6 over them, and the largest error of the opening by viscosity. Below: X0, Q0 and k."""
     with look.style():
         figure = Figure(figsize=(10.0, 7.4))

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from thermohyd.identify.flow_curve_fit import MacroFit, TwoTermFit
+from thermohyd.identify.flow_curve_fit import FlowCurveFit, TwoTermFit
 
 from .blocked_port_claims import CST, L_MIN, heat_gap
 from .curves import Claim, SeedCurves, percent, thickest_within, verdict
@@ -18,7 +18,9 @@ def bar_flow_gain(curves: SeedCurves, share: float, nominal_flow: float, supply:
     return curves.flow_gain[:, supply, :, curves.at_opening(share)] * curves.stroke / nominal_flow
 
 
-def flow_claims(curves: SeedCurves, macro: MacroFit, two_terms: list[TwoTermFit], nominal_flow: float) -> list[Claim]:
+def flow_claims(
+    curves: SeedCurves, macro: FlowCurveFit, two_terms: list[TwoTermFit], nominal_flow: float
+) -> list[Claim]:
     """Claims of the flow-gain test, at the first supply pressure."""
     return [
         _rated(curves, nominal_flow),
@@ -88,7 +90,7 @@ def _crossing(curves: SeedCurves, ratio: np.ndarray) -> float:
     return float(np.exp(np.interp(np.log(DISTINCT), np.log(ratio[::-1]), np.log(curves.viscosity[::-1])))) * CST
 
 
-def _eq6(curves: SeedCurves, macro: MacroFit, two_terms: list[TwoTermFit]) -> Claim:
+def _eq6(curves: SeedCurves, macro: FlowCurveFit, two_terms: list[TwoTermFit]) -> Claim:
     worst = np.array([fit.worst for fit in macro.fits])
     share, stroke = worst / macro.stroke, macro.stroke
     x0, q0, k = np.array([fit.values for fit in macro.fits]).T

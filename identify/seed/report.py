@@ -19,7 +19,7 @@ from rich.table import Table
 from rich.text import Text
 
 from thermohyd import seed_paper as paper
-from thermohyd.identify.flow_curve_fit import macro_formulas, macro_json
+from thermohyd.identify.flow_curve_fit import flow_curve_formulas, flow_curve_json
 from thermohyd.identify.report.fit_json import json_text
 from thermohyd.identify.report.page import page
 from thermohyd.identify.report.style import drawn
@@ -43,7 +43,7 @@ def seed_json(study: SeedStudy) -> dict[str, Any]:
         "units": "SI: m, Pa (gauge), K, m3/s; viscosity m2/s; opening as a share of the stroke",
         "claims": [asdict(claim) for claim in study.claims],
         "claims_that": {word: study.count(word) for word in ("holds", "partly", "no")},
-        "eq6": {model: macro_json(fit, oil) for model, fit in study.macro.items()},
+        "eq6": {model: flow_curve_json(fit, oil) for model, fit in study.macro.items()},
         "eq6_with_second_tanh": {
             "equation": "X = X0 tanh(Q/Q0) + X1 tanh(Q/Q1) + k Q, values in the order X0, Q0, X1, Q1, k",
             "temperature": curves.temperature.tolist(),
@@ -185,7 +185,7 @@ def seed_files(study: SeedStudy) -> dict[str, bytes | str]:
     vectors, files = drawn(figures)
     files |= seed_tables(study)
     files["seed.json"] = json_text(seed_json(study))
-    files["eq6.json"] = json_text({model: macro_json(fit, oil) for model, fit in study.macro.items()})
+    files["eq6.json"] = json_text({model: flow_curve_json(fit, oil) for model, fit in study.macro.items()})
     files["seed.html"] = seed_page(study, vectors)
     return files
 
@@ -197,7 +197,7 @@ def seed_page(study: SeedStudy, vectors: dict[str, bytes]) -> str:
         {CAPTIONS[name]: drawing for name, drawing in vectors.items()},
         study=study,
         macro=study.macro["HM"],
-        formulas=macro_formulas(study.macro["HM"], paper.seed_valve().oil),
+        formulas=flow_curve_formulas(study.macro["HM"], paper.seed_valve().oil),
         version=version("thermohyd"),
     )
 

@@ -3,12 +3,14 @@
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from thermohyd import seed_paper as paper
 from thermohyd.actuator import seed_actuator
-from thermohyd.identify.flow_curve_fit import MacroFit, TwoTermFit, fit_eq6, fit_two_terms
+from thermohyd.identify.flow_curve_fit import FlowCurveFit, TwoTermFit, fit_eq6, fit_two_terms
+from thermohyd.identify.result import Result
 
 from .actuator_claims import actuator_claims, performance_of
 from .blocked_port_claims import leakage_claims, pressure_claims
@@ -16,16 +18,23 @@ from .curves import MODELS, Claim, SeedCurves, seed_curves
 from .flow_claims import flow_claims
 
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from rich.console import Console
+
+
 TEMPERATURE_STEP = 5.0  # K, between the temperatures of the curves against temperature
 
 
 @dataclass(frozen=True)
-class SeedStudy:
+class SeedStudy(Result):
     """macro: {"HM", "THM": Eq. 6 at the first supply pressure}; two_terms: the variant for HM, a fit per temperature.
     performance: {figure of `thermohyd.Performance`: (model, supply, temperature)} of the example jack at null."""
 
+    _command: ClassVar[str] = "seed"
+
     curves: SeedCurves
-    macro: dict[str, MacroFit]
+    macro: dict[str, FlowCurveFit]
     two_terms: tuple[TwoTermFit, ...]
     performance: dict[str, np.ndarray]
     claims: tuple[Claim, ...]
@@ -39,6 +48,27 @@ class SeedStudy:
     def count(self, holds: str) -> int:
         """How many claims hold, hold "partly", or do not ("no")."""
         return sum(claim.holds == holds for claim in self.claims)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content of `seed.json`."""
+        from .report import seed_json
+
+        return seed_json(self)
+
+    def print_on(self, console: "Console") -> None:
+        from .report import print_seed
+
+        print_seed(self, console)
+
+    def figures(self) -> "dict[str, Figure]":
+        from .report import seed_figures
+
+        return seed_figures(self)
+
+    def _files(self) -> dict[str, bytes | str]:
+        from .report import seed_files
+
+        return seed_files(self)
 
 
 def temperatures() -> np.ndarray:

@@ -1,10 +1,12 @@
 """What a study found: plain numbers, ready for the terminal, JSON and plots."""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from thermohyd.actuator import Actuator
+from thermohyd.identify.result import Result
 
 from .curves import CurveSlopes
 from .drift import Drift
@@ -12,6 +14,11 @@ from .global_measures import DerivativeMeasures, SobolIndices
 from .next_test import Measurements, Posterior, TestChoice
 from .source import Subject
 from .static_figures import Output
+
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from rich.console import Console
 
 
 @dataclass(frozen=True)
@@ -60,8 +67,10 @@ class InformationStudy:
 
 
 @dataclass(frozen=True)
-class SensitivityResult:
+class SensitivityResult(Result):
     """Everything that `sensitivity` found (SI). nominal: (outputs,); slope: (factors, outputs) there."""
+
+    _command: ClassVar[str] = "sensitivity"
 
     subject: Subject
     factors: tuple
@@ -91,3 +100,24 @@ class SensitivityResult:
         steps = np.array([factor.step for factor in self.factors])
         scale = np.where(np.abs(self.nominal) > 1e-9 * np.sqrt(self.tolerances.sobol.variance), self.nominal, np.nan)
         return steps[:, None] * self.slope / scale
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content of `sensitivity.json`."""
+        from .report import sensitivity_json
+
+        return sensitivity_json(self)
+
+    def print_on(self, console: "Console") -> None:
+        from .report import print_sensitivity
+
+        print_sensitivity(self, console)
+
+    def figures(self) -> "dict[str, Figure]":
+        from .report import sensitivity_figures
+
+        return sensitivity_figures(self)
+
+    def _files(self) -> dict[str, bytes | str]:
+        from .report import sensitivity_files
+
+        return sensitivity_files(self)

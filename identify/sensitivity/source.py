@@ -15,7 +15,7 @@ from thermohyd.identify.bench.record import BenchRecord, TestRecord, ValveData
 from thermohyd.identify.fitting.parameters import MICRON
 from thermohyd.identify.fitting.result import FitResult
 from thermohyd.identify.model.model import Model
-from thermohyd.identify.model.model_file import model_of_fit
+from thermohyd.identify.model.model_file import load_model, model_of_fit, nominal_model
 
 from .next_test import ReadingNoise
 from .settings import Settings, read_settings
@@ -173,20 +173,32 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Source:
-    """What a command was given, read and checked; `model_file` is read when JAX runs, which effects in it need."""
+    """What a study was given, read and checked; `model_file` is read when JAX runs, which effects in it need.
+
+    model: in the place of a file; fit: of `record`, which then needs no other.
+    """
 
     settings: Settings
     record: BenchRecord | None = None
     model_file: Path | None = None
+    model: Model | None = None
+    fit: FitResult | None = None
+
+    @property
+    def named(self) -> bool:
+        """Whether anything was given; else a study is about the seed paper's valve."""
+        return not (self.record is None and self.model_file is None and self.model is None)
+
+    def own_model(self) -> Model | None:
+        """The model that was given; None where none was. Raises BenchInputError where its file cannot be read."""
+        return self.model if self.model_file is None else load_model(self.model_file)
 
     def subject(self, say: Callable[[str], None] = lambda _: None) -> "Subject":
         """The study's subject; a record with readings and without a model is fitted.
 
         Raises BenchInputError, and RuntimeError where the fit does not converge.
         """
-        from thermohyd.identify.model.model_file import load_model, nominal_model
-
-        model = None if self.model_file is None else load_model(self.model_file)
+        model = self.own_model()
         if self.record is not None and not self.record.tests:
             raise BenchInputError(
                 "holds dynamic tests only; sensitivity studies a valve at the conditions of its static tests",
@@ -198,7 +210,7 @@ class Source:
             return subject_of_record(self.record, model, self.settings)
         if not all(test.channels for test in self.record.tests.values()):
             return subject_of_record(self.record, nominal_model(self.record), self.settings)
-        return subject_of_fit(fitted(self.record, say), self.settings)
+        return subject_of_fit(self.fit or fitted(self.record, say), self.settings)
 
 
 def fitted(record: BenchRecord, say: Callable[[str], None]) -> "FitResult":

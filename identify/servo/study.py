@@ -6,7 +6,7 @@ The tables of a sweep, shared by terminal and page. Bench units.
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import jax.numpy as jnp
 import numpy as np
@@ -26,10 +26,16 @@ from thermohyd.dynamics.temperature_sweep import (
     step_sweep,
 )
 from thermohyd.identify.bench.shown_units import decibel, significant
+from thermohyd.identify.result import Result
 from thermohyd.identify.sensitivity.varied import valve_of_model
 from thermohyd.oil import walther_viscosity
 
 from .subject import Subject
+
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from rich.console import Console
 
 
 MODELS: dict[str, Heat] = {"THM": "adiabatic", "HM": "isothermal"}
@@ -49,11 +55,13 @@ class LinearFormulas:
 
 
 @dataclass(frozen=True)
-class ServoStudy:
+class ServoStudy(Result):
     """Everything that a sweep found, by model ("THM", "HM"); viscosity of the oil supplied at no pressure [m2/s].
 
     gain_rise: the valve's largest gain over that at null (`largest_gain_rise`).
     """
+
+    _command: ClassVar[str] = "servo"
 
     subject: Subject
     viscosity: np.ndarray
@@ -70,6 +78,27 @@ class ServoStudy:
     @property
     def celsius(self) -> np.ndarray:
         return np.array(self.subject.temperatures) - 273.15
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content of `servo.json`."""
+        from .report import servo_json
+
+        return servo_json(self)
+
+    def print_on(self, console: "Console") -> None:
+        from .report import print_servo
+
+        print_servo(self, console)
+
+    def figures(self) -> "dict[str, Figure]":
+        from .report import servo_figures
+
+        return servo_figures(self)
+
+    def _files(self) -> dict[str, bytes | str]:
+        from .report import servo_files
+
+        return servo_files(self)
 
 
 def servo_study(subject: Subject, *, rows: int = ROWS, progress: Callable[[str], None] | None = None) -> ServoStudy:

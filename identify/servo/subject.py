@@ -13,7 +13,7 @@ from thermohyd.identify.bench.record import ActuatorData, BenchRecord
 from thermohyd.identify.bench.units import UnitError, parse_quantity
 from thermohyd.identify.fitting.motion_readings import actuator_of
 from thermohyd.identify.model.model import Model
-from thermohyd.identify.model.model_file import load_model, model_of_fit, nominal_model
+from thermohyd.identify.model.model_file import model_of_fit, nominal_model
 from thermohyd.identify.sensitivity.settings import Settings
 from thermohyd.identify.sensitivity.source import Source, conditions_of, fitted, left_out, seed_model
 
@@ -132,13 +132,14 @@ def subject_of(source: Source, request: Request, say: Callable[[str], None] = la
 
 
 def _model(source: Source, say: Callable[[str], None]) -> Model:
-    if source.model_file is not None:
-        return load_model(source.model_file)
+    own = source.own_model()
+    if own is not None:
+        return own
     if source.record is None:
         return seed_model()
     if not all(test.channels for test in source.record.all_tests.values()):
         return nominal_model(source.record)
-    return model_of_fit(fitted(source.record, say))
+    return model_of_fit(source.fit or fitted(source.record, say))
 
 
 def _actuator(source: Source, model: Model, request: Request) -> tuple[Actuator, list[str]]:
@@ -148,13 +149,13 @@ def _actuator(source: Source, model: Model, request: Request) -> tuple[Actuator,
     data = of_record.actuator if of_record is not None and of_record.given else model.actuator
     if data is None:
         data = ActuatorData()
-        if not own and (source.record or source.model_file):
+        if not own and source.named:
             notes.append(
                 "No [actuator] is described: an example jack of 12 cm2 and 50 kg was taken (--settings describes yours)."
             )
     if not data.closed_loop and "amplifier_gain" not in own:
         data = replace(data, amplifier_gain=GAIN, sensor_gain=SENSOR)
-        if (source.record or source.model_file) and request.amplifier_gain is None:
+        if source.named and request.amplifier_gain is None:
             notes.append(f"No controller is described: {GAIN:g} A/V and {SENSOR:g} V/m were taken.")
     actuator = actuator_of(data, model.valve.rated_current, model.dynamics)
     if request.amplifier_gain is not None:

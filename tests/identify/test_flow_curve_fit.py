@@ -12,10 +12,10 @@ from thermohyd.flow_curve import eq6_flow
 from thermohyd.identify import flow_curve_fit as macro_fit
 from thermohyd.identify.flow_curve_fit import (
     fit_eq6,
-    fit_macro_model,
+    fit_flow_curve,
     fit_two_terms,
-    macro_formulas,
-    macro_json,
+    flow_curve_formulas,
+    flow_curve_json,
     two_term_position,
 )
 from thermohyd.oil import walther_viscosity
@@ -29,7 +29,7 @@ UM = 1e6
 
 @pytest.fixture(scope="module")
 def fitted():
-    return fit_macro_model(seed_valve(), TEMPERATURES, supply_pressure=70e5)
+    return fit_flow_curve(seed_valve(), TEMPERATURES, supply_pressure=70e5)
 
 
 def test_exact_curves_give_their_parameters_back():
@@ -98,7 +98,7 @@ def test_the_law_serves_another_supply_pressure(fitted):
 
 
 def test_plain_formulas_are_the_model(fitted):
-    formulas = macro_formulas(fitted, seed_valve().oil)
+    formulas = flow_curve_formulas(fitted, seed_valve().oil)
     for temperature, drop, flow in ((240.0, 70e5, 1e-5), (300.0, 210e5, -1e-4), (340.0, 70e5, 0.0)):
         names = {"T": temperature, "dp": drop, "Q": flow} | {
             name: getattr(math, name) for name in ("log", "log10", "exp", "sqrt", "tanh")
@@ -110,7 +110,7 @@ def test_plain_formulas_are_the_model(fitted):
 
 
 def test_json_says_all(fitted):
-    content = macro_json(fitted, seed_valve().oil)
+    content = flow_curve_json(fitted, seed_valve().oil)
     assert content["worst_error"]["share_of_stroke"] == pytest.approx(fitted.worst / STROKE)
     assert len(content["temperatures"]) == len(TEMPERATURES)
     assert content["temperatures"][0]["X0"]["std"] > 0.0
@@ -137,13 +137,13 @@ def test_a_null_bias_is_taken_out():
         null_bias=4e-6,
     )
     warm = TEMPERATURES[-4:]
-    plain, biased = (fit_macro_model(v, warm, supply_pressure=70e5, degree=2) for v in (valve, shifted))
+    plain, biased = (fit_flow_curve(v, warm, supply_pressure=70e5, degree=2) for v in (valve, shifted))
     assert np.allclose(plain.flow, biased.flow, rtol=1e-9)
 
 
 def test_too_few_temperatures():
     with pytest.raises(ValueError, match="at least 6 temperatures"):
-        fit_macro_model(seed_valve(), [300.0, 310.0], supply_pressure=70e5)
+        fit_flow_curve(seed_valve(), [300.0, 310.0], supply_pressure=70e5)
 
 
 def test_examples():

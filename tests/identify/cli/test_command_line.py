@@ -45,7 +45,7 @@ def bench(monkeypatch):
     monkeypatch.delenv("THERMOHYD_DEBUG", raising=False)
     result = fake_fit()
     reader(monkeypatch, lambda folder, readings_required=True: result.record)
-    stand_in(monkeypatch, "fit", fit=lambda record, progress=None: result)
+    stand_in(monkeypatch, "fitting.fit", fit=lambda record, progress=None: result)
     return lambda *arguments: CliRunner().invoke(app, [str(a) for a in arguments])
 
 
@@ -117,7 +117,7 @@ def test_one_failing_record_does_not_stop_the_others(bench, monkeypatch, tmp_pat
             raise found
         return found
 
-    stand_in(monkeypatch, "fit", fit=fit)
+    stand_in(monkeypatch, "fitting.fit", fit=fit)
     ran = bench("fit", "a", "b", "c", "--out", tmp_path / "out", "--json")
     assert ran.exit_code == 1
     assert {folder.name for folder in (tmp_path / "out").iterdir()} == {"a", "c"}
@@ -170,7 +170,7 @@ def test_predictions_do_not_overwrite_the_record(tmp_path):
 
 def test_not_converged_is_a_failure_that_still_reports(bench, monkeypatch, tmp_path):
     result = fake_fit(converged=False, message="100 steps were not enough")
-    stand_in(monkeypatch, "fit", fit=lambda record, progress=None: result)
+    stand_in(monkeypatch, "fitting.fit", fit=lambda record, progress=None: result)
     ran = bench("fit", "bench", "--out", tmp_path, "--json")
     assert ran.exit_code == 1
     assert "thermohyd: the fit did not converge: 100 steps were not enough" in ran.stderr
@@ -197,7 +197,7 @@ def test_failures_are_one_line(bench, monkeypatch, tmp_path, module, command, er
     if module == "read_record":
         reader(monkeypatch, raising(error))
     else:
-        stand_in(monkeypatch, module, **{module: raising(error)})
+        stand_in(monkeypatch, "fitting.fit", fit=raising(error))
     ran = bench(command, "bench", "--out", tmp_path / "out", "--json")
     assert ran.exit_code == status
     assert ran.stderr.strip() == line
@@ -207,7 +207,7 @@ def test_failures_are_one_line(bench, monkeypatch, tmp_path, module, command, er
 
 def test_debugging_shows_the_story(bench, monkeypatch):
     monkeypatch.setenv("THERMOHYD_DEBUG", "1")
-    stand_in(monkeypatch, "fit", fit=raising(ValueError("the cause")))
+    stand_in(monkeypatch, "fitting.fit", fit=raising(ValueError("the cause")))
     ran = bench("fit", "bench")
     assert isinstance(ran.exception, ValueError)
 

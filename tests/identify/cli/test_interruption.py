@@ -22,8 +22,8 @@ PRELUDE = f"""
 import signal, sys, time
 signal.signal(signal.SIGINT, signal.default_int_handler)
 sys.path.insert(0, {str(TESTS)!r})
-from thermohyd.identify import progress
-progress.SILENT_SECONDS = -1.0
+from thermohyd.identify.cli import several_records
+several_records.SILENT_SECONDS = -1.0
 def say(words):
     print(words, file=sys.stderr, flush=True)
 """
@@ -37,7 +37,7 @@ import ctypes
 from types import ModuleType
 from helpers.fake_fit import fake_fit
 from dataclasses import replace
-from thermohyd.identify import jax_setup
+from thermohyd.identify.cli import jax_setup
 jax_setup.set_up_jax = lambda: None
 module = ModuleType("thermohyd.identify.fitting.fit")
 seen = []

@@ -17,8 +17,8 @@ from thermohyd.identify.report.diagnosis_page import diagnosis_files
 
 
 def stand_in(monkeypatch, name: str, **functions) -> None:
-    """Put a module of our own in the place of `thermohyd.identify.diagnosis.<name>`."""
-    module = ModuleType(f"thermohyd.identify.diagnosis.{name}")
+    """Put a module of our own in the place of `thermohyd.identify.<name>`."""
+    module = ModuleType(f"thermohyd.identify.{name}")
     vars(module).update(functions)
     monkeypatch.setitem(sys.modules, module.__name__, module)
 
@@ -56,9 +56,10 @@ def bench(monkeypatch):
     monkeypatch.setenv("COLUMNS", "110")
     monkeypatch.delenv("THERMOHYD_DEBUG", raising=False)
     monkeypatch.setattr("thermohyd.identify.cli.several_records.read_record", made.read_record)
-    stand_in(monkeypatch, "diagnose", diagnose=made.diagnose)
-    stand_in(monkeypatch, "model_of_diagnosis", model_content=lambda result: {"schema": "a model"})
-    stand_in(monkeypatch, "diagnosis_files", diagnosis_files=lambda result, model: {"report.html": result.headline})
+    stand_in(monkeypatch, "diagnosis.diagnose", diagnose=made.diagnose)
+    stand_in(
+        monkeypatch, "report.diagnosis_page", diagnosis_files=lambda result, model: {"report.html": result.headline}
+    )
     return made
 
 
@@ -67,7 +68,7 @@ def names(folder: Path) -> set[str]:
 
 
 def test_one_record_writes_into_the_folder_itself(bench, tmp_path, monkeypatch):
-    stand_in(monkeypatch, "diagnosis_files", diagnosis_files=diagnosis_files)
+    stand_in(monkeypatch, "report.diagnosis_page", diagnosis_files=diagnosis_files)
     ran = bench("valve", "--out", tmp_path / "out", "--json")
     assert ran.exit_code == 0, ran.stderr
     assert names(tmp_path / "out") >= {"diagnosis.json", "model.json", "report.html", "leakage.png", "residual_map.svg"}
@@ -149,7 +150,7 @@ def test_interrupted_between_records(bench, tmp_path):
 def test_not_converged_is_a_failure_that_still_reports(bench, tmp_path, monkeypatch):
     result = fake_diagnosis("named", points=4)
     result = replace(result, after=replace(result.after, converged=False, message="100 steps were not enough"))
-    stand_in(monkeypatch, "diagnose", diagnose=lambda record, learn=False, progress=None: result)
+    stand_in(monkeypatch, "diagnosis.diagnose", diagnose=lambda record, learn=False, progress=None: result)
     ran = bench("a", "--out", tmp_path / "out")
     assert ran.exit_code == 1
     assert "thermohyd: the fit did not converge: 100 steps were not enough" in ran.stderr

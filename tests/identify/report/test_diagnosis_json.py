@@ -7,7 +7,9 @@ import pytest
 from helpers.fake_diagnosis import ABSORBED, KINDS, fake_diagnosis
 from helpers.fake_fit import with_files
 
-from thermohyd.identify.report.diagnosis_json import diagnoses_json, diagnosis_json
+from thermohyd.identify.cli.several_records import Outcome
+from thermohyd.identify.cli.several_results import json_of_several
+from thermohyd.identify.report.diagnosis_json import diagnosis_json
 from thermohyd.identify.report.fit_json import json_text
 
 
@@ -79,7 +81,8 @@ def test_a_learned_term_is_marked_as_empirical():
 
 
 def test_several_records():
-    content = diagnoses_json({"a": fake_diagnosis("named"), "b": fake_diagnosis("consistent")}, {"c": "no time"})
+    results = {"a": fake_diagnosis("named"), "b": fake_diagnosis("consistent")}
+    content = json_of_several(Outcome(results, {"c": "no time"}))
     assert [record["folder"] for record in content["records"]] == ["a", "b"]
     assert content["records"][1]["verdict"] == "consistent"
     assert content["failed"] == [{"folder": "c", "reason": "no time"}]
