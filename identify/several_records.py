@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Generic, TypeVar
 
 from .errors import BenchInputError, quoted
 from .exit_status import in_words, wants_the_whole_story
@@ -13,11 +12,10 @@ from .write_files import Writer, checked_folder, write_all
 
 
 Progress = Callable[[str], None]
-Result = TypeVar("Result")
 
 
 @dataclass
-class Outcome(Generic[Result]):
+class Outcome[Result]:
     """What became of each record, by the name of its folder."""
 
     results: dict[str, Result] = field(default_factory=dict)
@@ -57,7 +55,7 @@ def _names(benches: Sequence[Path], out: Path | None) -> list[str]:
     return names
 
 
-def compute_all(
+def compute_all[Result](
     records: Mapping[str, BenchRecord],
     compute: Callable[[BenchRecord, Progress], Result],
     files: Callable[[Result], dict[str, bytes | str]],
@@ -91,7 +89,7 @@ def _said(progress: Progress, before: str) -> Progress:
     return lambda words: progress(before + words)
 
 
-def confession(outcome: Outcome[Result], missed: Iterable[tuple[str, str]]) -> str:
+def confession[Result](outcome: Outcome[Result], missed: Iterable[tuple[str, str]]) -> str:
     """What the command has to confess at its end, in one sentence; empty where all went well.
 
     missed: (name, reason) of the records that gave a result, but not a good one.
