@@ -2,9 +2,10 @@
 
 SHELL := /bin/bash
 
-# A python3 of 3.11 or newer; say `make PYTHON=/path/to/python3.12 demo` for another.
-PYTHON ?= $(shell for p in python3 python3.13 python3.12 python3.11; do \
-	$$p -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && { echo $$p; break; }; done)
+# A python3 of 3.12 or newer, pyenv's included; say `make PYTHON=/path/to/python3.13 demo` for another.
+NEW_ENOUGH := -c 'import sys; sys.exit(sys.version_info < (3, 12))'
+PYTHON ?= $(shell for p in python3 python3.13 python3.12 $(wildcard $(HOME)/.pyenv/versions/3.1[23]*/bin/python3); do \
+	$$p $(NEW_ENOUGH) 2>/dev/null && { echo $$p; break; }; done)
 VENV := .venv
 BIN := $(VENV)/bin
 SOURCES := pyproject.toml constraints.txt README.md LICENSE \
@@ -20,6 +21,7 @@ help:
 	@echo "make hidden-dynamic  30 records of an actuator with hidden physics, diagnosed and scored (SET=2: other seeds; half an hour)"
 	@echo "make hidden-logs  raw logs in which nothing is missing: do intervals hold the truth, is nothing named? (an hour)"
 	@echo "make clean   remove what was built (not $(VENV))"
+	@echo "A Python of 3.12 or newer is looked for; make PYTHON=/path/to/python3.13 demo takes that one. It stays in $(VENV)."
 
 demo: $(VENV)/.installed
 	$(BIN)/thermohyd fit data/seed_valve --out demo-report
@@ -38,7 +40,7 @@ typecheck: $(VENV)/.installed-dev
 	@rm -rf build/typecheck && mkdir -p build/typecheck
 	@cp -RL "$$($(BIN)/python -P -c 'import os, thermohyd; print(os.path.dirname(thermohyd.__file__))')" \
 		tests $(wildcard benchmarks) pyproject.toml build/typecheck/
-	@set -o pipefail; cd build/typecheck && ../../$(BIN)/pyright --pythonpath ../../$(BIN)/python \
+	@set -o pipefail; cd build/typecheck && $(abspath $(BIN))/pyright --pythonpath $(abspath $(BIN))/python \
 		| sed -e 's|$(CURDIR)/build/typecheck/||' -e 's,thermohyd/\(identify\|data\)/,\1/,'
 
 pytest: $(VENV)/.installed-dev
@@ -66,16 +68,23 @@ clean:
 	find . -name __pycache__ -not -path './$(VENV)/*' -exec rm -rf {} +
 
 $(BIN)/python:
-	@test -n "$(PYTHON)" || { echo "thermohyd needs Python 3.11 or newer: make PYTHON=/path/to/python3.11 ..."; exit 1; }
+	@test -n "$(PYTHON)" && $(PYTHON) $(NEW_ENOUGH) || \
+		{ echo "thermohyd needs Python 3.12 or newer: make PYTHON=/path/to/python3.12 ..."; exit 1; }
 	$(PYTHON) -m venv $(VENV)
+
+# It may be of a time when an older Python was enough; it is not removed unasked, as it may hold what somebody added.
+STILL_NEW_ENOUGH = $(BIN)/python $(NEW_ENOUGH) || { \
+	echo "$(VENV) holds a Python older than the 3.12 that thermohyd needs: rm -rf $(VENV), then make again."; exit 1; }
 
 # Old build folders would put deleted modules into the wheel, and an old package folder may be links into this tree.
 $(VENV)/.installed: $(SOURCES) | $(BIN)/python
+	@$(STILL_NEW_ENOUGH)
 	@rm -rf build/lib build/bdist.* *.egg-info $(VENV)/lib/python3*/site-packages/thermohyd
 	$(INSTALL) .
 	@rm -rf build/lib build/bdist.* *.egg-info && touch $@
 
 $(VENV)/.installed-dev: $(SOURCES) | $(BIN)/python
+	@$(STILL_NEW_ENOUGH)
 	@rm -rf build/lib build/bdist.* *.egg-info $(VENV)/lib/python3*/site-packages/thermohyd
 	$(INSTALL) '.[dev]'
 	@rm -rf build/lib build/bdist.* *.egg-info && touch $@ $(VENV)/.installed

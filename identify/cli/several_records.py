@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Generic, TypeVar
 
 from rich.console import Console
 from rich.text import Text
@@ -24,11 +23,10 @@ from .process import in_words, wants_the_whole_story
 
 
 Progress = Callable[[str], None]
-Found = TypeVar("Found", bound=Result)
 
 
 @dataclass
-class Outcome(Generic[Found]):
+class Outcome[Found: Result]:
     """What became of each record, by the name of its folder."""
 
     results: dict[str, Found] = field(default_factory=dict)
@@ -68,7 +66,7 @@ def _names(benches: Sequence[Path], out: Path | None) -> list[str]:
     return names
 
 
-def compute_all(
+def compute_all[Found: Result](
     records: Mapping[str, BenchRecord],
     compute: Callable[[BenchRecord, Progress], Found],
     out: Path | None,
@@ -100,7 +98,7 @@ def _said(progress: Progress, before: str) -> Progress:
     return lambda words: progress(before + words)
 
 
-def confession(outcome: Outcome[Found], missed: Iterable[tuple[str, str]]) -> str:
+def confession[Found: Result](outcome: Outcome[Found], missed: Iterable[tuple[str, str]]) -> str:
     """What the command has to confess at its end, in one sentence; empty where all went well.
 
     missed: (name, reason) of the records that gave a result, but not a good one.

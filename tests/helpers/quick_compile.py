@@ -7,11 +7,9 @@ from functools import partial
 import jax
 
 
-# Without the newer emitter of fused loops, which takes half the time of compiling a program of many small ones.
 QUICKEST = {
     "xla_backend_optimization_level": 0,
     "xla_llvm_disable_expensive_passes": True,
-    "xla_cpu_use_fusion_emitters": False,
     "xla_cpu_parallel_codegen_split_count": 1,
 }
 # jax.jit for functions of arrays and Modules of arrays. A step test's program takes a quarter of the time to compile and
