@@ -1,6 +1,8 @@
 """Imports run one way: oil -> edge -> valve -> static tests -> identify -> command line."""
 
 import ast
+import subprocess
+import sys
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -8,13 +10,27 @@ from pathlib import Path
 import pytest
 
 
-CHAIN = ("thermohyd.oil", "thermohyd.edge", "thermohyd.valve", "thermohyd.static_tests", "thermohyd.identify.fitting.fit")
+CHAIN = (
+    "thermohyd.oil",
+    "thermohyd.edge",
+    "thermohyd.valve",
+    "thermohyd.static_tests",
+    "thermohyd.identify.fitting.fit",
+)
 EFFECTS = "thermohyd.effects.library"
 INTERFACE = "thermohyd.effects.effect"  # what a valve must know of effects: the stages that they may join
 IDENTIFY = "thermohyd.identify"
 ENTRY = f"{IDENTIFY}.__main__"
 # Whole packages that a reader of files or results needs without waiting for JAX.
-WITHOUT_JAX = ("bench", "reduction", "report", "model.model", "model.learned_terms", "model.fitted_range")
+WITHOUT_JAX = (
+    "bench",
+    "reduction",
+    "report",
+    "model.model",
+    "model.model_file",
+    "model.learned_terms",
+    "model.fitted_range",
+)
 JAX = {"jax", "jaxtyping", "equinox", "optimistix", "lineax", "diffrax"}
 # Each package may import those before it, not those after it.
 FLOORS = ("fitting", "diagnosis", "cli")
@@ -78,9 +94,13 @@ def test_the_chain_is_connected():
     assert set(CHAIN[:-1]) <= reachable(CHAIN[-1])
 
 
-def test_effects_stand_on_the_valve_and_nothing_in_the_simulator_on_them():
-    assert "thermohyd.valve" in reachable(EFFECTS)
-    assert not {"thermohyd.static_tests"} & reachable(EFFECTS)
+def test_the_library_of_effects_is_plain_data():
+    assert reachable(EFFECTS) == {"thermohyd.effects.effect_info"}
+
+
+def test_nothing_in_the_simulator_stands_on_effects():
+    homes = [name for name in modules() if name.startswith("thermohyd.effects.")]
+    assert not any("thermohyd.static_tests" in reachable(name) for name in homes)
     simulator = [name for name in modules() if name.count(".") == 1]
     assert not any(m.startswith("thermohyd.effects") for name in simulator for m in imports(name) - {INTERFACE})
 
@@ -109,6 +129,19 @@ def test_a_package_knows_nothing_of_what_is_made_of_it(level):
 def test_reading_and_reporting_need_no_jax(name):
     outside = {m.split(".")[0] for module in (name, *reachable(name)) for m in imports(module)}
     assert not outside & JAX
+
+
+def test_a_class_that_an_entry_names_is_imported_on_first_use_only():
+    """What no import statement shows: the library, its entries asked for, and a model.json's reader run without JAX."""
+    lines = (
+        "import sys",
+        "from thermohyd.effects.library import effect_info",
+        "import thermohyd.identify.model.model_file, thermohyd.identify.report.diagnosis_json",
+        "info = effect_info('hysteresis')",
+        "assert info.shows and info.of_sweeps and not {'jax', 'equinox'} & set(sys.modules)",
+        "assert info.rowwise and {'jax', 'equinox'} <= set(sys.modules)",
+    )
+    subprocess.run([sys.executable, "-P", "-c", "\n".join(lines)], check=True)
 
 
 @pytest.mark.parametrize("name", [name for name in modules() if not name.startswith(f"{IDENTIFY}.cli.")])

@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from .dynamics.machine import Walls
     from .dynamics.simulate import StepReadings, simulate_step
     from .dynamics.simulate_many import simulate_many
-    from .effects.library import EFFECTS, with_effects
+    from .effects.effect_info import EffectInfo
+    from .effects.library import EFFECTS, register_effect, unregister_effect, with_effects
     from .heat import HeatExchange, effectiveness, eta_from_ntu
     from .oil import Oil, oil_from_definition
     from .oil_definition import OilDefinition, walther_coefficients
@@ -72,8 +73,11 @@ _HOME = {
         "simulate_step",
     ),
     "dynamics.simulate_many": ("simulate_many",),
+    "effects.effect_info": ("EffectInfo",),
     "effects.library": (
         "EFFECTS",
+        "register_effect",
+        "unregister_effect",
         "with_effects",
     ),
     "heat": (
@@ -89,7 +93,7 @@ _HOME = {
         "OilDefinition",
         "walther_coefficients",
     ),
-    "performance": (
+    "actuator_performance": (
         "Performance",
         "performance",
     ),

@@ -27,7 +27,7 @@ from thermohyd.identify.noise.correlation import NoiseCorrelation
 from thermohyd.identify.noise.whitening import whitening_of
 from thermohyd.identify.reduction.legs import piece_bounds
 
-from .library import HEAT, Library, coupled
+from .library import Library, coupled, with_heat
 from .library_model import PARAMETERS, LibraryArgs, RowTerms, library_program, order_of
 
 
@@ -216,7 +216,7 @@ class LibraryProblem:
         if not missing:
             return fit
         present = [name for name in fit.order if name not in self.parameters and fit.values[name] != 0.0]
-        other = self.library.plain if HEAT in missing else self._program((*present, *missing))
+        other = self.library.plain if with_heat(missing) else self._program((*present, *missing))
         held = {name: value for name, value in fit.values.items() if name in self.parameters or name in other}
         at = self._evaluate(held, other)
         order = self.order_of(self.library.names)
@@ -228,7 +228,7 @@ class LibraryProblem:
         """The effects present in the cheapest program that serves `chosen`."""
         if not any(coupled(name) for name in chosen):
             return self.library.plain
-        return self.library.names if HEAT in chosen or self._heat_asked else self.library.cold
+        return self.library.names if with_heat(chosen) or self._heat_asked else self.library.cold
 
     @property
     def _heat_asked(self) -> bool:
@@ -267,7 +267,7 @@ class LibraryProblem:
 
     def _arguments(self, program: tuple[str, ...]) -> LibraryArgs:
         args = self._all_arguments()
-        if HEAT in program or self._heat_asked:
+        if with_heat(program) or self._heat_asked:
             return args
         return replace(args, valve=replace(args.valve, heat_retention=None))
 

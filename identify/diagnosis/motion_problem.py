@@ -6,7 +6,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from thermohyd.effects.library import DYNAMIC_EFFECTS, EFFECTS, effect_info
+from thermohyd.effects.library import DYNAMIC_EFFECTS, EFFECTS, whole_library
 from thermohyd.identify.bench.record import DynamicTest
 from thermohyd.identify.fitting.fit_motion import BELIEVE, CLOSE_ENOUGH, simulator_of
 from thermohyd.identify.fitting.least_squares import Both, LeastSquaresResult
@@ -20,28 +20,25 @@ from .library import Library
 from .library_fit import Key, LibraryFit, LibraryProblem
 
 
-# Static effects that a step test can show: few, as each is one more name that chance may hit. A leak between the ports is
-# the jack's leak by another name, and stands for itself in the static library.
-STATIC = ("unequal_underlap", "position_scale")
-
-
 def motion_library(tests: dict[str, DynamicTest], heat: str) -> Library:
     """The dynamic effects, and a few static ones, that these tests can show."""
     names, impossible = [], {}
     kinds = {test.name for test in tests.values()}
     readings = {channel.name for test in tests.values() for channel in test.channels}
-    for name in (*STATIC, *DYNAMIC_EFFECTS):
-        info = effect_info(name)
+    # Few static ones, as each is one more name that chance may hit. A leak between the ports is the jack's leak by another
+    # name, and stands for itself in the static library.
+    for name, info in whole_library().items():
+        if name in EFFECTS and not info.also_in_motion:
+            continue
         if name in DYNAMIC_EFFECTS and not kinds & set(info.shows):
             impossible[name] = f"none of its tests ({', '.join(info.shows)}) is in the record"
-        elif name == "wall_heat" and heat == "isothermal":
+        elif "warm_chambers" in info.needs and heat == "isothermal":
             impossible[name] = 'the record says heat = "isothermal": all oil has the supply\'s temperature'
-        elif name == "position_scale" and "spool_position" not in readings:
+        elif "measured_spool" in info.needs and "spool_position" not in readings:
             impossible[name] = "the spool's position is not measured"
         else:
             names.append(name)
-    known = list({**EFFECTS, **DYNAMIC_EFFECTS})
-    return Library(tuple(sorted(names, key=known.index)), impossible)
+    return Library(tuple(names), impossible)
 
 
 @dataclass

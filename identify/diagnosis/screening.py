@@ -22,7 +22,7 @@ from thermohyd.identify.fitting.parameters import identified_by_default
 from thermohyd.identify.fitting.static_readings import base_valve, conditions_of, mean_over_nodes, row_weights
 from thermohyd.static_tests import blocked_port_readings
 
-from .library import Library
+from .library import Library, with_heat
 from .library_fit import LibraryFit, LibraryProblem
 from .library_model import PARAMETERS
 from .max_t import MaxT, normal_score
@@ -280,9 +280,9 @@ def ports_apart(problem: LibraryProblem, true: LibraryFit, other: LibraryFit) ->
 def _ports(problem: LibraryProblem, values: dict[str, float], fit: LibraryFit) -> np.ndarray:
     """p_A of every row, then p_B."""
     test = problem.tests[TEST]
-    heat = "throttle_heating" in fit.effects
+    heat = with_heat(fit.effects)
     valve = base_valve(problem.record, {name: values[name] for name in PARAMETERS if name in values}, heat=heat)
-    valve = with_effects(valve, {name: values[name] for name in fit.effects if name != "flowmeter_lag"})
+    valve = with_effects(valve, {name: values[name] for name in fit.effects if effect_info(name).rowwise})
     readings, weight = blocked_port_readings(valve, conditions_of(test)), row_weights(test)
     ports = [readings[channel] for channel in ("pressure_a", "pressure_b")]
     ports = ports if weight is None else [mean_over_nodes(port, weight) for port in ports]

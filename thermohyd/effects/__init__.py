@@ -1,1 +1,1 @@
-"""The effects that separate a bench from the ideal valve (MODEL section 6): `registry` names them all."""
+"""The effects that separate a bench from the ideal valve (MODEL section 6): `library` names them all."""
