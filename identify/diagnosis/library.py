@@ -70,7 +70,7 @@ def _why_not(info: EffectInfo, tests: list[TestRecord]) -> str:
     if "rate" in info.needs and not all(test.rate is not None for test in tests):
         return "needs the column time in every test"
     if "several_rates" in info.needs and not _several_rates(tests):
-        return "all sweeps run at one rate, at which a lag looks like a loop of constant width"
+        return f"all sweeps run at one rate, at which it looks like {info.looks_like or 'a loop of constant width'}"
     if "both_directions" in info.needs and not any(len(np.unique(test.direction)) > 1 for test in tests):
         return "all sweeps run in one direction"
     return ""

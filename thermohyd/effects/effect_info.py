@@ -32,7 +32,7 @@ class EffectInfo:
     what it is, as a report says it after the name: no capital, no full stop.
 
     even: only its square acts, so that the derivative at neutral is zero and finite steps are needed.
-    needs: names of `NEEDS` without which a record cannot speak of it.
+    needs: names of `NEEDS` without which a record cannot speak of it. looks_like: what it cannot be told from without them.
     shown: (unit, how many of it are one SI unit) of a report; else what suits the SI unit.
     factor_on: "viscosity" where (1 + amount) multiplies the oil's viscosity: learned terms of it act through this effect.
     adds_to: "heat_retention" where the amount is added to that parameter, whose limits the sum must keep.
@@ -53,6 +53,7 @@ class EffectInfo:
     sentence: str
     even: bool = False
     needs: tuple[str, ...] = ()
+    looks_like: str = ""
     shown: tuple[str, float] | None = None
     factor_on: str = ""
     adds_to: str = ""

@@ -291,6 +291,7 @@ _STATIC = (
         shows=_ALL,
         sentence="the spool lags behind the position that is read",
         needs=("rate", "several_rates"),
+        looks_like="hysteresis",
     ),
     EffectInfo(
         name="pressure_offset",
