@@ -1,6 +1,8 @@
 """Imports run one way: oil -> edge -> valve -> static tests -> identify -> command line."""
 
 import ast
+import subprocess
+import sys
 from collections.abc import Iterator
 from functools import cache
 from importlib import import_module
@@ -118,9 +120,13 @@ def test_the_chain_is_connected():
     assert set(CHAIN[:-1]) <= reachable(CHAIN[-1])
 
 
-def test_effects_stand_on_the_valve_and_nothing_in_the_simulator_on_them():
-    assert "thermohyd.valve" in reachable(EFFECTS)
-    assert not {"thermohyd.static_tests"} & reachable(EFFECTS)
+def test_the_library_of_effects_is_plain_data():
+    assert reachable(EFFECTS) == {"thermohyd.effects.effect_info"}
+
+
+def test_nothing_in_the_simulator_stands_on_effects():
+    homes = [name for name in modules() if name.startswith("thermohyd.effects.")]
+    assert not any("thermohyd.static_tests" in reachable(name) for name in homes)
     simulator = [name for name in modules() if name.count(".") == 1]
     assert not any(m.startswith("thermohyd.effects") for name in simulator for m in imports(name) - {INTERFACE})
 
@@ -150,6 +156,19 @@ def test_reading_and_reporting_need_no_jax(name):
     waited_for = (name, *reachable(name, on_call=False))
     outside = {m.split(".")[0] for module in waited_for for m in imports(module, on_call=False)}
     assert not outside & JAX
+
+
+def test_a_class_that_an_entry_names_is_imported_on_first_use_only():
+    """What no import statement shows: the library, its entries asked for, and a model.json's reader run without JAX."""
+    lines = (
+        "import sys",
+        "from thermohyd.effects.library import effect_info",
+        "import thermohyd.identify.model.model_file, thermohyd.identify.report.diagnosis_json",
+        "info = effect_info('hysteresis')",
+        "assert info.shows and info.of_sweeps and not {'jax', 'equinox'} & set(sys.modules)",
+        "assert info.rowwise and {'jax', 'equinox'} <= set(sys.modules)",
+    )
+    subprocess.run([sys.executable, "-P", "-c", "\n".join(lines)], check=True)
 
 
 @pytest.mark.parametrize("name", [name for name in modules() if not name.startswith(f"{IDENTIFY}.cli.")])

@@ -30,7 +30,8 @@ if TYPE_CHECKING:
     from .dynamics.simulate import StepReadings, simulate_step
     from .dynamics.simulate_many import simulate_many
     from .dynamics.temperature_sweep import loop_sweep
-    from .effects.library import EFFECTS, with_effects
+    from .effects.effect_info import EffectInfo
+    from .effects.library import EFFECTS, register_effect, unregister_effect, with_effects
     from .heat import HeatExchange, effectiveness, eta_from_ntu
     from .oil import Oil, oil_from_definition
     from .oil_definition import OilDefinition, walther_coefficients
@@ -98,8 +99,11 @@ _HOME = {
     ),
     "dynamics.simulate_many": ("simulate_many",),
     "dynamics.temperature_sweep": ("loop_sweep",),
+    "effects.effect_info": ("EffectInfo",),
     "effects.library": (
         "EFFECTS",
+        "register_effect",
+        "unregister_effect",
         "with_effects",
     ),
     "heat": (

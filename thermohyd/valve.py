@@ -87,7 +87,7 @@ class Valve(eqx.Module):
         if not isinstance(self.effects, tuple) or not all(isinstance(e, AbstractEffect) for e in self.effects):
             raise ArgumentTypeError(
                 f"effects must be a tuple of effects, not {described(self.effects)}: "
-                'thermohyd.effects.library.with_effects(valve, {"hysteresis": 1e-6}) adds them by name'
+                "thermohyd.effects.library.with_effects(valve, {name: amount}) adds them by name"
             )
 
 

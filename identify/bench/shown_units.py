@@ -9,6 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from thermohyd.effects.library import find_effect
+
 
 @dataclass(frozen=True)
 class DisplayUnit:
@@ -101,19 +103,13 @@ _AMOUNTS_OF_SI = {
     "Pa/(m3/s)^2": DisplayUnit("bar/(l/min)^2", 1e-5 / 6e4**2),
     "1": DisplayUnit("-", 1.0),
 }
-# Pure numbers that say by which share something changes.
-_SHARES = frozenset({"viscosity_shift", "flowmeter_scale", "position_scale", "throttle_heating", "entrained_air"})
-_DELAYS = frozenset({"spool_delay"})  # of milliseconds, where a lag takes seconds
-_PERCENT = DisplayUnit("%", 100.0)
-_MILLISECONDS = DisplayUnit("ms", 1e3)
 
 
 def effect_unit(name: str, si_unit: str) -> DisplayUnit:
     """The bench unit of an effect's amount: shown = factor * SI. An effect of a new unit is shown in that unit."""
-    if name in _SHARES:
-        return _PERCENT
-    if name in _DELAYS:
-        return _MILLISECONDS
+    info = find_effect(name)
+    if info is not None and info.shown is not None:
+        return DisplayUnit(*info.shown)
     return _AMOUNTS_OF_SI.get(si_unit) or display_unit(si_unit)
 
 

@@ -46,9 +46,6 @@ from .search import LEVEL, Found
 from .where import regions
 
 
-PINT_UNITS = {"1": "dimensionless", "Pa/(m3/s)^2": "Pa*s**2/m**6"}
-
-
 def effect_plan(name: str) -> ParameterPlan:
     """An effect's amount as a parameter of a fit."""
     info = effect_info(name)

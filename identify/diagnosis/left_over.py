@@ -16,6 +16,7 @@ import numpy as np
 from numpy.polynomial import legendre
 from scipy.special import fdtrc
 
+from thermohyd.effects.library import factor_on
 from thermohyd.identify.bench.record import TestRecord
 from thermohyd.identify.fitting.problem import Fit, Key, Noise, Problem
 from thermohyd.identify.model.learned_terms import ABSOLUTE, LearnedTerm, legendre_basis, term_values, variable_values
@@ -123,16 +124,9 @@ def lack_of_fit(problem: Problem, fit: Fit, block: np.ndarray, scale: float = 1.
     return LackOfFit(float(fdtrc(more.rank, freedom, taken / more.rank / noise)), taken, more.rank)
 
 
-# Quantities by the column of the library that holds their derivative.
-COLUMNS = {
-    "discharge_coefficient": "discharge_coefficient",
-    "transition_number": "transition_number",
-    "clearance": "clearance",
-    "edge_radius": "edge_radius",
-    "underlap": "underlap",
-    "null_bias": "null_bias",
-    "viscosity": "viscosity_shift",
-}
+QUANTITIES = (
+    "discharge_coefficient", "transition_number", "clearance", "edge_radius", "underlap", "null_bias", "viscosity",
+)  # fmt: skip
 VARIABLES = (
     "spool_position", "opening", "temperature", "supply_pressure", "load_pressure", "flow_number", "direction", "rate",
     "elapsed",
@@ -195,7 +189,7 @@ def _columns(problem: Problem, fit: Fit) -> Iterator[tuple[str, str, np.ndarray,
         centre, reach = 0.5 * (low + high), 0.5 * (high - low)
         levels = len(np.unique(np.round((values - centre) / reach, 2)))
         shapes = legendre_basis(values, centre, reach, min(DEGREE_OF_VARIATION, max(levels - 1, 1)))[:, 1:]
-        for quantity in COLUMNS:
+        for quantity in QUANTITIES:
             yield quantity, variable, values, centre, reach, _times(problem, at, quantity, shapes)
 
 
@@ -222,7 +216,7 @@ def _white(problem: Problem, fit: Fit) -> Fit:
 def _times(problem: Problem, at: Fit, quantity: str, shapes: np.ndarray) -> np.ndarray:
     """A quantity's own column times shapes (readings, degrees), whitened; zero in the rows of priors."""
     size = MICRON if quantity in ABSOLUTE else _size(quantity, at)
-    slope = at.column(COLUMNS[quantity]) * size
+    slope = at.column(factor_on(quantity) or quantity) * size
     block = np.zeros((len(at.residual), shapes.shape[1]))
     first = 0
     for key, place in problem.rows().items():
@@ -235,7 +229,8 @@ def _times(problem: Problem, at: Fit, quantity: str, shapes: np.ndarray) -> np.n
 
 def _size(quantity: str, fit: Fit) -> float:
     """What a relative change of 1 is in the column's own unit."""
-    return 1.0 + fit.values.get("viscosity_shift", 0.0) if quantity == "viscosity" else fit.values[quantity]
+    factor = factor_on(quantity)
+    return fit.values[quantity] if factor is None else 1.0 + fit.values.get(factor, 0.0)
 
 
 ROUNDS = 6

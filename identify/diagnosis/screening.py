@@ -278,9 +278,9 @@ def ports_apart(problem: Problem, true: Fit, other: Fit) -> float:
 def _ports(problem: Problem, values: dict[str, float], fit: Fit) -> np.ndarray:
     """p_A of every row, then p_B."""
     test = problem.tests[TEST]
-    heat = "throttle_heating" in fit.effects
+    heat = with_heat(fit.effects)
     valve = base_valve(problem.record, {name: values[name] for name in PARAMETERS if name in values}, heat=heat)
-    valve = with_effects(valve, {name: values[name] for name in fit.effects if name != "flowmeter_lag"})
+    valve = with_effects(valve, {name: values[name] for name in fit.effects if effect_info(name).rowwise})
     readings, weight = blocked_port_readings(valve, conditions_of(test)), row_weights(test)
     ports = [readings[channel] for channel in ("pressure_a", "pressure_b")]
     ports = ports if weight is None else [mean_over_nodes(port, weight) for port in ports]

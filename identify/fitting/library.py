@@ -5,15 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from thermohyd.effects.library import DYNAMIC_EFFECTS, EFFECTS, EffectInfo, effect_info
+from thermohyd.effects.effect_info import EffectInfo
+from thermohyd.effects.library import DYNAMIC_EFFECTS, EFFECTS, effect_info, whole_library
 from thermohyd.identify.bench.record import DynamicTest, TestRecord
 
 
 # Sweeps whose rates differ by less are one rate: a lag then cannot be told from hysteresis.
 RATES_DIFFER = 1.2
-
-
-HEAT = "throttle_heating"
 
 
 @dataclass(frozen=True)
@@ -31,7 +29,7 @@ class Library:
     @property
     def cold(self) -> tuple[str, ...]:
         """Those that need no heat computed, coupled ones included: half as dear as all together."""
-        return tuple(name for name in self.names if name != HEAT)
+        return tuple(name for name in self.names if not effect_info(name).computes_heat)
 
 
 NOTHING = Library((), {})  # of a plain fit
@@ -39,13 +37,18 @@ NOTHING = Library((), {})  # of a plain fit
 
 def coupled(name: str) -> bool:
     """Whether an effect ties the balances together (lines, flow between the ports)."""
-    return any(stage in ("lines", "crossing") for stage in effect_info(name).stages)
+    return effect_info(name).coupled
+
+
+def with_heat(names: Iterable[str]) -> bool:
+    """Whether any of these effects needs the heat of throttling computed."""
+    return any(effect_info(name).computes_heat for name in names)
 
 
 def dear(names: Iterable[str]) -> bool:
     """Whether effects need heat and a coupled balance together: a program of its own, which takes long to compile."""
     names = tuple(names)
-    return HEAT in names and any(coupled(name) for name in names)
+    return with_heat(names) and any(coupled(name) for name in names)
 
 
 def library_for(tests: Iterable[TestRecord]) -> Library:
@@ -53,7 +56,7 @@ def library_for(tests: Iterable[TestRecord]) -> Library:
     tests = list(tests)
     names, impossible = [], {}
     for name, info in EFFECTS.items():
-        reason = _why_not(name, info, tests)
+        reason = _why_not(info, tests)
         if reason:
             impossible[name] = reason
         else:
@@ -61,18 +64,17 @@ def library_for(tests: Iterable[TestRecord]) -> Library:
     return Library(tuple(names), impossible)
 
 
-def _why_not(name: str, info: EffectInfo, tests: list[TestRecord]) -> str:
+def _why_not(info: EffectInfo, tests: list[TestRecord]) -> str:
     shown = [test for test in tests if test.name in info.shows]
     if not shown:
         return f"none of its tests ({', '.join(info.shows)}) is in the record"
-    if name == "flowmeter_lag" and not all(test.time is not None for test in shown):
-        return "needs the column time in every test that measures a flow"
-    if name == "position_lag":
-        if not all(test.rate is not None for test in tests):
-            return "needs the column time in every test"
-        if not _several_rates(tests):
-            return "all sweeps run at one rate, at which it looks like hysteresis"
-    if name == "hysteresis" and not any(len(np.unique(test.direction)) > 1 for test in tests):
+    if "time" in info.needs and not all(test.time is not None for test in shown):
+        return f"needs the column time in every test that shows it ({', '.join(test.name for test in shown)})"
+    if "rate" in info.needs and not all(test.rate is not None for test in tests):
+        return "needs the column time in every test"
+    if "several_rates" in info.needs and not _several_rates(tests):
+        return f"all sweeps run at one rate, at which it looks like {info.looks_like or 'a loop of constant width'}"
+    if "both_directions" in info.needs and not any(len(np.unique(test.direction)) > 1 for test in tests):
         return "all sweeps run in one direction"
     return ""
 
@@ -90,25 +92,22 @@ def _several_rates(tests: list[TestRecord]) -> bool:
     return bool(rates) and max(rates) > RATES_DIFFER * min(rates)
 
 
-# Static effects that a step test can show: few, as each is one more name that chance may hit. A leak between the ports is
-# the jack's leak by another name, and stands for itself in the static library.
-STATIC = ("unequal_underlap", "position_scale")
-
-
 def motion_library(tests: dict[str, DynamicTest], heat: str) -> Library:
     """The dynamic effects, and a few static ones, that these tests can show."""
     names, impossible = [], {}
     kinds = {test.name for test in tests.values()}
     readings = {channel.name for test in tests.values() for channel in test.channels}
-    for name in (*STATIC, *DYNAMIC_EFFECTS):
-        info = effect_info(name)
+    # Few static ones, as each is one more name that chance may hit. A leak between the ports is the jack's leak by another
+    # name, and stands for itself in the static library.
+    for name, info in whole_library().items():
+        if name in EFFECTS and not info.also_in_motion:
+            continue
         if name in DYNAMIC_EFFECTS and not kinds & set(info.shows):
             impossible[name] = f"none of its tests ({', '.join(info.shows)}) is in the record"
-        elif name == "wall_heat" and heat == "isothermal":
+        elif "warm_chambers" in info.needs and heat == "isothermal":
             impossible[name] = 'the record says heat = "isothermal": all oil has the supply\'s temperature'
-        elif name == "position_scale" and "spool_position" not in readings:
+        elif "measured_spool" in info.needs and "spool_position" not in readings:
             impossible[name] = "the spool's position is not measured"
         else:
             names.append(name)
-    known = list({**EFFECTS, **DYNAMIC_EFFECTS})
-    return Library(tuple(sorted(names, key=known.index)), impossible)
+    return Library(tuple(names), impossible)

@@ -12,11 +12,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from thermohyd.conditions import Conditions
-from thermohyd.effects.instruments import FLOW_CHANNELS, behind_meter
-from thermohyd.effects.library import EFFECTS, with_effects
+from thermohyd.effects.library import EFFECTS, classes_of, effect, effect_info, factor_on, with_effects
 from thermohyd.identify.fitting.least_squares import Both
 from thermohyd.identify.fitting.static_readings import (
+    ChannelRows,
     StaticData,
     channel_layers,
     group_rows,
@@ -39,7 +38,6 @@ PARAMETERS = (
     "null_bias",
     "heat_retention",
 )
-LAG = "flowmeter_lag"
 
 
 class RowTerms(eqx.Module):
@@ -60,17 +58,33 @@ class LibraryArgs(eqx.Module):
 
 
 def order_of(effects: tuple[str, ...]) -> tuple[str, ...]:
-    """Names of the entries of the vector of a program with these effects: parameters, row-wise effects, then the lag."""
-    rowwise = tuple(name for name in effects if name != LAG)
-    return PARAMETERS + rowwise + ((LAG,) if LAG in effects else ())
+    """Names of the entries of the vector of a program with these effects: parameters, row-wise effects, then the filters."""
+    rowwise, filters = split(effects)
+    return PARAMETERS + rowwise + filters
 
 
-@functools.cache
+def split(effects: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """(those that act row by row, those along a run: filters such as a meter's lag, in the order in which they act)."""
+    infos = {name: effect_info(name) for name in effects}
+    filters = [name for name in effects if not infos[name].rowwise]
+    return (
+        tuple(name for name in effects if infos[name].rowwise),
+        tuple(sorted(filters, key=lambda name: infos[name].effect_class.order)),
+    )
+
+
 def library_program(effects: tuple[str, ...]) -> Both:
     """Compiled (p, args) -> whitened residuals and their columns; p in the order of `order_of(effects)`.
 
     Without XLA's fusion emitters the coupled valve compiles in two thirds of the time; JAX 0.12 has no others.
     """
+    return _program(effects, classes_of(effects))
+
+
+@functools.cache
+def _program(effects: tuple[str, ...], classes: tuple[type, ...]) -> Both:
+    """classes: what stands behind the names; a user may put another effect under a name."""
+    del classes
     options = known_options({"xla_cpu_use_fusion_emitters": False})
     return jitted(functools.partial(residual_and_columns, effects), options)
 
@@ -78,7 +92,7 @@ def library_program(effects: tuple[str, ...]) -> Both:
 def with_amounts(valve: Valve, names: tuple[str, ...], amounts: Float[Array, "effects ..."]) -> Valve:
     """The valve with the named effects at these amounts; one number each, or one per row of a test."""
     added = with_effects(valve, dict.fromkeys(names, 0.0))
-    place = {EFFECTS[name].effect: i for i, name in enumerate(names)}
+    place = {EFFECTS[name].effect_class: i for i, name in enumerate(names)}
     order = [place[type(effect)] for effect in added.effects]
     return eqx.tree_at(lambda v: [effect.amount for effect in v.effects], added, [amounts[i] for i in order])
 
@@ -86,8 +100,8 @@ def with_amounts(valve: Valve, names: tuple[str, ...], amounts: Float[Array, "ef
 def readings_of_rows(
     effects: tuple[str, ...], spread: dict[str, Float[Array, "all rows"]], args: LibraryArgs
 ) -> dict[str, dict[str, Float[Array, " padded"]]]:
-    """{test: {channel: reading}} before any flowmeter's lag and any mean over bins, from parameters and amounts given row by row."""
-    rowwise = tuple(name for name in effects if name != LAG)
+    """{test: {channel: reading}} before any filter and any mean over bins, from parameters and amounts given row by row."""
+    rowwise, _ = split(effects)
     found: dict[str, dict[str, Array]] = {}
     for group, tests in groups_of(args.data.conditions).items():
         values = spread[group]
@@ -97,7 +111,7 @@ def readings_of_rows(
         heat = args.valve.heat_retention is not None
         names = PARAMETERS if heat else PARAMETERS[:-1]
         valve = with_parameters(args.valve, names, parameters * terms.factor + terms.shift)
-        thicker = rowwise.index("viscosity_shift")
+        thicker = rowwise.index(str(factor_on("viscosity")))
         amounts = amounts.at[thicker].set((1.0 + amounts[thicker]) * terms.viscosity - 1.0)
         valve = with_amounts(valve, rowwise, amounts)
         found |= predict_group(valve, group, tests, args.data.conditions)
@@ -109,11 +123,11 @@ def residual_and_columns(
 ) -> tuple[Float[Array, " residuals"], Float[Array, "all residuals"]]:
     """Residuals and the columns of their Jacobian, one reverse pass per channel that shares its rows with others.
 
-    The lag acts last: it is linear in the flow and leaves constants alone, so it commutes with scale and offset.
+    Filters act last: they are linear in the flow and leave constants alone, so they commute with scale and offset.
     """
-    data, lag = args.data, LAG in effects
+    data, filters = args.data, split(effects)[1]
     groups = groups_of(data.conditions)
-    rowwise = p[: len(p) - lag]
+    rowwise = p[: len(p) - len(filters)]
     spread = {
         group: jnp.broadcast_to(rowwise[:, None], (rowwise.shape[0], group_rows(data.conditions, tests)))
         for group, tests in groups.items()
@@ -133,23 +147,25 @@ def residual_and_columns(
     parts, columns = [], []
     for i, channel in enumerate(data.channels):
         reading, column = readings[i], slopes[i]
-        if lag:
-            reading, column = _lagged(channel.name, reading, column, p[-1], args.data.conditions[channel.test])
+        for name, amount in zip(filters, p[len(rowwise) :], strict=True):
+            reading, column = _filtered(name, amount, channel, reading, column, args)
         reading, column = data.means(channel.test, reading), data.means(channel.test, column)
         parts.append(whiten(args.whitening[i], (reading - channel.value) * channel.weight))
         columns.append(whiten(args.whitening[i], column * channel.weight))
     return jnp.concatenate(parts), jnp.concatenate(columns, axis=1)
 
 
-def _lagged(channel: str, reading: Array, columns: Array, tau: Array, conditions: Conditions) -> tuple[Array, Array]:
-    """A reading and its columns behind the meter's lag, with the column of the lag itself added."""
-    time = conditions.time
-    if channel not in FLOW_CHANNELS or time is None:  # the library leaves the lag out where a flow has no time
+def _filtered(
+    name: str, amount: Array, channel: ChannelRows, reading: Array, columns: Array, args: LibraryArgs
+) -> tuple[Array, Array]:
+    """A reading and its columns behind a filter, with the column of its own amount added."""
+    if channel.test not in effect_info(name).shows:
         return reading, jnp.concatenate([columns, jnp.zeros_like(reading)[None]])
+    read = args.data.conditions[channel.test]
 
-    def meter(value: Array, tau: Array) -> Array:
-        return behind_meter(value, tau, time, conditions.run)
+    def passed(value: Array, amount: Array) -> Array:
+        return effect(name, amount).reading(channel.name, value, read, read, args.valve.oil)
 
-    out, own = jax.jvp(lambda t: meter(reading, t), (tau,), (jnp.ones_like(tau),))
-    passed = jax.vmap(lambda column: meter(column, tau))(columns)
-    return out, jnp.concatenate([passed, own[None]])
+    out, own = jax.jvp(lambda a: passed(reading, a), (amount,), (jnp.ones_like(amount),))
+    behind = jax.vmap(lambda column: passed(column, amount))(columns)
+    return out, jnp.concatenate([behind, own[None]])

@@ -25,7 +25,7 @@ from thermohyd.dynamics.inputs import StepInputs
 from thermohyd.dynamics.integrate import NO_EQUILIBRIUM, integrate
 from thermohyd.dynamics.linear import Output, frequency_response
 from thermohyd.dynamics.machine import Heat, Plant, State, Walls, plant_of, transducer_gain
-from thermohyd.effects.library import with_effects
+from thermohyd.effects.library import classes_of, effect_info, with_effects
 from thermohyd.identify.bench.errors import BenchInputError
 from thermohyd.identify.bench.record import ActuatorData, BenchRecord, DynamicData, DynamicTest
 from thermohyd.numerics import quickly
@@ -81,12 +81,17 @@ class Given(eqx.Module):
 
 
 class Plan(eqx.Module):
-    """Names of the vector's entries, and how the chambers keep heat: all that a compiled program depends on."""
+    """Names of the vector's entries, what stands behind them, and how the chambers keep heat: all that a compiled program
+    depends on."""
 
     names: tuple[str, ...] = eqx.field(static=True)
     effects: tuple[str, ...] = eqx.field(static=True)
     heat: Heat = eqx.field(static=True)
     tolerance: float = eqx.field(static=True, default=TOLERANCE)
+    classes: tuple[type, ...] = eqx.field(static=True, init=False)
+
+    def __post_init__(self) -> None:
+        self.classes = classes_of(self.effects)
 
     def plant(self, p: Float[Array, " all"], given: Given, inputs: StepInputs) -> Plant:
         valve, actuator = machine(given.valve, given.actuator, self.names, self.effects, p)
@@ -122,7 +127,6 @@ def readings_and_slopes(
 
 
 FREQUENCY_READINGS = ("amplitude_ratio", "phase")
-NO_RESPONSE = ("backlash",)  # effects without a small-signal response
 
 
 @quickly
@@ -137,8 +141,8 @@ def responses_all(
     polarity: int,
 ) -> tuple[Float[Array, "runs frequencies 2"], Float[Array, "runs frequencies 2 all"], Bool[Array, " runs"]]:
     """(amplitude ratio and phase [rad], their derivatives to the vector, whether there is an equilibrium)."""
-    seen = tuple(name for name in plan.effects if name not in NO_RESPONSE)
-    entries = [i for i, name in enumerate((*plan.names, *plan.effects)) if name not in NO_RESPONSE]
+    seen = tuple(name for name in plan.effects if effect_info(name).small_signal)
+    entries = [i for i, name in enumerate((*plan.names, *plan.effects)) if name in (*plan.names, *seen)]
 
     def all_of(p: Array) -> tuple[Array, Array]:
         valve, actuator = machine(given.valve, given.actuator, plan.names, seen, jnp.stack([p[i] for i in entries]))

@@ -23,7 +23,7 @@ from thermohyd.identify.reduction.legs import piece_bounds
 
 from .boxes import Box
 from .least_squares import LeastSquaresResult, solve
-from .library import HEAT, Library, coupled, library_for
+from .library import Library, coupled, library_for, with_heat
 from .library_program import PARAMETERS, LibraryArgs, RowTerms, library_program, order_of
 from .parameters import IN_MOTION, ParameterPlan
 from .starts import hop
@@ -140,7 +140,7 @@ class StaticReadings:
     def program(self, chosen: tuple[str, ...]) -> tuple[str, ...]:
         if not any(coupled(name) for name in chosen):
             return self.library.plain
-        return self.library.names if HEAT in chosen or self._heat_asked else self.library.cold
+        return self.library.names if with_heat(chosen) or self._heat_asked else self.library.cold
 
     def order(self, program: tuple[str, ...]) -> tuple[str, ...]:
         return order_of(program)
@@ -158,7 +158,7 @@ class StaticReadings:
         return not plan.fixed or plan.start > 0.0
 
     def _arguments(self, program: tuple[str, ...]) -> LibraryArgs:
-        if HEAT in program or self._heat_asked:
+        if with_heat(program) or self._heat_asked:
             return self._with_heat
         return replace(self._with_heat, valve=replace(self._with_heat.valve, heat_retention=None))
 
@@ -397,7 +397,7 @@ class Problem:
             return fit
         (part,) = self.readings
         present = [name for name in fit.order if name not in self.parameters and fit.values[name] != 0.0]
-        other = part.program(() if HEAT in missing else (*present, *missing))
+        other = part.program(() if with_heat(missing) else (*present, *missing))
         held = {name: value for name, value in fit.values.items() if name in self.parameters or name in other}
         at = self._evaluate(held, [other])
         order = part.order(self.library.names)

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from thermohyd.effects.library import whole_library
 from thermohyd.identify.bench.errors import BenchInputError, quoted, suggestion
 from thermohyd.identify.bench.record import DYNAMIC_TESTS, STATIC_TESTS, ActuatorData, BenchRecord, ValveData
 from thermohyd.identify.fitting.parameters import IN_MOTION, heat_retention, identified_by_default, identified_in_motion
@@ -145,23 +146,24 @@ class ModelReader:
             raise self.fail('"effects" must be a table; leave it empty for the ideal valve')
         if not table:
             return {}
-        from thermohyd.effects.library import DYNAMIC_EFFECTS, EFFECTS
-
-        library = {**EFFECTS, **DYNAMIC_EFFECTS}
+        library = whole_library()
         amounts: dict[str, float] = {}
         for name, entry in table.items():
             if name not in library:
-                raise self.fail(f'"effects" has no {quoted(name)}; {suggestion(name, library)}')
+                raise self.fail(
+                    f'"effects" has no {quoted(name)}; {suggestion(name, library)}; an effect of your own must be registered '
+                    "before its model is read (thermohyd.register_effect)"
+                )
             info, where = library[name], f'"effects" "{name}"'
             amounts[name] = self.amount(entry, info.unit, where)
             if not info.lower <= amounts[name] <= info.upper:
                 limits = f"{info.lower:g} to {info.upper:g} {info.unit}"
                 raise self.fail(f"{where} is {amounts[name]:g} {info.unit}, expected {limits}")
-        kept = amounts.get("throttle_heating", 0.0) + parameters.get("heat_retention", 0.0)
-        if kept > 1.0:
-            raise self.fail(
-                f'"effects" "throttle_heating" and "heat_retention" add up to {kept:g}, more than all the heat'
-            )
+        adding = [name for name in amounts if library[name].adds_to == "heat_retention"]
+        kept = sum(amounts[name] for name in adding) + parameters.get("heat_retention", 0.0)
+        if adding and kept > 1.0:
+            names = ", ".join(f'"{name}"' for name in adding)
+            raise self.fail(f'"effects" {names} and "heat_retention" add up to {kept:g}, more than all the heat')
         return amounts
 
     def valve(self, table: dict[str, Any]) -> ValveData:

@@ -18,8 +18,8 @@ from matplotlib.figure import Figure
 from rich.console import Console
 
 from thermohyd.conditions import Conditions
-from thermohyd.effects.instruments import FLOW_CHANNELS, behind_meter
-from thermohyd.effects.library import effect_info, with_effects
+from thermohyd.effects.effect import AbstractReadingEffect
+from thermohyd.effects.library import classes_of, effect, effect_info, factor_on, with_effects
 from thermohyd.identify.bench.errors import BenchInputError
 from thermohyd.identify.bench.record import BenchRecord, DynamicData, TestRecord
 from thermohyd.identify.bench.units import from_si
@@ -28,6 +28,7 @@ from thermohyd.identify.fitting.static_readings import base_valve, conditions_of
 from thermohyd.identify.reduction.reduce import smooth_sweep
 from thermohyd.identify.result import Result
 from thermohyd.numerics import require_float64
+from thermohyd.oil import Oil
 from thermohyd.oil_definition import OilDefinition, kinematic_viscosity_of
 from thermohyd.valve import Valve
 
@@ -36,10 +37,6 @@ from .learned_terms import ABSOLUTE, term_values
 from .model import Model
 from .predict_motion import as_static, require_actuator, unit_of
 from .simulation_output import note_lines, simulation_files, simulation_json, simulation_table, spare_the_record
-
-
-# Applied to the readings of a whole test: it looks back along the sweep.
-LAG = "flowmeter_lag"
 
 
 SAME = 1e-9  # relative: what two files write of one number differs by less
@@ -128,8 +125,9 @@ def row_terms(model: Model, test: TestRecord) -> dict[str, Float[Array, " padded
 def with_terms(valve: Valve, terms: dict[str, Float[Array, " rows"]]) -> Valve:
     """The valve with learned changes of its quantities, one per row."""
     for quantity, change in terms.items():
-        if quantity == "viscosity":
-            valve = with_effects(valve, {"viscosity_shift": change - 1.0})
+        factor = factor_on(quantity)
+        if factor is not None:
+            valve = with_effects(valve, {factor: change - 1.0})
             continue
         own = getattr(valve, quantity)
         changed = own + change if quantity in ABSOLUTE else own * change
@@ -137,12 +135,12 @@ def with_terms(valve: Valve, terms: dict[str, Float[Array, " rows"]]) -> Valve:
     return valve
 
 
-def require_columns(model: Model, test: TestRecord, channels: tuple[str, ...]) -> None:
+def require_columns(model: Model, test: TestRecord) -> None:
     """Raise BenchInputError where an effect of the model needs a column that the test does not have."""
-    acting = acting_effects(model)
-    meters = not FLOW_CHANNELS.isdisjoint(channels)
-    for name, column, sees in ((LAG, test.time, meters), ("position_lag", test.rate, True)):
-        if name in acting and sees and column is None:
+    for name in acting_effects(model):
+        info = effect_info(name)
+        lacks = ("time" in info.needs and test.time is None) or ("rate" in info.needs and test.rate is None)
+        if test.name in info.shows and lacks:
             raise BenchInputError(
                 f'the model has a {name}, which needs the time of every row: add the column "time", or take the effect '
                 "out of the model",
@@ -174,13 +172,16 @@ def readings_and_slopes(
     free: tuple[str, ...],
     values: Float[Array, " free"],
     amounts: dict[str, Array],
+    classes: tuple[type, ...],
     terms: dict[str, Array],
     conditions: dict[str, Conditions],
 ) -> tuple[dict, dict]:
     """Every channel's readings, and their derivatives to the free parameters and amounts (one row per reading).
 
-    amounts: of every effect that acts row by row, the free ones too. terms: see `model_valve.row_terms`.
+    amounts: of every effect that acts row by row, the free ones too. classes: those behind their names, on which a compiled
+    program depends too. terms: see `row_terms`.
     """
+    del classes
 
     def of(v: Float[Array, " free"]) -> dict:
         changed = {name: v[i] for i, name in enumerate(free)}
@@ -196,19 +197,21 @@ def readings_and_slopes(
 
 
 @eqx.filter_jit
-def readings_behind_lag(
-    lag: Float[Array, ""],
-    columns: Float[Array, "columns rows"],
-    time: Float[Array, " rows"],
-    run: Float[Array, " rows"],
+def readings_behind(
+    instrument: AbstractReadingEffect, channel: str, columns: Float[Array, "columns rows"], read: Conditions, oil: Oil
 ) -> tuple[Float[Array, "columns rows"], Float[Array, " rows"]]:
-    """Readings (first) and their derivatives (the others) behind a flowmeter's lag, and the derivative to the lag itself.
+    """Readings (first) and their derivatives (the others) behind a filter, and the derivative to its own amount.
 
-    The lag is linear in the flow and lets constants pass, so it may come after the meter's scale and offset.
+    A filter is linear in the reading and lets constants pass, so it may come after the meter's scale and offset.
     """
-    passed = jax.vmap(lambda column: behind_meter(column, lag, time, run))(columns)
-    own = jax.jvp(lambda tau: behind_meter(columns[0], tau, time, run), (lag,), (jnp.ones_like(lag),))[1]
-    return passed, own
+
+    def passed(value: Float[Array, " rows"], amount: Float[Array, ""]) -> Float[Array, " rows"]:
+        own = eqx.tree_at(lambda e: e.amount, instrument, amount)
+        return own.reading(channel, value, read, read, oil)
+
+    behind = jax.vmap(lambda column: passed(column, instrument.amount))(columns)
+    one = jnp.ones_like(instrument.amount)
+    return behind, jax.jvp(lambda amount: passed(columns[0], amount), (instrument.amount,), (one,))[1]
 
 
 @dataclass(frozen=True)
@@ -278,35 +281,46 @@ def predict_test(model: Model, record: BenchRecord, test: TestRecord) -> dict[st
     BenchInputError where the model has an effect or a learned term that needs a column which the test does not have.
     """
     channels = tuple(channel.name for channel in test.channels) or READINGS[test.name]
-    require_columns(model, test, channels)
+    require_columns(model, test)
     free = model.free if model.covariance is not None else ()
-    rowwise = tuple(name for name in free if name != LAG)
     acting = acting_effects(model)
+    filters = sorted(
+        (name for name in acting if not effect_info(name).rowwise),
+        key=lambda name: effect_info(name).effect_class.order,
+    )
+    rowwise = tuple(name for name in free if name not in filters)
     valve = valve_without_effects(model, record)
     values = jnp.asarray([model.value(name) for name in rowwise], dtype=float)
-    amounts = {name: jnp.asarray(amount) for name, amount in acting.items() if name != LAG}
+    amounts = {name: jnp.asarray(amount) for name, amount in acting.items() if name not in filters}
     columns = {name: np.empty((1 + len(rowwise), test.rows)) for name in channels}
     for rows, (conditions, terms) in _pieces(test, row_terms(model, test)):
-        found, slopes = readings_and_slopes(valve, rowwise, values, amounts, terms, {test.name: conditions})
+        found, slopes = readings_and_slopes(
+            valve, rowwise, values, amounts, classes_of(amounts), terms, {test.name: conditions}
+        )
         count = rows.stop - rows.start
         for name in channels:
             columns[name][0, rows] = np.asarray(found[test.name][name])[:count]
             columns[name][1:, rows] = np.asarray(slopes[test.name][name])[:count].T
     out: dict[str, tuple[np.ndarray, np.ndarray]] = {}
     for name in channels:
-        passed, own = columns[name], np.zeros(test.rows)
-        if LAG in acting and name in FLOW_CHANNELS:
-            passed, own = _behind_lag(acting[LAG], passed, test)
-        slope = {**dict(zip(rowwise, passed[1:], strict=True)), LAG: own}
-        out[name] = passed[0], _deviation([slope[n] for n in free], model.covariance, test.rows)
+        slope = dict(zip(("", *rowwise), columns[name], strict=True))  # the reading itself under no name
+        for filter_ in filters:
+            slope = _behind(filter_, acting[filter_], slope, name, test, valve.oil)
+        out[name] = slope[""], _deviation([slope[n] for n in free], model.covariance, test.rows)
     return out
 
 
-def _behind_lag(lag: float, columns: np.ndarray, test: TestRecord) -> tuple[np.ndarray, np.ndarray]:
-    assert test.time is not None
-    padded = jnp.stack([pad(column) for column in columns])
-    passed, own = readings_behind_lag(jnp.asarray(lag), padded, pad(test.time), pad(test.run))
-    return np.asarray(passed)[:, : test.rows], np.asarray(own)[: test.rows]
+def _behind(
+    name: str, amount: float, columns: dict[str, np.ndarray], channel: str, test: TestRecord, oil: Oil
+) -> dict[str, np.ndarray]:
+    """A channel's reading and derivatives behind a filter, its own derivative added."""
+    if test.name not in effect_info(name).shows:
+        return {**columns, name: np.zeros(test.rows)}
+    padded = jnp.stack([pad(column) for column in columns.values()])
+    read = conditions_of(replace(test, nodes=None))  # of a reduced log it acts on the means
+    passed, own = readings_behind(effect(name, amount), channel, padded, read, oil)
+    found = zip(columns, np.asarray(passed)[:, : test.rows], strict=True)
+    return {**dict(found), name: np.asarray(own)[: test.rows]}
 
 
 def _deviation(slopes: list[np.ndarray], covariance: np.ndarray | None, rows: int) -> np.ndarray:

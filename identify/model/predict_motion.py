@@ -57,7 +57,7 @@ def predict_motion(model: Model, record: BenchRecord) -> dict[Key, tuple[np.ndar
 
 def _acts(name: str) -> bool:
     """Whether an effect takes part in motion: those of a sweep or of the static bench's own meters do not."""
-    return effect_info(name).effect.rowwise and "readings" not in effect_info(name).stages
+    return effect_info(name).rowwise and not effect_info(name).on_readings
 
 
 # Bench units of the readings; an absolute ratio and a phase keep SI and degrees.

@@ -10,6 +10,7 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
+from thermohyd.effects.library import find_effect
 from thermohyd.identify.bench.provenance import record_line
 from thermohyd.identify.bench.shown_units import amount, beside, decimals_for, display_unit
 from thermohyd.identify.diagnosis.result import (
@@ -139,14 +140,11 @@ def further_sentences(
     lines = []
     for effect in effects:
         line = f"{effect.name}: {effect.sentence}"
-        if effect.name == "unequal_underlap" and not _ports_measured(before):
-            line += "; the same with the other sign fits as well unless both port pressures are measured"
+        info = find_effect(effect.name)
+        if info is not None and info.caveat and not any(c.channel in info.settled_by for c in before.channels):
+            line += f"; {info.caveat}"
         lines.append(f"{line}.")
     return tuple(lines)
-
-
-def _ports_measured(fit: FitResult) -> bool:
-    return any(c.channel in ("pressure_a", "pressure_b") for c in fit.channels)
 
 
 def _verb(effects: tuple[NamedEffect, ...], one: str, many: str) -> str:

@@ -14,9 +14,9 @@ from jaxtyping import Array, Float
 from thermohyd.actuator import Actuator
 from thermohyd.actuator_performance import Performance, null_conditions, null_state, performance_at, without_instruments
 from thermohyd.conditions import Conditions
-from thermohyd.effects.edges import ThermalClearance
+from thermohyd.effects.edges import REFERENCE_TEMPERATURE
 from thermohyd.numerics import require_float64
-from thermohyd.valve import Valve
+from thermohyd.valve import Valve, metering_edges
 
 from .curves import COLUMNS, nominal_rows, slopes_at
 from .static_figures import ASIDE
@@ -42,7 +42,7 @@ class Drift:
     """One figure over temperature: value and d/dT, (temperatures,) each, SI.
 
     parts: (causes, temperatures), what of d/dT is the oil's kinematic viscosity, its density, its bulk modulus, its heat
-    (specific heat and expansion in throttling) and the clearance's own growth (the effect thermal_clearance). They add up
+    (specific heat and expansion in throttling) and the clearance's own growth (effects on the edges). They add up
     to `slope` exactly.
     """
 
@@ -109,8 +109,14 @@ def temperature_drifts(
 
 
 def thermal_growth(valve: Valve) -> float:
-    """How the clearance grows with the temperature [m/K]: the effect thermal_clearance, 0 without it."""
-    return sum(float(effect.amount) for effect in valve.effects if isinstance(effect, ThermalClearance))
+    """How the clearance grows with the temperature [m/K] at 40 degC: what effects on the edges make of it, 0 without any."""
+
+    def clearance(temperature: Array) -> Array:
+        zero = jnp.zeros(1)
+        edges = metering_edges(valve, Conditions(zero, zero, zero, temperature[None]))
+        return 0.5 * jnp.sum(edges.supply.clearance + edges.return_.clearance)
+
+    return float(jax.jvp(clearance, (jnp.asarray(REFERENCE_TEMPERATURE),), (jnp.ones(()),))[1])
 
 
 def _quotient(above: np.ndarray, below: np.ndarray) -> np.ndarray:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from thermohyd.effects.library import effect_info
 from thermohyd.identify.bench.errors import BenchInputError
 from thermohyd.identify.bench.record import BenchRecord, TestRecord, ValveData
 from thermohyd.identify.fitting.parameters import MICRON
@@ -155,9 +156,7 @@ def _pressures(supply: float, measured: tuple[float, ...] | list[float]) -> tupl
 
 def left_out(model: Model) -> tuple[str, ...]:
     """What of a model `valve_of_model` leaves out, in words."""
-    from .varied import OF_SWEEPS
-
-    dropped = [name for name, amount in model.effects.items() if amount and name in OF_SWEEPS]
+    dropped = [name for name, amount in model.effects.items() if amount and effect_info(name).of_sweeps]
     notes = (
         [f"{', '.join(dropped)} of the model left out: the study asks for single operating points"] if dropped else []
     )

@@ -12,8 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from thermohyd.conditions import Conditions
-from thermohyd.effects.edges import REFERENCE_TEMPERATURE, BushingLeakage, CrossPortLeakage
-from thermohyd.effects.library import with_effects
+from thermohyd.effects.library import effect_info, with_effects
 from thermohyd.identify.bench.errors import suggestion
 from thermohyd.identify.model.model import Model
 from thermohyd.oil import Oil, TemperatureShifts, at_temperature, oil_from_definition
@@ -152,8 +151,6 @@ def default_kind(name: str) -> str:
 
 # The laws of the oil, each of which can be asked to see another temperature than the oil has.
 LAWS = ("viscosity_law", "density_law", "bulk_modulus_law", "heat_law")
-# These act along a sweep; a study asks for single operating points.
-OF_SWEEPS = ("hysteresis", "position_lag", "flowmeter_lag")
 _IN_VALVE = (
     "edge_radius",
     "clearance",
@@ -180,7 +177,9 @@ def valve_of_model(model: Model) -> Valve:
         land_diameter=None if model.valve.land_diameter is None else jnp.asarray(model.valve.land_diameter),
         **numbers,  # pyright: ignore[reportArgumentType]  # names are those of Valve's fields
     )
-    return with_effects(valve, {name: a for name, a in model.effects.items() if a != 0.0 and name not in OF_SWEEPS})
+    return with_effects(
+        valve, {name: a for name, a in model.effects.items() if a != 0.0 and not effect_info(name).of_sweeps}
+    )
 
 
 def nominal_values(valve: Valve) -> dict[str, Array]:
@@ -233,20 +232,22 @@ def varied(valve: Valve, conditions: Conditions, values: Mapping[str, Float[Arra
 
 
 def _with_shifts(valve: Valve, shifts: TemperatureShifts) -> Valve:
-    """The valve whose oil laws see other temperatures. Leakage stated at 40 degC stays what it is there."""
+    """The valve whose oil laws see other temperatures. Leakage stated at one temperature stays what it is there."""
     oil = eqx.tree_at(lambda o: o.shifts, valve.oil, shifts, is_leaf=_absent)
     changed = eqx.tree_at(lambda v: v.oil, valve, oil)
-    stated = [i for i, effect in enumerate(valve.effects) if isinstance(effect, BushingLeakage | CrossPortLeakage)]
+    stated = {i: t for i, effect in enumerate(valve.effects) if (t := type(effect).stated_at) is not None}
     if not stated:
         return changed
-    kept = _viscosity_at_40(valve.oil) / _viscosity_at_40(oil)
+    kept = {t: _viscosity_at(valve.oil, t) / _viscosity_at(oil, t) for t in set(stated.values())}
     return eqx.tree_at(
-        lambda v: [v.effects[i].amount for i in stated], changed, [valve.effects[i].amount * kept for i in stated]
+        lambda v: [v.effects[i].amount for i in stated],
+        changed,
+        [valve.effects[i].amount * kept[t] for i, t in stated.items()],
     )
 
 
-def _viscosity_at_40(oil: Oil) -> Float[Array, "..."]:
-    return at_temperature(oil, jnp.asarray(REFERENCE_TEMPERATURE)).viscosity
+def _viscosity_at(oil: Oil, temperature: float) -> Float[Array, "..."]:
+    return at_temperature(oil, jnp.asarray(temperature)).viscosity
 
 
 def by_name(values: Float[Array, "factors ..."], names: tuple[str, ...] = FACTORS) -> dict[str, Float[Array, "..."]]:

@@ -8,6 +8,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 
 from thermohyd.actuator import Actuator
+from thermohyd.dynamics.machine import motion_of
+from thermohyd.effects.library import effect, effect_info
 from thermohyd.identify.bench.errors import BenchInputError, quoted
 from thermohyd.identify.bench.record import ActuatorData, BenchRecord
 from thermohyd.identify.bench.units import UnitError, parse_quantity
@@ -117,7 +119,7 @@ def subject_of(source: Source, request: Request, say: Callable[[str], None] = la
         raise BenchInputError(
             f"--step: {request.step * 1e3:.4g} mm must be smaller than half the piston's stroke, {half * 1e3:.4g} mm"
         )
-    without = tuple(name for name in model.effects if name == "backlash" and model.effects[name])
+    without = tuple(name for name, amount in model.effects.items() if amount and not effect_info(name).small_signal)
     return Subject(
         (source.record.name if source.record else "") or model.valve.name or "valve",
         model,
@@ -178,14 +180,14 @@ def _pressures(record: BenchRecord | None, request: Request) -> tuple[float, flo
 
 def _about_motion(model: Model, actuator: Actuator, without: tuple[str, ...]) -> list[str]:
     notes = [f"{name} has no small-signal response: the margins are those without it." for name in without]
-    friction = float(actuator.coulomb_friction) + sum(
-        amount for name, amount in model.effects.items() if name in ("coulomb_friction", "stribeck_friction")
-    )
+    motion = motion_of(actuator, tuple(effect(name, amount) for name, amount in model.effects.items() if amount))
+    sticking = 0.0 if motion.stribeck_friction is None else float(motion.stribeck_friction)
+    friction = float(motion.coulomb_friction) + sticking
     if friction > 0.0:
         notes.append(
             f"Dry friction of {friction:.4g} N acts on the margins with its slope at rest; those of a sliding piston "
             "are nearer to the linear formulas."
         )
-    if model.effects.get("spool_delay", 0.0):
+    if motion.spool_delay is not None:
         notes.append("The spool's delay shifts the setpoint and so lies outside the loop: the margins do not see it.")
     return notes

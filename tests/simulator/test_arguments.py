@@ -97,7 +97,7 @@ MISUSE = {
     "valve(effects={'hysteresis': 1e-6})": (
         TYPE,
         "effects must be a tuple of effects, not a dict: "
-        'thermohyd.effects.library.with_effects(valve, {"hysteresis": 1e-6}) adds them by name',
+        "thermohyd.effects.library.with_effects(valve, {name: amount}) adds them by name",
     ),
     "th.leakage_flow(points(), valve())": (
         TYPE,

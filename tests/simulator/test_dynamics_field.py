@@ -141,6 +141,6 @@ def test_registry_line(name):
     assert info.lower == 0.0 < info.typical[0] <= info.scale <= info.typical[1] <= info.upper
     assert set(info.shows) <= {"step", "frequency"}
     assert info.sentence[0].islower()
-    assert all(word in str(info.effect.__doc__) for word in ("Source:", "Amount", "Shows"))
+    assert all(word in str(info.effect_class.__doc__) for word in ("Source:", "Amount", "Shows"))
     assert float(effect(name).amount) == 0.0
     assert not any(known.dynamic for known in EFFECTS.values())

@@ -3,6 +3,7 @@
 The position loop broken at its feedback: margins, bandwidth and peak, differentiable, from the linearised vector field.
 """
 
+import re
 from typing import Literal, NamedTuple, cast
 
 import equinox as eqx
@@ -13,13 +14,14 @@ from jax.core import Tracer
 from jaxtyping import Array, Bool, Complex, Float
 
 from thermohyd.actuator import Actuator
+from thermohyd.effects.effect import AbstractEffect
 from thermohyd.numerics import require_float64
 from thermohyd.valve import Valve
 
 from .equilibrium import equilibrium, scaling_of
 from .inputs import StepInputs
 from .integrate import FAILURES, NO_EQUILIBRIUM
-from .machine import POSITION, Heat, Motion, Plant, State, Walls, plant_of, transducer_gain
+from .machine import POSITION, Heat, Plant, State, Walls, plant_of, transducer_gain
 from .vector_field import rates_at
 
 
@@ -57,10 +59,12 @@ class Linearised(eqx.Module):
         return jnp.sum(moved[..., 0] * read, axis=-1)
 
 
-def refuse_backlash(motion: Motion) -> None:
-    """Raise ValueError where there is play: it passes no small motion at all."""
-    if motion.backlash is not None:
-        raise ValueError("backlash has no small-signal response: take it out, or use a step test")
+def refuse_without_response(effects: tuple[AbstractEffect, ...]) -> None:
+    """Raise ValueError for an effect that passes no small motion at all, such as play."""
+    for effect in effects:
+        if not type(effect).small_signal:
+            words = re.sub(r"(?<!^)(?=[A-Z])", "_", type(effect).__name__).lower()
+            raise ValueError(f"{words} has no small-signal response: take it out, or use a step test")
 
 
 def linearise(plant: Plant, output: Output) -> tuple[Linearised, Bool[Array, ""]]:
@@ -127,7 +131,7 @@ def frequency_response(
     The linearisation is that of the very vector field that `simulate_step` integrates; a delay adds its phase. Friction acts
     with its slope at the equilibrium. It can be jitted, vmapped and differentiated like `simulate_step`.
 
-    Raises ValueError with one sentence for backlash, which has no small-signal response, and for the ratio of a piston
+    Raises ValueError with one sentence for an effect without a small-signal response (play), and for the ratio of a piston
     position in open loop, which has no asymptote; RuntimeError in single precision and, with `throw`, where there is no
     equilibrium. See docs/physics.md section 10.
     """
@@ -138,7 +142,7 @@ def frequency_response(
         raise ValueError("a piston position in open loop has no low-frequency asymptote: ask for the absolute ratio")
     built = Walls() if walls is None else walls
     plant = plant_of(valve, actuator, inputs, heat=heat, walls=built, polarity=polarity)
-    refuse_backlash(plant.motion)
+    refuse_without_response(valve.effects)
     frequency = jnp.asarray(frequency, dtype=jnp.result_type(float))
     response = cast(FrequencyResponse, _response(plant, frequency, output, absolute))
     if throw and not isinstance(response.found, Tracer) and not jnp.all(response.found):

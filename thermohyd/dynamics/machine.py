@@ -6,12 +6,12 @@ Heat between the oil of the chambers, the metal around it, and the surroundings 
 
 What only shows in motion: the physics that a dynamic effect may add to an actuator, and how such an effect joins.
 
-The fields of `Motion` start at the record's own values, or None where a record has none; an effect adds to one of them.
-Which are None is known while tracing, so that absent physics is not even compiled.
+Such an effect adds to a field of `Motion`, or is a force on the piston. The fields of `Motion` start at the record's own
+values, or None where a record has none. Which are None is known while tracing, so that absent physics is not even compiled.
 """
 
 import abc
-from typing import Literal
+from typing import ClassVar, Literal
 
 import equinox as eqx
 import jax
@@ -101,9 +101,26 @@ class Motion(eqx.Module):
 class AbstractMotionEffect(AbstractEffect):
     """An effect that only an actuator in motion shows; static tests pass it by."""
 
+    stage: ClassVar[str] = "motion"
+    dynamic: ClassVar[bool] = True
+
     @abc.abstractmethod
     def motion(self, so_far: Motion) -> Motion:
         """The motion's physics with one more effect."""
+
+
+class AbstractForceEffect(AbstractEffect):
+    """A force on the moving mass beside friction, end stops and the external force, by the piston's velocity.
+
+    Not by its place: in open loop a run starts with the piston at mid stroke and a steady speed, wherever it goes.
+    """
+
+    stage: ClassVar[str] = "force"
+    dynamic: ClassVar[bool] = True
+
+    @abc.abstractmethod
+    def force(self, velocity: Float[Array, ""]) -> Float[Array, ""]:
+        """Force [N] against the positive direction, at the piston's velocity [m/s]."""
 
 
 def motion_of(actuator: Actuator, effects: tuple[AbstractEffect, ...]) -> Motion:
@@ -171,6 +188,10 @@ class Plant(eqx.Module):
 
     def command(self, time: Float[Array, ""]) -> Float[Array, ""]:
         return self.inputs.command.at(time)[0]
+
+    @property
+    def forces(self) -> tuple[AbstractForceEffect, ...]:
+        return tuple(effect for effect in self.valve.effects if isinstance(effect, AbstractForceEffect))
 
 
 def _true_temperature(valve: Valve, temperature: Float[Array, ""]) -> Float[Array, ""]:

@@ -118,8 +118,8 @@ def simulate_step(
 
     inputs: from `step_inputs`. heat: "adiabatic" (THM: chambers keep their heat, but for what `walls` take) or "isothermal"
     (HM: all oil at T_s). polarity: +1 or -1, of an open-loop current. Effects of the valve act where they make sense: static
-    ones on edges, oil, lines and paths, a gauge's on the reading of the spool, dynamic ones (registry, DYNAMIC_EFFECTS) here
-    only. The run starts in equilibrium under the first row; see `equilibrium`.
+    ones on edges, oil, lines and paths, a gauge's on the reading of the spool, dynamic ones (`DYNAMIC_EFFECTS`) here only.
+    The run starts in equilibrium under the first row; see `equilibrium`.
 
     It can be jitted, vmapped (inputs stacked, with equal `knots`) and differentiated in every array of valve, actuator,
     walls and inputs but the rows' times: gradient = "forward" for `jax.jvp` and `jax.jacfwd` (few parameters), "reverse" for

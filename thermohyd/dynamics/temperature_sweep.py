@@ -21,8 +21,8 @@ from thermohyd.valve import Valve
 
 from .inputs import StepInputs, step_inputs
 from .integrate import FAILURES, NO_EQUILIBRIUM
-from .linear import PULSATION, LoopFigures, broken, linearise, loop_figures, refuse_backlash
-from .machine import Heat, Walls, motion_of, plant_of
+from .linear import PULSATION, LoopFigures, broken, linearise, loop_figures, refuse_without_response
+from .machine import Heat, Walls, plant_of
 from .simulate import StepFigures, StepReadings, simulate_step, step_figures
 
 
@@ -115,11 +115,11 @@ def loop_sweep(
     external force and dry friction with its slope at rest included, unlike in `loop_margins`. A `spool_delay` shifts the
     setpoint (docs/physics.md section 10) and so stays outside the loop. Pressures in Pa, gauge.
 
-    Raises ValueError for backlash, which has no small-signal response, and RuntimeError in single precision and where a
+    Raises ValueError for an effect without a small-signal response (play), and RuntimeError in single precision and where a
     temperature has no equilibrium.
     """
     require_float64("loop_sweep")
-    refuse_backlash(motion_of(actuator, valve.effects))
+    refuse_without_response(valve.effects)
     warm = jnp.asarray(temperatures, dtype=jnp.result_type(float))
     inputs = step_inputs(
         np.array([0.0, 1.0]), 0.0, "setpoint",

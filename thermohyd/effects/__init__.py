@@ -1,1 +1,1 @@
-"""The effects that separate a bench from the ideal valve (docs/physics.md section 8): `registry` names them all."""
+"""The effects that separate a bench from the ideal valve (docs/physics.md section 8): `library` names them all."""

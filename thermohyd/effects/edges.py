@@ -7,7 +7,7 @@ Radial clearance that is not constant: with the temperature, with the pressure.
 Leakage past the metering edges: the first stage, the bushing's seals, and from one port to the other.
 """
 
-from typing import final
+from typing import ClassVar, final
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -179,6 +179,7 @@ class BushingLeakage(AbstractReadingEffect):
     """
 
     amount: Float[Array, "..."] = eqx.field(converter=as_amount)
+    stated_at: ClassVar[float | None] = REFERENCE_TEMPERATURE
 
     def reading(
         self, channel: str, value: Float[Array, " rows"], read: Conditions, true: Conditions, oil: Oil
@@ -199,6 +200,7 @@ class CrossPortLeakage(AbstractCrossingEffect):
     """
 
     amount: Float[Array, "..."] = eqx.field(converter=as_amount)
+    stated_at: ClassVar[float | None] = REFERENCE_TEMPERATURE
 
     def conductance(self, oil: Oil, conditions: Conditions) -> Float[Array, "..."]:
         return self.amount * thinning(oil, conditions.temperature)

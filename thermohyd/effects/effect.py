@@ -7,6 +7,7 @@ effects a valve has is known while tracing, so one that is absent is not even co
 
 The stages are abstract classes with one method each; a concrete effect is final and carries one `amount` (neutral 0).
 It belongs to one stage, or to two where one instrument both sets an operating point and reads (`pressure_offset`).
+Two more stages, of an actuator in motion, are in `thermohyd.dynamics.machine`.
 """
 
 import abc
@@ -39,11 +40,18 @@ class AbstractEffect(eqx.Module):
     The amount is one number, or one per row of a test (a smooth term, a derivative taken row by row).
     `order`: among the effects of a stage, lower ones act first; effects of equal order commute.
     `rowwise`: whether a reading still depends on the parameters through its own row only (see `valve.rowwise`).
+    `stage`: where it acts. `dynamic`: whether only an actuator in motion shows it.
+    `small_signal`: whether it has a small-signal response; what passes no small motion at all has none.
+    `stated_at`: temperature [K] at which the amount holds, where the oil's viscosity carries it to others.
     """
 
     amount: eqx.AbstractVar[Float[Array, "..."]]
     order: ClassVar[int] = 0
     rowwise: ClassVar[bool] = True
+    stage: ClassVar[str] = ""
+    dynamic: ClassVar[bool] = False
+    small_signal: ClassVar[bool] = True
+    stated_at: ClassVar[float | None] = None
 
 
 def in_order(effects: tuple[AbstractEffect, ...]) -> tuple[AbstractEffect, ...]:
@@ -54,6 +62,8 @@ def in_order(effects: tuple[AbstractEffect, ...]) -> tuple[AbstractEffect, ...]:
 class AbstractConditionEffect(AbstractEffect):
     """What was read is not what the valve saw: the instruments of the operating point."""
 
+    stage: ClassVar[str] = "conditions"
+
     @abc.abstractmethod
     def true_conditions(self, so_far: Conditions, read: Conditions) -> Conditions:
         """The conditions `so_far`, corrected for one more effect; `read`: as the instruments gave them."""
@@ -62,12 +72,16 @@ class AbstractConditionEffect(AbstractEffect):
 class AbstractOilEffect(AbstractEffect):
     """The oil is not the one in the table."""
 
+    stage: ClassVar[str] = "oil"
+
     @abc.abstractmethod
     def oil(self, nominal: Oil) -> Oil: ...
 
 
 class AbstractHeatEffect(AbstractEffect):
     """The oil keeps more of its throttling heat than the valve's own `heat_retention` says."""
+
+    stage: ClassVar[str] = "heat"
 
     @abc.abstractmethod
     def heat_retention(self, own: Float[Array, "..."]) -> Float[Array, "..."]: ...
@@ -76,12 +90,16 @@ class AbstractHeatEffect(AbstractEffect):
 class AbstractEdgeEffect(AbstractEffect):
     """The edges differ from the ideal ones; `conditions` are the true ones."""
 
+    stage: ClassVar[str] = "edges"
+
     @abc.abstractmethod
     def edges(self, ideal: Edges, conditions: Conditions) -> Edges: ...
 
 
 class AbstractLineEffect(AbstractEffect):
     """Pressure lost between the gauges and the edges, and so a balance of ports and lines together."""
+
+    stage: ClassVar[str] = "lines"
 
     @abc.abstractmethod
     def losses(
@@ -92,6 +110,8 @@ class AbstractLineEffect(AbstractEffect):
 
 class AbstractCrossingEffect(AbstractEffect):
     """A path between the ports A and B past the spool, and so a balance of both ports together."""
+
+    stage: ClassVar[str] = "crossing"
 
     @abc.abstractmethod
     def conductance(self, oil: Oil, conditions: Conditions) -> Float[Array, "..."]:
@@ -109,22 +129,14 @@ class AbstractReadingEffect(AbstractEffect):
     """Flow that passes beside the valve, or the instrument that reads it; rows in sweep order, `oil` the true one.
 
     `instrument`: it is the bench's, and stays there when the valve goes to an actuator.
+    One that is not row by row is a filter along the runs: linear in `value` and without change to a constant, so that a
+    fit may let it act after all others and send the derivatives through it; of `true` and `oil` it makes no use.
     """
 
+    stage: ClassVar[str] = "readings"
     instrument: ClassVar[bool] = False
 
     @abc.abstractmethod
     def reading(
         self, channel: str, value: Float[Array, " rows"], read: Conditions, true: Conditions, oil: Oil
     ) -> Float[Array, " rows"]: ...
-
-
-STAGES = {
-    "conditions": AbstractConditionEffect,
-    "oil": AbstractOilEffect,
-    "heat": AbstractHeatEffect,
-    "edges": AbstractEdgeEffect,
-    "lines": AbstractLineEffect,
-    "crossing": AbstractCrossingEffect,
-    "readings": AbstractReadingEffect,
-}

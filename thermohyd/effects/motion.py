@@ -13,7 +13,7 @@ Oil that passes the piston.
 Heat from the chambers' oil into the metal around it.
 """
 
-from typing import final
+from typing import ClassVar, final
 
 import equinox as eqx
 from jaxtyping import Array, Float
@@ -91,6 +91,7 @@ class Backlash(AbstractMotionEffect):
     """
 
     amount: Float[Array, "..."] = eqx.field(converter=as_amount)
+    small_signal: ClassVar[bool] = False
 
     def motion(self, so_far: Motion) -> Motion:
         return so_far.plus("backlash", self.amount)
