@@ -18,7 +18,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from thermohyd.effects.library import DYNAMIC_EFFECTS, EFFECTS, effect_info, with_effects
-from thermohyd.identify.fitting.library import Library
+from thermohyd.identify.fitting.library import Library, with_heat
 from thermohyd.identify.fitting.library_program import PARAMETERS
 from thermohyd.identify.fitting.parameters import identified_by_default
 from thermohyd.identify.fitting.problem import Fit, Problem
