@@ -28,7 +28,7 @@ STATIC = ("unequal_underlap", "position_scale")
 def motion_library(tests: dict[str, DynamicTest], heat: str) -> Library:
     """The dynamic effects, and a few static ones, that these tests can show."""
     names, impossible = [], {}
-    kinds = {test.name for test in tests.values()}
+    kinds = {test.kind for test in tests.values()}
     readings = {channel.name for test in tests.values() for channel in test.channels}
     for name in (*STATIC, *DYNAMIC_EFFECTS):
         info = effect_info(name)
