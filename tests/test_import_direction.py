@@ -8,7 +8,13 @@ from pathlib import Path
 import pytest
 
 
-CHAIN = ("thermohyd.oil", "thermohyd.edge", "thermohyd.valve", "thermohyd.static_tests", "thermohyd.identify.fitting.fit")
+CHAIN = (
+    "thermohyd.oil",
+    "thermohyd.edge",
+    "thermohyd.valve",
+    "thermohyd.static_tests",
+    "thermohyd.identify.fitting.fit",
+)
 EFFECTS = "thermohyd.effects.library"
 INTERFACE = "thermohyd.effects.effect"  # what a valve must know of effects: the stages that they may join
 IDENTIFY = "thermohyd.identify"
