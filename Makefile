@@ -12,7 +12,7 @@ SOURCES := pyproject.toml constraints.txt README.md LICENSE \
 	$(shell find thermohyd identify data -type f ! -path '*/__pycache__/*')
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: help demo test lint typecheck pytest bench hidden hidden-dynamic hidden-logs clean
+.PHONY: help demo test lint typecheck pytest bench hidden hidden-dynamic hidden-logs joint-coverage clean
 help:
 	@echo "make demo    fit one sample record, diagnose another, write demo-report/"
 	@echo "make test    ruff, pyright and pytest against the installed package"
@@ -20,6 +20,7 @@ help:
 	@echo "make hidden  76 records with a hidden effect, diagnosed and scored (SET=2: other seeds, SET=3: faint effects; half an hour)"
 	@echo "make hidden-dynamic  30 records of an actuator with hidden physics, diagnosed and scored (SET=2: other seeds; half an hour)"
 	@echo "make hidden-logs  raw logs in which nothing is missing: do intervals hold the truth, is nothing named? (an hour)"
+	@echo "make joint-coverage  50 records with static and dynamic tests: do intervals hold the truth? (PLUG_IN=1: valve held; an hour)"
 	@echo "make clean   remove what was built (not $(VENV))"
 	@echo "A Python of 3.12 or newer is looked for; make PYTHON=/path/to/python3.13 demo takes that one. It stays in $(VENV)."
 
@@ -47,7 +48,7 @@ pytest: $(VENV)/.installed-dev
 	$(BIN)/pytest -n 2 --dist loadfile
 
 bench: $(VENV)/.installed-dev
-	@for script in $(filter-out benchmarks/hidden_%,$(wildcard benchmarks/[a-z]*.py)); do \
+	@for script in $(filter-out benchmarks/hidden_% benchmarks/joint_%,$(wildcard benchmarks/[a-z]*.py)); do \
 		echo "== $$script"; $(BIN)/python $$script || exit 1; done
 
 # Answers and table stay in build/hidden; an interrupted run goes on where it stopped.
@@ -62,6 +63,9 @@ hidden-dynamic: $(VENV)/.installed-dev
 hidden-logs: $(VENV)/.installed-dev
 	$(BIN)/python benchmarks/hidden_raw_logs.py fit
 	$(BIN)/python benchmarks/hidden_raw_logs.py diagnose
+
+joint-coverage: $(VENV)/.installed-dev
+	$(BIN)/python benchmarks/joint_coverage.py --processes $(PROCESSES) $(if $(PLUG_IN),--plug-in)
 
 clean:
 	rm -rf build dist *.egg-info demo-report .pytest_cache .ruff_cache .hypothesis

@@ -19,11 +19,12 @@ def text_of(path: Path) -> str:
 def made(tmp_path_factory):
     folder = tmp_path_factory.mktemp("samples")
     make_samples.make(folder)
+    make_samples.make_whole(folder)
     return folder
 
 
 def files() -> list[str]:
-    return [f"{r}/{f.name}" for r in ("seed_valve", "raw_log") for f in sorted((DATA / r).iterdir())]
+    return [f"{r}/{f.name}" for r in ("seed_valve", "raw_log", "whole_servo") for f in sorted((DATA / r).iterdir())]
 
 
 @pytest.mark.parametrize("name", files())
@@ -41,6 +42,7 @@ def test_every_file_says_that_it_is_synthetic(name):
 
 def test_same_bytes_every_time(made, tmp_path):
     make_samples.make(tmp_path)
+    make_samples.make_whole(tmp_path)
     for name in files():
         assert (made / name).read_bytes() == (tmp_path / name).read_bytes()
 

@@ -115,11 +115,11 @@ def read_dynamic(bench: BenchFile, tables: dict[str, BenchTable], *, readings_re
 
 def _read(test: DynamicTestTable, table: BenchTable, bench: BenchFile, required: bool) -> DynamicTest:
     run, run_names = runs(table)
-    step = test.name == "step"
+    step = test.kind == "step"
     time = _time(table, test, run) if step else None
     frequency = None if step else _frequency(table, test)
     command, kind = _command(table, test, bench)
-    found = tuple(reading for reading in READINGS[test.name] if reading in table.values)
+    found = tuple(reading for reading in READINGS[test.kind] if reading in table.values)
     if required and not found:
         raise missing(table, test, f"{' or '.join(_examples(test))}, a reading")
     for reading in found:
@@ -153,7 +153,7 @@ def _read(test: DynamicTestTable, table: BenchTable, bench: BenchFile, required:
 
 def _examples(test: DynamicTestTable) -> tuple[str, ...]:
     return (
-        ("piston_position [mm]", "pressure_a [bar]") if test.name == "step" else ("amplitude_ratio [1]", "phase [deg]")
+        ("piston_position [mm]", "pressure_a [bar]") if test.kind == "step" else ("amplitude_ratio [1]", "phase [deg]")
     )
 
 
@@ -191,7 +191,7 @@ def _command(table: BenchTable, test: DynamicTestTable, bench: BenchFile) -> tup
     assert bench.actuator is not None
     closed = bench.actuator.closed_loop
     if "command" not in table.values:
-        if test.name == "step":
+        if test.kind == "step":
             example = "command [mm], a setpoint of the piston" if closed else "command [um] or command [mA]"
             raise missing(table, test, example)
         by_current = table.kinds.get("amplitude_ratio", "").endswith("per current")

@@ -15,7 +15,21 @@ from thermohyd.oil_definition import OilDefinition
 
 
 STATIC_TESTS = ("leakage", "pressure_gain", "flow_gain", "load_flow")
-DYNAMIC_TESTS = ("step", "frequency")
+DYNAMIC_TESTS = ("step", "frequency")  # these, or several of a kind: step_slow, step_cold
+
+
+def kind_of_test(name: str) -> str:
+    """ "step" of "step" and of "step_slow", "frequency" likewise; of a static test its name, which is its kind.
+
+    Names of tests become names of files and of figures, so those of one's own begin with their kind: no clash, and
+    whoever holds only the name knows how to draw it.
+    """
+    return next((kind for kind in DYNAMIC_TESTS if name.startswith(f"{kind}_")), name)
+
+
+def is_dynamic(name: str) -> bool:
+    """Whether a test of this name is a step or a frequency test."""
+    return kind_of_test(name) in DYNAMIC_TESTS
 
 
 @dataclass(frozen=True)
@@ -167,6 +181,11 @@ class DynamicTest(TestRecord):
     @property
     def axis(self) -> str:
         return "time" if self.frequency is None else "frequency"
+
+    @property
+    def kind(self) -> str:
+        """ "step" or "frequency" """
+        return kind_of_test(self.name)
 
     @property
     def place(self) -> np.ndarray:

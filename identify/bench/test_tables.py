@@ -5,14 +5,15 @@ The `noise` of a test in bench.toml: what the user knows of its readings' scatte
 The `[actuator]` table: the jack, its load and its loop, with the defaults that docs/bench_format.md section 2.5 states.
 """
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from .columns import ABSOLUTE_RATIO, READINGS, columns_of, columns_of_frequency, columns_of_step
-from .errors import quoted
-from .record import DYNAMIC_TESTS, STATIC_TESTS, ActuatorData, ValveData
+from .errors import quoted, suggestion
+from .record import DYNAMIC_TESTS, STATIC_TESTS, ActuatorData, ValveData, is_dynamic, kind_of_test
 from .toml_file import TomlTable
 from .units import parse_quantity
 
@@ -88,7 +89,8 @@ def check_word(table: TomlTable, key: str, words: tuple[str, ...]) -> None:
         raise table.error(f"must be one of {', '.join(words)}", key)
 
 
-TEST_KEYS = ("file", "noise", "columns", "ignore", "missing", "skip_rows", "sheet")
+TEST_KEYS = ("kind", "file", "noise", "columns", "ignore", "missing", "skip_rows", "sheet")
+OWN_NAME, NO_WORD = re.compile(r"[a-z0-9_]+"), re.compile(r"[^a-z0-9_]+")
 OUTPUTS = ("spool_position", "piston_velocity", "piston_position")
 
 
@@ -119,15 +121,19 @@ class StaticTest:
 
 @dataclass(frozen=True)
 class DynamicTestTable(StaticTest):
-    """A `[tests.step]` or `[tests.frequency]` table. ratio_kind: None, known from the command's unit only."""
+    """A `[tests.step]`, `[tests.step_<own name>]` or `[tests.frequency]` table."""
 
     closed_loop: bool = False
     output: str = "spool_position"
     absolute: bool = False
 
     @property
+    def kind(self) -> str:
+        return kind_of_test(self.name)
+
+    @property
     def kinds(self) -> dict[str, tuple[str, ...]]:
-        if self.name == "step":
+        if self.kind == "step":
             return columns_of_step(self.closed_loop)
         known = columns_of_frequency(self.closed_loop, "plain number")
         if not self.absolute:
@@ -145,7 +151,8 @@ class DynamicTestTable(StaticTest):
 def read_tests(table: TomlTable, actuator: ActuatorData) -> tuple[dict[str, StaticTest], dict[str, DynamicTestTable]]:
     """(static tests, dynamic tests) by name, in the order of the file. Raises BenchInputError."""
     names = (*STATIC_TESTS, *DYNAMIC_TESTS)
-    table.refuse_unknown(names, "test")
+    for name in table.data:
+        _check_name(table, name, names)
     if not table.data:
         raise table.error(f"is empty; add one of {', '.join(f'[tests.{name}]' for name in names)}")
     static: dict[str, StaticTest] = {}
@@ -153,12 +160,14 @@ def read_tests(table: TomlTable, actuator: ActuatorData) -> tuple[dict[str, Stat
     for name in table.data:
         test = table.table(name)
         assert test is not None
-        test.refuse_unknown((*TEST_KEYS, "output", "absolute") if name == "frequency" else TEST_KEYS)
+        test.refuse_unknown((*TEST_KEYS, "output", "absolute") if kind_of_test(name) == "frequency" else TEST_KEYS)
+        if "kind" in test and test.data["kind"] != kind_of_test(name):
+            raise test.error(f'must be "{kind_of_test(name)}", with which the name of the test begins', "kind")
         file = test.text("file")
         if file is None:
             raise test.error(f'file is missing; write for example file = "{name}.csv"')
         path = (test.source.folder or Path()) / file
-        if name in DYNAMIC_TESTS:
+        if is_dynamic(name):
             dynamic[name] = _dynamic(name, path, test, actuator.closed_loop)
         else:
             known = tuple(columns_of(name))
@@ -166,6 +175,30 @@ def read_tests(table: TomlTable, actuator: ActuatorData) -> tuple[dict[str, Stat
                 name, path, read_noise(test), _mapping(test, known), _ignored(test), test, **_layout(test)
             )
     return static, dynamic
+
+
+def _check_name(table: TomlTable, name: str, names: tuple[str, ...]) -> None:
+    """Raise BenchInputError where a test's name is neither a kind nor a dynamic kind with a word of the user's behind it."""
+    if name in names:
+        return
+    given = table.data[name].get("kind") if isinstance(table.data[name], dict) else None
+    if is_dynamic(name):
+        if not OWN_NAME.fullmatch(name):
+            raise table.error(
+                f"{quoted(name)} becomes the name of files: use only small letters, digits and underscores", name
+            )
+    elif given in DYNAMIC_TESTS:
+        raise table.error(
+            f"a {given} test's own name must begin with its kind: [tests.{given}_{NO_WORD.sub('_', name.lower())}]",
+            name,
+        )
+    elif given in STATIC_TESTS or any(name.startswith(f"{kind}_") for kind in STATIC_TESTS):
+        kind = given if given in STATIC_TESTS else next(k for k in STATIC_TESTS if name.startswith(f"{k}_"))
+        raise table.error(
+            f"a record has one {kind} test; put all its sweeps into one file, told apart by a column run", name
+        )
+    else:
+        raise table.error(f"unknown test {quoted(name)}; {suggestion(name, names)}", name)
 
 
 def _dynamic(name: str, path: Path, test: TomlTable, closed: bool) -> DynamicTestTable:
@@ -179,7 +212,7 @@ def _dynamic(name: str, path: Path, test: TomlTable, closed: bool) -> DynamicTes
         )
     told: dict[str, Any] = {"closed_loop": closed, "output": output, "absolute": absolute}
     plain = DynamicTestTable(name, path, {}, {}, (), test, **told)
-    readings = {reading: plain.kinds[reading][0] for reading in READINGS[name]}
+    readings = {reading: plain.kinds[reading][0] for reading in READINGS[plain.kind]}
     columns = _mapping(test, tuple(plain.kinds))
     return DynamicTestTable(
         name, path, read_noise(test, readings), columns, _ignored(test), test, **_layout(test), **told

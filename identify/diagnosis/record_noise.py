@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import chdtri
 
 from thermohyd.identify.bench.record import Channel, TestRecord
 from thermohyd.identify.fitting.problem import Fit, Key, Noise, Problem
@@ -14,8 +15,9 @@ from .screening import Projection
 
 
 ENOUGH_REPEATS = 60  # rows compared, below which repeats say too little of the correlation
-# Scatter beyond the stated noise, as a ratio of variances, from which on it counts as noise that tests must allow for.
-EXCESS = 1.2
+# Scatter beyond the stated noise, as a ratio of variances, from which on it counts as noise that tests must allow for; of few
+# readings it must also be more than chance makes of one channel in a hundred.
+EXCESS, CHANCE = 1.2, 0.01
 
 
 @dataclass(frozen=True)
@@ -81,22 +83,29 @@ def found_noise(
     projected = ProjectedNoise(saturated.q, stretches)
     found = {}
     for key, rows in where.items():
-        variance = float(np.sum(rest[rows] ** 2)) / max(projected.freedom(rows), 1.0)
-        size = variance if variance > EXCESS else 1.0
+        freedom = max(projected.freedom(rows), 1.0)
+        variance = float(np.sum(rest[rows] ** 2)) / freedom
+        size = variance if _excessive(variance, freedom) else 1.0
         left = projected.remembered(rest, rows, size if stated[key].known else None)
-        found[key] = _channel(stated[key], repeats[key], variance, left)
+        found[key] = _channel(stated[key], repeats[key], variance, freedom, left)
     return found
+
+
+def _excessive(variance: float, freedom: float) -> bool:
+    """Whether readings scatter by more than the stated noise, whose variance is 1."""
+    return variance > max(EXCESS, float(chdtri(freedom, CHANCE)) / freedom)
 
 
 def _channel(
     stated: ChannelNoise,
     repeats: Repeats | None,
     variance: float,
+    freedom: float,
     left: Remembered,
 ) -> NoiseFound:
     if repeats is not None:
         correlation, source = repeats.correlation, f"differences between repeated sweeps ({repeats.rows} pairs of rows)"
-        variance = repeats.variance
+        variance, freedom = repeats.variance, float(repeats.rows)
     else:
         correlation, source = left.correlation, "what neither effects nor smooth curves explain"
     if not stated.known:
@@ -104,7 +113,7 @@ def _channel(
         return NoiseFound(stated.std * np.sqrt(size), correlation, source, source, repeats is not None)
     warning = ""
     std = stated.std
-    if variance > EXCESS:
+    if _excessive(variance, freedom):
         std = stated.std * np.sqrt(variance)
         what = "repeated sweeps differ" if repeats is not None else "the readings scatter beyond any smooth curve"
         warning = f"{what} by {np.sqrt(variance):.2f} times the stated noise; tests allow for that"

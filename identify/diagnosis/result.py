@@ -225,7 +225,7 @@ class DiagnosisResult(Result):
     @property
     def plain_model(self) -> str:
         """What the record was compared with before anything was added, in words."""
-        return "plain model" if self.record.dynamic is not None and not self.record.tests else "ideal valve"
+        return "ideal valve" if self.record.dynamic is None else "plain model"
 
     @property
     def open(self) -> bool:

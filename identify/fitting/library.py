@@ -95,7 +95,7 @@ def _several_rates(tests: list[TestRecord]) -> bool:
 def motion_library(tests: dict[str, DynamicTest], heat: str) -> Library:
     """The dynamic effects, and a few static ones, that these tests can show."""
     names, impossible = [], {}
-    kinds = {test.name for test in tests.values()}
+    kinds = {test.kind for test in tests.values()}
     readings = {channel.name for test in tests.values() for channel in test.channels}
     # Few static ones, as each is one more name that chance may hit. A leak between the ports is the jack's leak by another
     # name, and stands for itself in the static library.

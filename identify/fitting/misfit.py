@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from thermohyd.identify.bench.record import kind_of_test
 from thermohyd.identify.bench.shown_units import display_unit, reading_unit
 
 from .result import DISAGREES, ChannelFit, ParameterEstimate
@@ -186,6 +187,6 @@ def sentence_of_motion(fit: ChannelFit) -> str:
     part = np.clip(np.searchsorted(edges, fit.position, side="right") - 1, 0, len(edges) - 2)
     sums = np.bincount(part, squares, minlength=len(edges) - 1)
     worst = int(np.argmax(sums))
-    axis = "Hz" if fit.test == "frequency" else "s"
+    axis = "Hz" if kind_of_test(fit.test) == "frequency" else "s"
     share = 100.0 * sums[worst] / np.sum(squares)
     return f"{what}; worst at {edges[worst]:.3g} to {edges[worst + 1]:.3g} {axis} ({share:.0f} % of the misfit)"

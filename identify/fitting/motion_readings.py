@@ -202,7 +202,7 @@ class DynamicSimulator:
 
     def _runs_of(self, name: str, test: DynamicTest) -> StepRuns | FrequencyRuns:
         if name not in self._runs:
-            self._runs[name] = frequency_runs(test) if test.name == "frequency" else step_runs(test)
+            self._runs[name] = frequency_runs(test) if test.kind == "frequency" else step_runs(test)
         return self._runs[name]
 
     def _step(self, name: str, plan: Plan, p: Any, given: Given, runs: StepRuns, into: Readings) -> int:

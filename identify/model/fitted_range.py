@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from thermohyd.identify.bench.record import BenchRecord, DynamicTest, TestRecord
+from thermohyd.identify.bench.record import BenchRecord, DynamicTest, TestRecord, is_dynamic
 from thermohyd.identify.bench.shown_units import DisplayUnit, significant
 from thermohyd.identify.reduction.legs import PRESSURE_STEP, TEMPERATURE_STEP
 
@@ -118,7 +118,7 @@ def fitted_ranges(model: Model, test: TestRecord) -> dict[str, tuple[float, floa
 def tests_alike(model: Model, test: TestRecord) -> list[str]:
     """Fitted tests that are static like this one, or dynamic like it."""
     dynamic = test.in_motion
-    return [name for name in model.fitted if (name in ("step", "frequency")) == dynamic]
+    return [name for name in model.fitted if is_dynamic(name) == dynamic]
 
 
 def _beyond(

@@ -15,7 +15,14 @@ import numpy as np
 
 from thermohyd.effects.library import whole_library
 from thermohyd.identify.bench.errors import BenchInputError, quoted, suggestion
-from thermohyd.identify.bench.record import DYNAMIC_TESTS, STATIC_TESTS, ActuatorData, BenchRecord, ValveData
+from thermohyd.identify.bench.record import (
+    DYNAMIC_TESTS,
+    STATIC_TESTS,
+    ActuatorData,
+    BenchRecord,
+    ValveData,
+    is_dynamic,
+)
 from thermohyd.identify.fitting.parameters import IN_MOTION, heat_retention, identified_by_default, identified_in_motion
 from thermohyd.identify.fitting.result import FitResult
 from thermohyd.oil_definition import OilDefinition
@@ -81,7 +88,9 @@ class ModelReader:
         """The conditions that were fitted; a model of an earlier version, or one written by hand, may have none."""
         if not isinstance(table, dict):
             raise self.fail('"fitted_range" must be a table of tests; leave it out where nothing was fitted')
-        self.refuse_unknown(table, [*STATIC_TESTS, *DYNAMIC_TESTS], "fitted_range")
+        self.refuse_unknown(
+            {n: r for n, r in table.items() if not is_dynamic(n)}, [*STATIC_TESTS, *DYNAMIC_TESTS], "fitted_range"
+        )
         found: Ranges = {}
         for test, ranges in table.items():
             where = f'"fitted_range" "{test}"'

@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from thermohyd.identify.bench.record import DYNAMIC_TESTS
+from thermohyd.identify.bench.record import is_dynamic
 from thermohyd.identify.bench.shown_units import display_unit, reading_unit
 from thermohyd.identify.diagnosis.result import DiagnosisResult, Variation
 from thermohyd.identify.diagnosis.where import condition_unit, residual_map
@@ -178,7 +178,7 @@ def diagnosis_figures(result: DiagnosisResult) -> dict[str, Figure]:
 
 def _static(fit: FitResult) -> FitResult:
     """The channels of static tests, which have a map; a time history shows its residuals itself."""
-    return replace(fit, channels=tuple(c for c in fit.channels if c.test not in DYNAMIC_TESTS))
+    return replace(fit, channels=tuple(c for c in fit.channels if not is_dynamic(c.test)))
 
 
 def _comparable(result: DiagnosisResult) -> bool:
@@ -198,11 +198,11 @@ def _tests(result: DiagnosisResult, run_names: dict[str, tuple[str, ...]]) -> di
     words = f"with {added[0]}" if len(added) == 1 else f"with {len(added)} effects"
     figures = {}
     pairs = list(zip(result.before.channels, result.after.channels, strict=True))
-    for test in dict.fromkeys(after.test for _, after in pairs if after.test in DYNAMIC_TESTS):
+    for test in dict.fromkeys(after.test for _, after in pairs if is_dynamic(after.test)):
         own = [pair for pair in pairs if pair[1].test == test]
         figures[test] = dynamic_figure(own, run_names.get(test, ()), (words, "plain model"))
     for before, after in pairs:
-        if after.test in DYNAMIC_TESTS:
+        if is_dynamic(after.test):
             continue
         alone = sum(fit.test == before.test for fit in result.before.channels) == 1
         name = before.test if alone else f"{before.test}_{before.channel}"

@@ -6,7 +6,7 @@ The sentences of a diagnosis beside its tables: held-out rows, what cannot be se
 import math
 from dataclasses import dataclass
 
-from thermohyd.identify.bench.record import DYNAMIC_TESTS
+from thermohyd.identify.bench.record import is_dynamic
 from thermohyd.identify.bench.shown_units import DisplayUnit, amount, beside, display_unit, effect_unit, significant
 from thermohyd.identify.diagnosis.result import Candidate, DiagnosisResult, NamedEffect, Region, Variation
 from thermohyd.identify.diagnosis.where import condition_unit, miss_words, region_words
@@ -144,7 +144,7 @@ def where_rows(result: DiagnosisResult, regions: tuple[Region, ...]) -> list[Whe
 def reading_words(test: str, channel: str) -> str:
     """A test's reading in words; the channel is said only where the test alone does not tell."""
     words = test.replace("_", " ")
-    if test in DYNAMIC_TESTS:
+    if is_dynamic(test):
         return f"{words}, {channel.replace('_', ' ')}"
     return f"{words}, port {channel[-1].upper()}" if channel in ("pressure_a", "pressure_b") else words
 

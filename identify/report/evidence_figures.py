@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from thermohyd.identify.bench.record import kind_of_test
 from thermohyd.identify.bench.shown_units import effect_unit
 from thermohyd.identify.diagnosis.result import Candidate, DiagnosisResult, Evidence
 
@@ -49,7 +50,7 @@ def evidence_figure(parts: list[Evidence]) -> Figure:
                 loc="left",
                 color=look.FAINT,
             )
-            axes.set_xlabel(AXES.get(part.test, "spool position [um]"))
+            axes.set_xlabel(AXES.get(kind_of_test(part.test), "spool position [um]"))
             start = stop
         for axes in list(grid.flat)[len(chosen) :]:
             axes.set_axis_off()
@@ -62,13 +63,13 @@ def evidence_figure(parts: list[Evidence]) -> Figure:
             fontsize=12,
             fontweight="bold",
         )
-        _legend(figure, colours, means, height, swept=any(part.test not in AXES for part in chosen))
+        _legend(figure, colours, means, height, swept=any(kind_of_test(part.test) not in AXES for part in chosen))
     return figure
 
 
 def _draw(axes: Axes, part: Evidence, group: np.ndarray, colours: list[str]) -> None:
     """Sums over bins of the position, one step line per temperature and direction."""
-    position = part.position * (1.0 if part.test in AXES else 1e6)
+    position = part.position * (1.0 if kind_of_test(part.test) in AXES else 1e6)
     bins = max(4, min(BINS, len(position) // 4))
     edges = np.linspace(position.min(), position.max() + 1e-9, bins + 1)
     axes.axhline(0.0, color=look.FAINT, linewidth=0.8)
@@ -77,7 +78,7 @@ def _draw(axes: Axes, part: Evidence, group: np.ndarray, colours: list[str]) -> 
             rows = (group == index) & ((part.direction > 0) == rising)
             if rows.any():
                 sums, _ = np.histogram(position[rows], edges, weights=part.contribution[rows])
-                solid = rising or part.test in AXES
+                solid = rising or kind_of_test(part.test) in AXES
                 axes.stairs(sums, edges, color=colour, linestyle="-" if solid else "--", linewidth=1.1)
 
 

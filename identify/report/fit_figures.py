@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
-from thermohyd.identify.bench.record import DYNAMIC_TESTS
+from thermohyd.identify.bench.record import is_dynamic, kind_of_test
 from thermohyd.identify.bench.shown_units import display_unit, reading_unit
 from thermohyd.identify.fitting.result import ChannelFit, FitResult
 
@@ -23,6 +23,7 @@ from .style import READINGS, TITLES, Sweep, condition_legend, draw_residuals, sc
 MOST_RUNS = 4
 BEFORE, AFTER, DATA = "#c9702b", "#1f5fa8", "#8a8a8a"
 BAND = 1.96  # standard deviations
+CELL = 0.36  # inches: a parameter's row, and its cell in the matrix of correlations
 
 Pair = tuple[ChannelFit | None, ChannelFit]  # before, after
 
@@ -33,7 +34,7 @@ def dynamic_figure(pairs: Sequence[Pair], run_names: Sequence[str], words: tuple
     words: what the final model is called, and the one before.
     """
     with look.style():
-        if pairs[0][1].test == "frequency":
+        if kind_of_test(pairs[0][1].test) == "frequency":
             return _bode(pairs, run_names, words)
         return _histories(pairs, run_names, words)
 
@@ -54,7 +55,7 @@ def _histories(pairs: Sequence[Pair], run_names: Sequence[str], words: tuple[str
     for axes in grid[-1]:
         axes.set_xlabel("time [s]")
     more = f", {len(shown)} of {len(runs)} runs" if len(shown) < len(runs) else ""
-    _finish(figure, grid, f"Step test{more}")
+    _finish(figure, grid, f"Step test{_own_name(pairs)}{more}")
     return figure
 
 
@@ -86,8 +87,15 @@ def _bode(pairs: Sequence[Pair], run_names: Sequence[str], words: tuple[str, str
         axes.set_ylabel(f"{pair[1].channel.replace('_', ' ')} [{unit}]")
     grid[-1][0].set_xlabel("frequency [Hz]")
     several = f", {len(np.unique(pairs[0][1].run))} operating points" if len(np.unique(pairs[0][1].run)) > 1 else ""
-    _finish(figure, grid, f"Frequency response{several}")
+    _finish(figure, grid, f"Frequency response{_own_name(pairs)}{several}")
     return figure
+
+
+def _own_name(pairs: Sequence[Pair]) -> str:
+    """ " (slow)" of step_slow: a record may hold several tests of a kind."""
+    name = pairs[0][1].test
+    own = name.removeprefix(kind_of_test(name)).strip("_").replace("_", " ")
+    return f" ({own})" if own else ""
 
 
 def _finish(figure: Figure, grid: np.ndarray, title: str) -> None:
@@ -115,7 +123,7 @@ def test_figures(result: FitResult) -> dict[str, Figure]:
     with look.style():
         for test in dict.fromkeys(fit.test for fit in result.channels):
             fits = [fit for fit in result.channels if fit.test == test]
-            if test in DYNAMIC_TESTS:
+            if is_dynamic(test):
                 figures[test] = dynamic_figure([(None, fit) for fit in fits], run_names_of(result, test))
                 continue
             record = result.record.tests.get(test)
@@ -186,12 +194,16 @@ def _zoom_to_null(axes: Axes, sweeps: list[Sweep], null: float) -> None:
 
 def parameter_figure(result: FitResult) -> Figure:
     """How well each fitted parameter is known, and the matrix of correlations."""
+    # In inches: a cell of the matrix holds its figure however many parameters there are.
+    side = CELL * max(len(result.free), 4)
+    width, height, bottom = 8.15 + side, side + 1.8, 1.35
+    place = lambda left, wide: (left / width, bottom / height, wide / width, side / height)
     with look.style():
-        figure = Figure(figsize=(10.0, 0.36 * max(len(result.free), 4) + 1.9))
-        axes = figure.subplots(1, 2, gridspec_kw={"width_ratios": (1.25, 1.0)})
-        figure.subplots_adjust(left=0.155, right=0.95, top=0.88, bottom=0.32, wspace=0.95)
-        _precision(axes[0], result)
-        _correlation_matrix(figure, axes[1], result)
+        figure = Figure(figsize=(width, height))
+        _precision(figure.add_axes(place(1.55, 2.95)), result)
+        _correlation_matrix(
+            figure, figure.add_axes(place(7.25, side)), figure.add_axes(place(7.4 + side, 0.12)), result
+        )
     return figure
 
 
@@ -216,7 +228,7 @@ def _precision(axes: Axes, result: FitResult) -> None:
     axes.set_xlabel("standard error in % of the value")
 
 
-def _correlation_matrix(figure: Figure, axes: Axes, result: FitResult) -> None:
+def _correlation_matrix(figure: Figure, axes: Axes, scale: Axes, result: FitResult) -> None:
     count = len(result.free)
     image = axes.imshow(result.correlation, cmap="RdBu_r", vmin=-1.0, vmax=1.0)
     for i in range(count):
@@ -236,4 +248,4 @@ def _correlation_matrix(figure: Figure, axes: Axes, result: FitResult) -> None:
     axes.set_xticks(range(count), result.free, rotation=35, ha="right", rotation_mode="anchor")
     axes.set_yticks(range(count), result.free)
     axes.set_title("correlations", loc="left", color=look.FAINT)
-    figure.colorbar(image, ax=axes, fraction=0.046, pad=0.03)
+    figure.colorbar(image, cax=scale)

@@ -130,10 +130,31 @@ def frequency_table(bench: Bench) -> dict[str, list[str]]:
     }
 
 
-def toml(bench: Bench, comment: str = "", name: str = "servo actuator", extra: str = "") -> str:
-    j, size = bench.jack, 1e6
+def step_noise(bench: Bench) -> str:
+    """The `noise` line of a step test; empty where the bench does not say."""
     noises = ", ".join(f'{n} = "{bench.noise[n]:g} {COLUMNS[n][0]}"' for n in bench.measured)
-    said = f"noise = {{ {noises} }}\n" if bench.declared and noises else ""
+    return f"noise = {{ {noises} }}\n" if bench.declared and noises else ""
+
+
+def actuator_table(bench: Bench) -> str:
+    j = bench.jack
+    return f"""[actuator]                        # nominal values: the truth is not written here
+piston_area = "{j.piston_area * 1e4:g} cm^2"
+chamber_volume = "{j.chamber_volume * 1e6:g} cm^3"
+piston_stroke = "{j.piston_stroke * 1e3:g} mm"
+moving_mass = "{j.moving_mass:g} kg"
+viscous_friction = "2000 N s/m"
+spool_frequency = "100 Hz"
+spool_damping = 0.7
+external_force = "{bench.force:g} N"
+heat = "{"adiabatic" if bench.adiabatic else "isothermal"}"
+controller = {{ amplifier_gain = "{j.amplifier_gain:g} A/V", sensor_gain = "{j.sensor_gain:g} V/m" }}
+"""
+
+
+def toml(bench: Bench, comment: str = "", name: str = "servo actuator", extra: str = "") -> str:
+    size = 1e6
+    said = step_noise(bench)
     v = bench.valve
     held = "".join(
         f'{n} = {{ value = "{getattr(v, n) * size:g} um", fixed = true }}\n'
@@ -160,18 +181,7 @@ supply_pressure = "{bench.supply:g} bar"
 return_pressure = "{bench.back:g} bar"
 temperature = "{bench.temperature:g} degC"
 
-[actuator]                        # nominal values: the truth is not written here
-piston_area = "{j.piston_area * 1e4:g} cm^2"
-chamber_volume = "{j.chamber_volume * size:g} cm^3"
-piston_stroke = "{j.piston_stroke * 1e3:g} mm"
-moving_mass = "{j.moving_mass:g} kg"
-viscous_friction = "2000 N s/m"
-spool_frequency = "100 Hz"
-spool_damping = 0.7
-external_force = "{bench.force:g} N"
-heat = "{"adiabatic" if bench.adiabatic else "isothermal"}"
-controller = {{ amplifier_gain = "{j.amplifier_gain:g} A/V", sensor_gain = "{j.sensor_gain:g} V/m" }}
-
+{actuator_table(bench)}
 [start]                           # of the valve: known from its static tests
 {held}discharge_coefficient = {{ value = {v.discharge_coefficient:g}, fixed = true }}
 transition_number = {{ value = {v.transition_number:g}, fixed = true }}

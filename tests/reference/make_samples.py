@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from reference import sample_actuator, sample_raw_log, sample_seed_valve
+from reference import sample_actuator, sample_raw_log, sample_seed_valve, sample_whole_servo
 from reference.sample_text import LABEL, csv_text
 
 
@@ -35,6 +35,12 @@ def make(folder: Path) -> None:
             write_text(folder / name / file, csv_text(comments, columns))
 
 
+def make_whole(folder: Path) -> None:
+    """The record that has static and dynamic tests."""
+    for file, text in sample_whole_servo.files().items():
+        write_text(folder / "whole_servo" / file, text)
+
+
 def make_dynamic(folder: Path) -> None:
     """The records of an actuator in motion, and the truth of the hidden ones."""
     sample = sample_actuator
@@ -54,4 +60,5 @@ if __name__ == "__main__":
     np.seterr(all="raise", under="ignore")
     target = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parents[2] / "data"
     make(target)
+    make_whole(target)
     make_dynamic(target)

@@ -53,6 +53,47 @@ def test_static_and_dynamic_together(tmp_path):
     assert list(record.all_tests) == ["leakage", "step", "frequency"]
 
 
+OWN = BENCH.replace("[tests.step]\n", '[tests.step_slow]\nkind = "step"\n')
+
+
+def test_several_step_tests_have_names_of_their_own(tmp_path):
+    again = '[tests.step]\nfile = "again.csv"\n[tests.frequency_cold]\nfile = "f.csv"\noutput = "piston_position"\n'
+    record = read_record(
+        write_record(tmp_path, again + OWN, step=STEP, f=RESPONSE, again=STEP.replace("0.1,a", "0.2,a"))
+    )
+    assert record.dynamic is not None
+    tests = record.dynamic.tests
+    assert {name: (test.name, test.kind) for name, test in tests.items()} == {
+        "step": ("step", "step"),
+        "frequency_cold": ("frequency_cold", "frequency"),
+        "step_slow": ("step_slow", "step"),
+        "frequency": ("frequency", "frequency"),
+    }
+    assert tests["frequency_cold"].output == "piston_position"
+    assert [c.name for c in tests["step"].channels] == [c.name for c in tests["step_slow"].channels]
+    assert [tests[name].time[1] for name in ("step", "step_slow")] == [0.2, 0.1]
+    assert tests["step"].channels[0].std is None
+    assert tests["step_slow"].channels[0].std is not None
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "words"),
+    [
+        ("slow", "step", '[tests] slow: a step test\'s own name must begin with its kind: [tests.step_slow]'),
+        ("step_slow", "frequency", '[tests.step_slow] kind: must be "step", with which the name of the test begins'),
+        ("step", "frequency", '[tests.step] kind: must be "step", with which the name of the test begins'),
+        ("step_Slow", "step", '[tests] step_Slow: "step_Slow" becomes the name of files: use only small letters, digits and underscores'),
+        ("leakage_cold", "leakage", '[tests] leakage_cold: a record has one leakage test; put all its sweeps into one file, told apart by a column run'),
+        ("steps", "steps", '[tests] steps: unknown test "steps"; did you mean "step"?'),
+    ],
+)  # fmt: skip
+def test_a_name_that_no_test_can_have(tmp_path, name, kind, words):
+    toml = OWN.replace("step_slow", name).replace('kind = "step"', f'kind = "{kind}"')
+    with pytest.raises(BenchInputError) as raised:
+        read(tmp_path, toml)
+    assert str(raised.value).partition(", line ")[2].partition(", ")[2] == words
+
+
 @pytest.mark.parametrize(("unit", "kind"), [("um", "spool_position"), ("mA", "current"), ("%", "spool_position")])
 def test_an_open_loop_is_told_by_position_or_current(tmp_path, unit, kind):
     record = read(tmp_path, BENCH.replace(CLOSED, ""), STEP.replace("command [mm]", f"command [{unit}]"))

@@ -9,7 +9,7 @@ from helpers.small_bench import REACH, conditions_only, rows_of
 from helpers.small_diagnosis import small_case
 
 from thermohyd.identify.bench.record import Channel, TestRecord
-from thermohyd.identify.diagnosis.record_noise import first_noise, repeats_of
+from thermohyd.identify.diagnosis.record_noise import _excessive, first_noise, repeats_of
 from thermohyd.identify.noise.correlation import NoiseCorrelation
 
 
@@ -86,3 +86,10 @@ def test_memory_of_noise_is_found_and_white_noise_is_white():
 def test_every_channel_of_a_small_bench_has_enough_repeats():
     assert set(small_case("nothing").repeats) == {(test, channel) for test, channel in small_case("nothing").noise}
     assert all(len(rows_of(test).spool_position) == 256 for test in REACH)
+
+
+def test_chance_in_few_readings_is_no_excess_of_noise():
+    assert not _excessive(1.4, 9.0)
+    assert _excessive(3.0, 9.0)
+    assert _excessive(1.25, 1000.0)
+    assert not _excessive(1.15, 1e5)

@@ -1,0 +1,196 @@
+"""One record with every kind of test, all the way: fit, diagnose, simulate, and all that they print, write and draw."""
+
+import base64
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from helpers.commands import command
+from reference.sample_whole_servo import JACK, SERVO, VALVE
+
+from thermohyd.data import sample_record
+from thermohyd.identify.bench.read import read_record
+from thermohyd.identify.bench.shown_units import reading_unit
+from thermohyd.identify.fitting.fit import fit
+from thermohyd.identify.fitting.parameters import IN_MOTION
+from thermohyd.identify.report.fit_figures import parameter_figure, test_figures as draw_tests
+
+
+FOLDER = sample_record("whole_servo")
+TESTS = ("leakage", "pressure_gain", "flow_gain", "step_fast", "step_slow", "frequency")
+VALVES_OWN = ("edge_radius", "clearance", "underlap", "discharge_coefficient", "transition_number", "null_bias")
+TRUTH = {n: getattr(VALVE, n) for n in VALVES_OWN} | {n: getattr(JACK, n) for n in IN_MOTION}
+READINGS = {
+    "leakage": ["leakage_flow"],
+    "pressure_gain": ["load_pressure"],
+    "flow_gain": ["flow"],
+    "step_fast": ["spool_position", "pressure_a", "pressure_b", "piston_position"],
+    "step_slow": ["pressure_a", "pressure_b", "piston_position"],
+    "frequency": ["amplitude_ratio", "phase"],
+}
+UNITS = {
+    "leakage_flow": "l/min", "flow": "l/min", "load_pressure": "bar", "pressure_a": "bar", "pressure_b": "bar",
+    "spool_position": "um", "piston_position": "mm", "amplitude_ratio": "1", "phase": "deg",
+}  # fmt: skip
+
+
+class Run:
+    """A command that ran with --out and --json: what it said and what it wrote."""
+
+    def __init__(self, name: str, out: Path) -> None:
+        with pytest.MonkeyPatch.context() as patch:
+            self.ran = command(patch, name, 140)(FOLDER, "--out", out, "--json")
+        assert self.ran.exit_code == 0, self.ran.stderr
+        self.out = out
+        self.content = json.loads(self.ran.stdout)
+        self.files = {file.name for file in out.iterdir()}
+        self.page = (out / "report.html").read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def record():
+    return read_record(FOLDER)
+
+
+@pytest.fixture(scope="module")
+def fitted(record):
+    return fit(record)
+
+
+@pytest.fixture(scope="module")
+def fit_run(tmp_path_factory):
+    return Run("fit", tmp_path_factory.mktemp("fit"))
+
+
+@pytest.fixture(scope="module")
+def diagnose_run(tmp_path_factory):
+    return Run("diagnose", tmp_path_factory.mktemp("diagnosis"))
+
+
+def test_the_record_has_two_step_tests_of_different_rates(record):
+    assert tuple(record.all_tests) == TESTS
+    assert not record.warnings
+    steps = [test for test in record.all_tests.values() if test.name.startswith("step")]
+    assert [np.diff(test.time[:2])[0] for test in steps] == pytest.approx([1e-3, 6e-3])
+    assert [len(test.run_names) for test in steps] == [len(plan.steps) for plan in SERVO.steps.values()]
+    assert {name: [c.name for c in test.channels] for name, test in record.all_tests.items()} == READINGS
+
+
+def test_the_truth_lies_inside_the_intervals(fitted):
+    assert fitted.converged, fitted.message
+    assert set(fitted.free) == set(TRUTH)
+    for name, truth in TRUTH.items():
+        estimate = fitted.parameters[name]
+        assert estimate.ci95 is not None
+        assert estimate.std is not None
+        assert estimate.ci95[0] <= truth <= estimate.ci95[1], name
+        assert estimate.std < 0.05 * truth, name
+    assert 0.9 < fitted.reduced_chi2 < 1.1
+    assert not fitted.warnings
+
+
+def test_the_command_tells_the_same_test_by_test(fitted, fit_run):
+    content = fit_run.content
+    assert content == json.loads((fit_run.out / "fit.json").read_text(encoding="utf-8"))
+    for name, estimate in fitted.parameters.items():
+        assert content["parameters"][name]["value"] == pytest.approx(estimate.value, rel=1e-9)
+    assert {test: list(channels) for test, channels in content["channels"].items()} == READINGS
+    assert tuple(content["residual_rms"]) == tuple(content["noise"]) == TESTS
+    assert content["rows"] == sum(test.rows for test in fitted.record.all_tests.values())
+    assert set(content["parameters"]) == set(content["correlation"]) == set(content["covariance"]["of"]) == set(TRUTH)
+    words = " ".join(fit_run.ran.stderr.split())
+    for test, channels in READINGS.items():
+        for channel in channels:
+            assert f"{test}: {channel} is met to" in words
+    for name in TRUTH:
+        assert name in words
+    assert "does not explain" not in words
+
+
+def test_every_test_has_its_files_and_its_picture_on_the_page(fit_run, diagnose_run):
+    figures = {f"{name}.{kind}" for name in (*TESTS, "parameters") for kind in ("png", "svg")}
+    assert fit_run.files == figures | {"fit.json", "model.json", "report.html", ".thermohyd.json"}
+    figures = {f"{name}.{kind}" for name in (*TESTS, "residual_map", "candidates") for kind in ("png", "svg")}
+    assert diagnose_run.files == figures | {"diagnosis.json", "model.json", "report.html", ".thermohyd.json"}
+    for run in (fit_run, diagnose_run):
+        images = dict(re.findall(r'alt="([^"]*)" src="data:image/svg\+xml;base64,([^"]*)"', run.page))
+        shown = [base64.b64decode(image) for image in images.values()]
+        for test in TESTS:
+            assert (run.out / f"{test}.svg").read_bytes() in shown, test
+            assert test in run.page
+
+
+def test_each_step_test_is_drawn_by_itself(fitted):
+    """All rows of a test and none of another's: one panel per reading and run, each as long as its run."""
+    figures = draw_tests(fitted)
+    for test, plan in SERVO.steps.items():
+        figure = figures[test]
+        panels = figure.axes
+        assert len(panels) == len(plan.measured) * len(plan.steps)
+        rows = round(plan.seconds / plan.spacing) + 1
+        for panel in panels:
+            bench = next(line for line in panel.lines if line.get_label() == "bench")
+            assert len(bench.get_xdata()) == rows
+            assert max(bench.get_xdata()) == pytest.approx(plan.seconds)
+        assert test.removeprefix("step_") in figure.texts[0].get_text()
+    titles = [figures[test].texts[0].get_text() for test in SERVO.steps]
+    assert len(set(titles)) == len(titles)
+
+
+def test_the_cells_of_ten_correlations_do_not_run_into_each_other(fitted):
+    figure = parameter_figure(fitted)
+    figure.canvas.draw()
+    matrix = next(axes for axes in figure.axes if axes.images)
+    cell = matrix.get_window_extent().width / len(TRUTH)
+    assert len(matrix.texts) == len(TRUTH) * (len(TRUTH) - 1)
+    assert max(text.get_window_extent().width for text in matrix.texts) < cell
+
+
+def test_nothing_is_missing_and_the_diagnosis_says_so(diagnose_run):
+    content = diagnose_run.content
+    assert content == json.loads((diagnose_run.out / "diagnosis.json").read_text(encoding="utf-8"))
+    assert content["verdict"] == "consistent"
+    assert content["effects"] == content["where"] == content["where_after"] == content["warnings"] == []
+    assert content["left_over_p"] > 0.01
+    for name, truth in TRUTH.items():
+        estimate = content["fit"]["parameters"][name]
+        assert abs(estimate["value"] - truth) < 3.0 * estimate["std"], name
+    assert {(n["test"], n["channel"]) for n in content["noise"]} == {(t, c) for t, cs in READINGS.items() for c in cs}
+    assert {test: list(channels) for test, channels in content["fit"]["channels"].items()} == READINGS
+    names = [candidate["name"] for candidate in content["candidates"]]
+    assert {"supply_edge_wear", "coulomb_friction", "spool_delay"} <= set(names)
+    assert len(set(names)) == len(names)
+    words = " ".join(diagnose_run.ran.stderr.split())
+    assert "no disagreement beyond noise" in words
+
+
+def test_the_fitted_model_predicts_every_test(record, fit_run, diagnose_run, tmp_path, monkeypatch):
+    simulate = command(monkeypatch, "simulate", 140)
+    for run in (fit_run, diagnose_run):
+        out = tmp_path / run.out.name
+        ran = simulate(FOLDER, "--model", run.out / "model.json", "--out", out, "--json")
+        assert ran.exit_code == 0, ran.stderr
+        assert {file.name for file in out.iterdir()} == {".thermohyd.json", *(f"{test}.csv" for test in TESTS)}
+        content = json.loads(ran.stdout)
+        assert tuple(content) == (*TESTS, "notes", "outside_fitted_range")
+        assert content["notes"] == content["outside_fitted_range"] == []
+        told = run.content.get("fit", run.content)["channels"]
+        for test, channels in READINGS.items():
+            table = pd.read_csv(out / f"{test}.csv")
+            assert len(table) == record.all_tests[test].rows
+            for channel in channels:
+                column = f"{channel}_predicted [{UNITS[channel]}]"
+                np.testing.assert_allclose(content[test][column], table[column], rtol=1e-8, atol=1e-12)
+                gap = table[column] - table[f"{channel} [{UNITS[channel]}]"]
+                rms = told[test][channel]["residual_rms"] * reading_unit(channel).factor
+                assert np.sqrt(np.mean(gap**2)) == pytest.approx(rms, rel=1e-3)
+                assert (table[f"{channel}_predicted_std [{UNITS[channel]}]"] > 0.0).mean() > 0.9
+
+
+def test_the_record_is_not_overwritten(fit_run, monkeypatch):
+    ran = command(monkeypatch, "simulate", 140)(FOLDER, "--model", fit_run.out / "model.json", "--out", FOLDER)
+    assert ran.exit_code == 2
+    assert "would overwrite the record's own" in ran.stderr
