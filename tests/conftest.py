@@ -1,6 +1,7 @@
 """Double precision and strict promotion for every test; hypothesis without deadlines and with fixed examples."""
 
 import os
+from pathlib import Path
 
 
 # Nearly all of the suite's time is XLA's, compiling: without its dearer passes it takes less of it, and programs run as fast.
@@ -14,6 +15,9 @@ from hypothesis import settings  # noqa: E402
 
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_dtype_promotion", "strict")
+# What one worker compiled the other need not, nor the next run of the suite.
+jax.config.update("jax_compilation_cache_dir", str(Path(__file__).parents[1] / "build" / "compiled-for-tests"))
+jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
 
 settings.register_profile("project", deadline=None, derandomize=True)
 settings.load_profile("project")
