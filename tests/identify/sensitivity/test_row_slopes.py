@@ -21,10 +21,11 @@ WITH_EFFECTS = replace(
     effects={"thermal_clearance": 4e-9, "bushing_leakage": 1e-13},
     parameters={**IDEAL.parameters, "heat_retention": 0.4, "null_bias": 1.5e-6},
 )
-# Steps of the differences, about 1e-5 of each factor; the size that a step of `LAWS` has is that of the temperature.
+# Steps of the differences, about 1e-5 of each factor.
 STEPS = dict(
     zip(FACTORS, (2e-10, 2e-11, 2e-10, 1e-5, 1e-3, 2e-11, 1e-7, 2e-9, 1e-5, 1e-5, 1e-3, 1e-5, 50.0, 1e-5), strict=True)
 )
+LAW_STEP = 1e-2  # K, for each of `LAWS`: at a tenth of it, rounding was 2e-6 of the bulk modulus's column
 
 
 def rows() -> Conditions:
@@ -46,7 +47,7 @@ def test_columns_agree_with_central_differences(case):
     start = np.asarray(nominal_rows(valve, len(POSITION)))
     for i, name in enumerate(COLUMNS):
         step = np.zeros_like(start)
-        step[i] = STEPS.get(name, 1e-3)
+        step[i] = STEPS.get(name, LAW_STEP)
         difference = np.asarray(simulate(start + step) - simulate(start - step)) / (2.0 * step[i, 0])
         # The differences' own rounding is worth a change of the reading by about 1e-10 of its largest.
         largest = np.abs(simulate(start)).max(axis=1, keepdims=True)
