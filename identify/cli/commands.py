@@ -2,7 +2,7 @@
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
     from .process import Consoles
     from .several_records import Outcome
-
-Found = TypeVar("Found", bound="Result")
 
 
 app = typer.Typer(
@@ -221,7 +219,8 @@ def seed_command(out: Out = None, json: Json = False) -> None:
             _set_up_jax()
             from thermohyd.identify.seed.study import seed_study
 
-            study = _saved(seed_study(progress), folder, progress)
+            study = seed_study(progress)
+            _save(study, folder, progress)
         _show(study, folder, consoles, json, "seed.html")
 
 
@@ -260,7 +259,7 @@ def sensitivity_command(
             subject = given.subject(progress)
             actuator = actuator_of(subject, given.settings)
             result = sensitivity(subject, given.settings, actuator=actuator, evaluations=evaluations, progress=progress)
-            _saved(result, folder, progress)
+            _save(result, folder, progress)
         _show(result, folder, consoles, json, "report.html")
 
 
@@ -313,7 +312,7 @@ def servo_command(
             from thermohyd.identify.servo.subject import subject_of
 
             study = servo_study(subject_of(given, request, progress), progress=progress)
-            _saved(study, folder, progress)
+            _save(study, folder, progress)
         _show(study, folder, consoles, json, "report.html")
 
 
@@ -338,12 +337,11 @@ def _begin(out: str | None, json: bool) -> "tuple[Path | None, Consoles]":
     return checked_folder(out), consoles(json)
 
 
-def _saved(result: "Found", folder: Path | None, progress: "Callable[[str], None]") -> "Found":
-    """The result, its files written where --out names a folder."""
+def _save(result: "Result", folder: Path | None, progress: "Callable[[str], None]") -> None:
+    """Draw and write, where --out names a folder."""
     if folder is not None:
         progress("drawing")
         result.save(folder)
-    return result
 
 
 def _show(

@@ -5,6 +5,7 @@ import subprocess
 import sys
 import tomllib
 from dataclasses import fields, replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -46,7 +47,7 @@ def arguments(name: str) -> dict:
     return {**content, "noise": noise, "options": options}
 
 
-def quantity(text: object) -> object:
+def quantity(text: Any) -> Any:
     """ "213 um" as pint's quantity, inside tables and lists too; another text and a number as they are."""
     if isinstance(text, dict):
         return {key: quantity(value) for key, value in text.items()}
@@ -59,7 +60,7 @@ def quantity(text: object) -> object:
         return text
 
 
-def column(header: str, values: pd.Series) -> tuple[str, object]:
+def column(header: Any, values: pd.Series) -> tuple[str, object]:
     name, _, unit = header.rstrip("]").partition(" [")
     found = values.to_numpy()
     return name, U.Quantity(found, "dimensionless" if unit == "1" else unit) if unit else found
@@ -128,7 +129,7 @@ def test_numbers_are_si_and_the_records_own_classes_are_taken():
     options = {name: {"output": t.output} for name, t in read.dynamic.tests.items() if name == "frequency"}
     tests = {}
     for name, test in read.dynamic.tests.items():
-        columns = {c.name: c.value for c in test.channels} | {
+        columns: dict[str, Any] = {c.name: c.value for c in test.channels} | {
             f"{c.name}_std": c.std for c in test.channels if c.std is not None
         }
         columns["run"] = np.array(test.run_names)[test.run] if test.run_names != ("",) else None
@@ -178,16 +179,11 @@ def test_what_else_may_be_given():
 
 
 def test_a_record_says_which_arrays_it_was_made_from():
-    one, other = record(), record({**SWEEP, "leakage_flow": np.full(9, 2.1e-6)})
-    assert one.provenance is not None
-    assert other.provenance is not None
-    (before,), (after,) = one.provenance.files, other.provenance.files
-    assert (before.name, before.rows, before.used) == ("leakage", 9, 9)
-    assert (
-        before.sha256
-        != after.sha256
-        == record({**SWEEP, "leakage_flow": np.full(9, 2.1e-6)}).provenance.files[0].sha256
-    )  # pyright: ignore[reportOptionalMemberAccess]
+    changed = {**SWEEP, "leakage_flow": np.full(9, 2.1e-6)}
+    made = [record(leakage).provenance for leakage in (None, changed, changed)]
+    one, other, again = (file for found in made if found is not None for file in found.files)
+    assert (one.name, one.rows, one.used) == ("leakage", 9, 9)
+    assert one.sha256 != other.sha256 == again.sha256
 
 
 def test_what_a_caller_gave_stays_as_it_was():
