@@ -99,8 +99,9 @@ def servo_study(
     [175.  95.]
     """
     from thermohyd.identify.bench.errors import BenchInputError
+    from thermohyd.identify.servo.request import COLDEST, HOTTEST, MOST, read_request
     from thermohyd.identify.servo.study import servo_study as study_of
-    from thermohyd.identify.servo.subject import COLDEST, HOTTEST, MOST, read_request, subject_of
+    from thermohyd.identify.servo.subject import subject_of
 
     given = _source(source, model, settings, progress)
     request = read_request(None, f"{float(step)!r} m", None, None, given.settings)

@@ -298,7 +298,7 @@ def servo_command(
     """
     with plain_failures():
         from thermohyd.identify.sensitivity.source import read_source
-        from thermohyd.identify.servo.subject import read_request
+        from thermohyd.identify.servo.request import read_request
 
         from .several_records import progress_on
 

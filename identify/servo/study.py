@@ -107,7 +107,7 @@ def servo_study(subject: Subject, *, rows: int = ROWS, progress: Callable[[str],
     >>> import jax; jax.config.update("jax_enable_x64", True)
     >>> from thermohyd.identify.sensitivity.settings import Settings
     >>> from thermohyd.identify.sensitivity.source import Source
-    >>> from thermohyd.identify.servo.subject import read_request
+    >>> from thermohyd.identify.servo.request import read_request
     >>> from thermohyd.identify.servo.subject import subject_of
     >>> request = read_request("0 40 degC", "5 mm", None, None, Settings())
     >>> study = servo_study(subject_of(Source(Settings()), request))

@@ -7,8 +7,9 @@ from helpers.quick_compile import quick_compile
 
 from thermohyd.identify.sensitivity.settings import Settings
 from thermohyd.identify.sensitivity.source import Source
+from thermohyd.identify.servo.request import Request
 from thermohyd.identify.servo.study import ServoStudy, servo_study
-from thermohyd.identify.servo.subject import Request, subject_of
+from thermohyd.identify.servo.subject import subject_of
 
 
 NEAR = 0.05  # K: of two temperatures around the third, for differences

@@ -10,7 +10,8 @@ import pytest
 from thermohyd.data import sample_record
 from thermohyd.identify.sensitivity.settings import Settings
 from thermohyd.identify.sensitivity.source import read_source, seed_model
-from thermohyd.identify.servo.subject import Request, read_request, read_temperatures, subject_of
+from thermohyd.identify.servo.request import Request, read_request, read_temperatures
+from thermohyd.identify.servo.subject import subject_of
 
 
 @pytest.fixture
@@ -96,7 +97,9 @@ def test_bad_input_ends_with_status_2_and_writes_nothing(run, tmp_path, monkeypa
 
 
 def test_help_needs_no_jax():
-    code = "import sys; from thermohyd.identify import command_line, exit_status; from thermohyd.identify.servo import request"
+    code = (
+        "import sys; from thermohyd.identify.cli import commands, process; from thermohyd.identify.servo import request"
+    )
     code += "; assert 'jax' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True, cwd=Path.home())
     assert Request((300.0,), 1e-3).supply_pressure is None
