@@ -111,7 +111,10 @@ def _both(record: BenchRecord, static: DiagnosisResult, motion: DiagnosisResult)
     lead = static.headline if static.verdict == motion.verdict == "consistent" else f"Static tests: {static.headline}"
     end = motion.headline if static.verdict == motion.verdict == "consistent" else f"Dynamic tests: {motion.headline}"
     seen = {c.name for c in motion.candidates}
-    after, before = joined(static.after, motion.after), joined(static.before, motion.before)
+    # Of the whole record: the model that is written knows its actuator by it.
+    after, before = (
+        replace(joined(a, b), record=record) for a, b in ((static.after, motion.after), (static.before, motion.before))
+    )
     extra = {e.name: motion.after.parameters[e.name] for e in motion.effects}
     return replace(
         static,

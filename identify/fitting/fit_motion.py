@@ -173,8 +173,13 @@ HELD = (
 
 
 def joined(static: FitResult, motion: FitResult) -> FitResult:
-    """Parameters, channels and words of both; the two covariances stand beside each other."""
-    free = (*static.free, *motion.free)
+    """Parameters, channels and words of both; the two covariances stand beside each other.
+
+    What both freed, as a diagnosis frees the null bias, is the static tests': a parameter has one value and one error bar.
+    """
+    own = [i for i, name in enumerate(motion.free) if name not in static.free]
+    free = (*static.free, *(motion.free[i] for i in own))
+    alone = np.ix_(own, own)
     chi2, freedom = static.chi2 + motion.chi2, static.degrees_of_freedom + motion.degrees_of_freedom
     words = Identifiability(
         max(static.identifiability.condition_number, motion.identifiability.condition_number),
@@ -187,8 +192,8 @@ def joined(static: FitResult, motion: FitResult) -> FitResult:
         static,
         parameters={**static.parameters, **{n: motion.parameters[n] for n in IN_MOTION}},
         free=free,
-        covariance=_beside(static.covariance, motion.covariance),
-        correlation=_beside(static.correlation, motion.correlation),
+        covariance=_beside(static.covariance, motion.covariance[alone]),
+        correlation=_beside(static.correlation, motion.correlation[alone]),
         reduced_chi2=chi2 / freedom,
         chi2=chi2,
         degrees_of_freedom=freedom,

@@ -168,28 +168,29 @@ def test_nothing_is_missing_and_the_diagnosis_says_so(diagnose_run):
     assert "no disagreement beyond noise" in words
 
 
-def test_the_fitted_model_predicts_every_test(record, fit_run, diagnose_run, tmp_path, monkeypatch):
+@pytest.mark.parametrize("name", ["fit_run", "diagnose_run"])
+def test_the_fitted_model_predicts_every_test(record, name, tmp_path, monkeypatch, request):
+    run = request.getfixturevalue(name)
     simulate = command(monkeypatch, "simulate", 140)
-    for run in (fit_run, diagnose_run):
-        out = tmp_path / run.out.name
-        ran = simulate(FOLDER, "--model", run.out / "model.json", "--out", out, "--json")
-        assert ran.exit_code == 0, ran.stderr
-        assert {file.name for file in out.iterdir()} == {".thermohyd.json", *(f"{test}.csv" for test in TESTS)}
-        content = json.loads(ran.stdout)
-        assert tuple(content) == (*TESTS, "notes", "outside_fitted_range")
-        assert content["notes"] == content["outside_fitted_range"] == []
-        told = run.content.get("fit", run.content)["channels"]
-        for test, channels in READINGS.items():
-            table = pd.read_csv(out / f"{test}.csv")
-            assert len(table) == record.all_tests[test].rows
-            for channel in channels:
-                column = f"{channel}_predicted [{UNITS[channel]}]"
-                np.testing.assert_allclose(content[test][column], table[column], rtol=1e-8, atol=1e-12)
-                gap = table[column] - table[f"{channel} [{UNITS[channel]}]"]
-                rms = told[test][channel]["residual_rms"] * reading_unit(channel).factor
-                assert np.sqrt(np.mean(gap**2)) == pytest.approx(rms, rel=1e-3)
-                spread = table[f"{channel}_predicted_std [{UNITS[channel]}]"].to_numpy(dtype=float)
-                assert np.mean(spread > 0.0) > 0.9
+    ran = simulate(FOLDER, "--model", run.out / "model.json", "--out", tmp_path, "--json")
+    assert ran.exit_code == 0, ran.stderr
+    assert {file.name for file in tmp_path.iterdir()} == {".thermohyd.json", *(f"{test}.csv" for test in TESTS)}
+    content = json.loads(ran.stdout)
+    assert tuple(content) == (*TESTS, "notes", "outside_fitted_range")
+    assert not content["notes"]
+    assert not content["outside_fitted_range"]
+    told = run.content.get("fit", run.content)["channels"]
+    for test, channels in READINGS.items():
+        table = pd.read_csv(tmp_path / f"{test}.csv")
+        assert len(table) == record.all_tests[test].rows
+        for channel in channels:
+            column = f"{channel}_predicted [{UNITS[channel]}]"
+            np.testing.assert_allclose(content[test][column], table[column], rtol=1e-8, atol=1e-12)
+            gap = table[column] - table[f"{channel} [{UNITS[channel]}]"]
+            rms = told[test][channel]["residual_rms"] * reading_unit(channel).factor
+            assert np.sqrt(np.mean(gap**2)) == pytest.approx(rms, rel=1e-3)
+            spread = table[f"{channel}_predicted_std [{UNITS[channel]}]"].to_numpy(dtype=float)
+            assert np.mean(spread > 0.0) > 0.9
 
 
 def test_the_record_is_not_overwritten(fit_run, monkeypatch):

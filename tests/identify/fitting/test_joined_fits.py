@@ -1,6 +1,7 @@
 """A record of static and dynamic tests: one result, both covariances, and models of either kind still read."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -23,6 +24,18 @@ def test_both_stand_beside_each_other(seed_fit):
     assert both.parameters["spool_frequency"] == seed_fit.parameters["spool_frequency"]
     assert HELD in both.notes
     assert both.chi2 == pytest.approx(static.chi2 + seed_fit.chi2)
+
+
+def test_what_both_freed_is_named_once(seed_fit):
+    """A diagnosis of motion frees the null bias, which the static tests gave: its model file names it once."""
+    static = fake_fit()
+    assert "null_bias" in static.free
+    again = replace(seed_fit, free=("null_bias", *seed_fit.free[1:]))
+    both = joined(static, again)
+    assert both.free == (*static.free, *seed_fit.free[1:])
+    n = len(static.free)
+    np.testing.assert_array_equal(both.covariance[n:, n:], seed_fit.covariance[1:, 1:])
+    np.testing.assert_array_equal(both.correlation[n:, n:], seed_fit.correlation[1:, 1:])
 
 
 def test_a_model_of_static_tests_reads_as_before(tmp_path):
