@@ -71,7 +71,7 @@ def test_several_step_tests_have_names_of_their_own(tmp_path):
     }
     assert tests["frequency_cold"].output == "piston_position"
     assert [c.name for c in tests["step"].channels] == [c.name for c in tests["step_slow"].channels]
-    assert [tests[name].time[1] for name in ("step", "step_slow")] == [0.2, 0.1]
+    assert [tests[name].place[1] for name in ("step", "step_slow")] == [0.2, 0.1]
     assert tests["step"].channels[0].std is None
     assert tests["step_slow"].channels[0].std is not None
 
