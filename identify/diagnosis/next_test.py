@@ -33,7 +33,7 @@ def next_test(
     say("designing the next test")
     found = []
     for words, tests in menu(problem.tests):
-        elsewhere = replace(problem, tests=tests, used=None, _args={})
+        elsewhere = replace(problem, tests=tests, used=None)
         # Every pair has to come apart, so the weakest one counts.
         evidence = min(min(_apart(problem, elsewhere, a, b), _apart(problem, elsewhere, b, a)) for a, b in pairs)
         found.append((words, evidence / scale))

@@ -8,7 +8,7 @@ taken for another's. The plain fit is the fit with no effect freed.
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import jax.numpy as jnp
 import numpy as np
@@ -30,9 +30,6 @@ from .starts import hop
 from .static_readings import StaticData, base_valve, channel_slices, coarse_size, groups_of, pad, static_data
 from .uncertainty import leverage_of
 
-
-if TYPE_CHECKING:
-    from .motion_readings import DynamicSimulator
 
 Key = tuple[str, str]  # test, channel
 # residual (rows,) and its columns (entries, rows) at a point (entries,), readings only
@@ -96,6 +93,7 @@ def white_noise(noise: Mapping[Key, ChannelNoise]) -> Noise:
     return Noise({key: n.used for key, n in noise.items()}, dict.fromkeys(noise, NoiseCorrelation()))
 
 
+@runtime_checkable
 class Readings(Protocol):
     """The tests of one kind as a function of named entries: parameters first, then amounts of effects."""
 
@@ -210,7 +208,7 @@ class MotionReadings:
     those are present that are asked for: a program of its own, but with fewer columns to integrate.
     """
 
-    simulator: "DynamicSimulator"
+    simulator: Any  # a DynamicSimulator, whose module a static problem does not wait for
     parameters: tuple[str, ...]
     library: Library | None
     noise: Noise

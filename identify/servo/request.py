@@ -69,7 +69,3 @@ def _quantity(option: str, text: str, kind: str, positive: bool = False) -> floa
     if positive and not value > 0.0:
         raise BenchInputError(f"{option}: must be positive, not {quoted(text)}")
     return value
-
-
-SUPPLY, RETURN = 210e5, 2e5  # Pa, where nothing else is said
-GAIN, SENSOR = 0.03, 100.0  # A/V, V/m: of a jack without a controller of its own

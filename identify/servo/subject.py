@@ -16,6 +16,10 @@ from thermohyd.identify.sensitivity.source import Source, conditions_of, fitted,
 from .request import Request
 
 
+SUPPLY, RETURN = 210e5, 2e5  # Pa, where nothing else is said
+GAIN, SENSOR = 0.03, 100.0  # A/V, V/m: of a jack without a controller of its own
+
+
 @dataclass(frozen=True)
 class Subject:
     """SI. margins_without: effects that have no small-signal response, left out of the margins only."""
