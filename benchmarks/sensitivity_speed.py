@@ -21,13 +21,11 @@ from reference.valve import Effects, Rows, Valve
 
 from thermohyd.conditions import Conditions
 from thermohyd.identify.sensitivity.curves import COLUMNS, nominal_rows, readings_and_slopes, three_tests
+from thermohyd.identify.sensitivity.factors import factors_of
 from thermohyd.identify.sensitivity.global_measures import sobol_indices, sobol_samples
 from thermohyd.identify.sensitivity.source import seed_model
 from thermohyd.identify.sensitivity.static_figures import IS_NULL, OUTPUTS, SHARES, StaticTests
-from thermohyd.identify.sensitivity.varied import (
-    factors_of,
-    valve_of_model,
-)
+from thermohyd.identify.sensitivity.varied import valve_of_model
 
 
 MODEL = seed_model()

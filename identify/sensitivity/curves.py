@@ -17,7 +17,8 @@ from thermohyd.numerics import require_float64
 from thermohyd.static_tests import blocked_port_readings, control_flow
 from thermohyd.valve import Valve
 
-from .varied import FACTORS, LAWS, Factor, by_name, nominal_values, varied
+from .factors import FACTORS, Factor
+from .varied import LAWS, by_name, nominal_values, varied
 
 
 TESTS = ("leakage", "pressure_gain", "flow_gain")
@@ -143,7 +144,7 @@ def curve_slopes(
 
     Raises RuntimeError in single precision.
 
-    >>> from thermohyd.identify.sensitivity.varied import factors_of
+    >>> from thermohyd.identify.sensitivity.factors import factors_of
     >>> from thermohyd.identify.sensitivity.source import seed_model
     >>> from thermohyd.identify.sensitivity.varied import valve_of_model
     >>> model = seed_model()

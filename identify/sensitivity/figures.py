@@ -20,8 +20,8 @@ from thermohyd.identify.report import style as look
 
 from .curves import TESTS
 from .drift import CAUSES
+from .factors import FACTORS
 from .result import SensitivityResult
-from .varied import FACTORS
 from .words import OF_DRIFT, OF_TEST, SHORT, bench_unit, conditions_in_words, with_unit
 
 

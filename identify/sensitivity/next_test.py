@@ -14,7 +14,7 @@ from scipy.special import ndtri
 
 from thermohyd.identify.model.model import Model
 
-from .varied import FACTORS, Factor
+from .factors import FACTORS, Factor
 
 
 @dataclass(frozen=True)

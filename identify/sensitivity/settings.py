@@ -9,7 +9,7 @@ from thermohyd.identify.bench.test_tables import ACTUATOR, CONTROLLER, read_actu
 from thermohyd.identify.bench.toml_file import TomlSource, TomlTable
 from thermohyd.identify.model.model import Model
 
-from .varied import FACTORS, Factor, default_kind, factors_of
+from .factors import FACTORS, Factor, default_kind, factors_of
 
 
 TESTS = ("leakage", "pressure_gain", "flow_gain")

@@ -14,7 +14,8 @@ from thermohyd.numerics import require_float64
 from thermohyd.valve import Valve
 
 from .curves import COLUMNS, columns_of, nominal_rows, slopes_at, three_tests
-from .varied import Factor, by_name, varied
+from .factors import Factor
+from .varied import by_name, varied
 
 
 # Each test is swept over these shares of the stroke, denser near null.

@@ -10,6 +10,7 @@ from thermohyd.identify.fitting.result import FitResult
 
 from .curves import TESTS, CurveSlopes, columns_of, curve_slopes, slopes_at
 from .drift import performance_drifts, temperature_drifts
+from .factors import IDENTIFIED, Factor
 from .global_measures import base_of, derivative_measures, sobol_indices, sobol_samples, total_along, uniform_constant
 from .next_test import (
     Measurements,
@@ -26,7 +27,7 @@ from .result import GlobalStudy, InformationStudy, PosteriorStudy, SensitivityRe
 from .settings import Settings, factors_with
 from .source import Subject
 from .static_figures import OUTPUTS, SWEEP, StaticTests
-from .varied import IDENTIFIED, Factor, valve_of_model
+from .varied import valve_of_model
 
 
 EVALUATIONS = 65_536

@@ -10,9 +10,9 @@ import numpy as np
 from thermohyd.identify.bench.shown_units import DisplayUnit, significant
 
 from .drift import CAUSES
+from .factors import Factor
 from .next_test import TestChoice
 from .result import SensitivityResult
-from .varied import Factor
 
 
 _UNITS = {

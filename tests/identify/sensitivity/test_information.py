@@ -10,6 +10,7 @@ from reference.oil import Oil, walther
 from reference.valve import Rows, Valve
 
 from thermohyd.identify.sensitivity.curves import curve_slopes
+from thermohyd.identify.sensitivity.factors import IDENTIFIED, factors_of
 from thermohyd.identify.sensitivity.next_test import (
     Measurements,
     ReadingNoise,
@@ -24,7 +25,7 @@ from thermohyd.identify.sensitivity.next_test import (
 from thermohyd.identify.sensitivity.settings import Settings
 from thermohyd.identify.sensitivity.source import seed_model, subject_of_model
 from thermohyd.identify.sensitivity.study import information_study
-from thermohyd.identify.sensitivity.varied import IDENTIFIED, factors_of, valve_of_model
+from thermohyd.identify.sensitivity.varied import valve_of_model
 
 
 MODEL = seed_model()

@@ -8,9 +8,10 @@ from reference.oil import Oil, walther
 from reference.valve import Effects, Rows, Valve
 
 from thermohyd.conditions import operating_points
+from thermohyd.identify.sensitivity.factors import factors_of
 from thermohyd.identify.sensitivity.source import seed_model
 from thermohyd.identify.sensitivity.static_figures import OUTPUTS, SWEEP, StaticTests
-from thermohyd.identify.sensitivity.varied import factors_of, valve_of_model
+from thermohyd.identify.sensitivity.varied import valve_of_model
 from thermohyd.static_tests import flow_gain, pressure_gain
 
 

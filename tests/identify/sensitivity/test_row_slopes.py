@@ -9,8 +9,9 @@ import pytest
 
 from thermohyd.conditions import Conditions
 from thermohyd.identify.sensitivity.curves import COLUMNS, curve_slopes, nominal_rows, slopes_at, three_tests
+from thermohyd.identify.sensitivity.factors import FACTORS, factors_of
 from thermohyd.identify.sensitivity.source import seed_model
-from thermohyd.identify.sensitivity.varied import FACTORS, LAWS, by_name, factors_of, valve_of_model, varied
+from thermohyd.identify.sensitivity.varied import LAWS, by_name, valve_of_model, varied
 
 
 POSITION = np.array([-150e-6, -40e-6, -6e-6, 0.0, 3e-6, 25e-6, 100e-6, 213e-6])

@@ -8,8 +8,8 @@ import pytest
 from helpers.commands import command
 
 from thermohyd.data import sample_record
+from thermohyd.identify.sensitivity.factors import FACTORS
 from thermohyd.identify.sensitivity.static_figures import OUTPUTS
-from thermohyd.identify.sensitivity.varied import FACTORS
 
 
 FEW = ("--evaluations", "2048")

@@ -3,9 +3,9 @@
 import pytest
 
 from thermohyd.identify.bench.errors import BenchInputError
+from thermohyd.identify.sensitivity.factors import FACTORS, factors_of
 from thermohyd.identify.sensitivity.settings import Settings, factors_with, read_settings
 from thermohyd.identify.sensitivity.source import seed_model, subject_of_model
-from thermohyd.identify.sensitivity.varied import FACTORS, factors_of
 
 
 WHOLE = """
