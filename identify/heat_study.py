@@ -20,13 +20,13 @@ from matplotlib.figure import Figure
 
 from thermohyd.actuator_performance import with_heat
 from thermohyd.conditions import Conditions, operating_points
+from thermohyd.identify.fitting.parameters import OF_THE_EDGES
 from thermohyd.identify.report import style as look
 from thermohyd.static_tests import blocked_port_readings, control_flow
 from thermohyd.valve import Valve
 
 
 TESTS = ("leakage", "pressure_gain", "flow_gain")
-SIX = ("edge_radius", "clearance", "underlap", "discharge_coefficient", "transition_number", "null_bias")
 # Below this share of its length a column's part that the others cannot imitate is rounding.
 ROUNDING = 1e-9
 
@@ -59,10 +59,10 @@ def _readings_and_slopes(
 ) -> tuple[Float[Array, "tests rows"], Float[Array, "parameters tests rows"]]:
     """The three readings, and their derivatives: eta first, then the six."""
     assert valve.heat_retention is not None
-    values = jnp.stack([valve.heat_retention, *(getattr(valve, name) for name in SIX)])
+    values = jnp.stack([valve.heat_retention, *(getattr(valve, name) for name in OF_THE_EDGES)])
 
     def readings(values: Float[Array, " parameters"]) -> Float[Array, "tests rows"]:
-        moved = replace(valve, heat_retention=values[0], **dict(zip(SIX, values[1:], strict=True)))
+        moved = replace(valve, heat_retention=values[0], **dict(zip(OF_THE_EDGES, values[1:], strict=True)))
         closed = blocked_port_readings(moved, conditions)
         return jnp.stack([closed["leakage_flow"], closed["load_pressure"], control_flow(moved, conditions)])
 

@@ -99,22 +99,22 @@ def servo_study(
     [175.  95.]
     """
     from thermohyd.identify.bench.errors import BenchInputError
-    from thermohyd.identify.servo.request import COLDEST, HOTTEST, MOST, read_request
+    from thermohyd.identify.servo.request import COLDEST, HOTTEST, MOST, request_of
     from thermohyd.identify.servo.study import servo_study as study_of
     from thermohyd.identify.servo.subject import subject_of
 
     given = _source(source, model, settings, progress)
-    request = read_request(None, f"{float(step)!r} m", None, None, given.settings)
+    warm = None
     if temperatures is not None:
         warm = tuple(sorted({float(kelvin) for kelvin in temperatures}))
         if not 1 <= len(warm) <= MOST or not COLDEST < warm[0] <= warm[-1] < HOTTEST:
             raise BenchInputError(f"temperatures: one to {MOST} of {COLDEST:g} to {HOTTEST:g} K")
-        request = replace(request, temperatures=warm)
+    if not abs(step) < float("inf") or step == 0.0:
+        raise BenchInputError(f"step: must be a length other than 0, not {step}")
     for name, value in (("supply_pressure", supply_pressure), ("amplifier_gain", amplifier_gain)):
-        if value is not None:
-            if not 0.0 < value < float("inf"):
-                raise BenchInputError(f"{name}: must be positive, not {value}")
-            request = replace(request, **{name: float(value)})
+        if value is not None and not 0.0 < value < float("inf"):
+            raise BenchInputError(f"{name}: must be positive, not {value}")
+    request = request_of(given.settings, warm, float(step), supply_pressure, amplifier_gain)
     return study_of(subject_of(given, request, progress or _silent), progress=progress)
 
 

@@ -14,12 +14,17 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
+    from thermohyd.identify.bench.record import BenchRecord
     from thermohyd.identify.diagnosis.result import DiagnosisResult
     from thermohyd.identify.fitting.result import FitResult
     from thermohyd.identify.result import Result
 
     from .process import Consoles
     from .several_records import Outcome
+
+    Progress = Callable[[str], None]
+    # what is done with each record, the table of several results, and what is to be said of those that failed
+    Work = tuple[Callable[[BenchRecord, Progress], Any], Callable[[Any, Console], None], Callable[[Any], str]]
 
 
 app = typer.Typer(
@@ -82,23 +87,15 @@ def fit_command(benches: Benches, out: Out = None, json: Json = False) -> None:
     With --out: fit.json, model.json (for simulate), report.html and one plot per test as PNG and SVG; several records get a
     folder each, DIR/<name of the record's folder>.
     """
-    with plain_failures():
-        from .several_records import compute_all, progress_on, read_records
 
-        folder, consoles = _begin(out, json)
-        with progress_on(consoles.notes) as progress:
-            records = read_records(benches, folder, progress)
-            progress("starting JAX")
-            _set_up_jax()
-            from thermohyd.identify.fitting.fit import fit
+    def fits() -> "Work":
+        from thermohyd.identify.fitting.fit import fit
 
-            outcome = compute_all(records, lambda record, say: fit(record, progress=say), folder, progress)
         from .several_results import print_summary_of_fits, unsettled
 
-        _show_records(outcome, len(records), consoles, json, print_summary_of_fits)
-        trouble = unsettled(outcome)
-        if trouble:
-            fail(trouble)
+        return (lambda record, say: fit(record, progress=say)), print_summary_of_fits, unsettled
+
+    _of_each_record(benches, out, json, fits)
 
 
 @app.command("diagnose")
@@ -118,6 +115,23 @@ def diagnose_command(
     With --out: diagnosis.json, model.json (for simulate), report.html and the plots as PNG and SVG; several records get
     a folder each, DIR/<name of the record's folder>.
     """
+
+    def diagnoses() -> "Work":
+        from thermohyd.identify.diagnosis.diagnose import diagnose
+
+        from .several_results import print_summary_of_many, unsettled_diagnoses
+
+        return (
+            (lambda record, say: diagnose(record, learn=learn, progress=say)),
+            print_summary_of_many,
+            unsettled_diagnoses,
+        )
+
+    _of_each_record(benches, out, json, diagnoses)
+
+
+def _of_each_record(benches: list[Path], out: str | None, json: bool, work: "Callable[[], Work]") -> None:
+    """The frame of a command that does one thing with every record. work: called once JAX may be imported."""
     with plain_failures():
         from .several_records import compute_all, progress_on, read_records
 
@@ -126,16 +140,10 @@ def diagnose_command(
             records = read_records(benches, folder, progress)
             progress("starting JAX")
             _set_up_jax()
-            from thermohyd.identify.diagnosis.diagnose import diagnose
-
-            outcome = compute_all(
-                records, lambda record, say: diagnose(record, learn=learn, progress=say), folder, progress
-            )
-        from .several_results import print_summary_of_many, unsettled_diagnoses
-
-        _show_records(outcome, len(records), consoles, json, print_summary_of_many)
-        trouble = unsettled_diagnoses(outcome)
-        if trouble:
+            compute, print_table, unsettled = work()
+            outcome = compute_all(records, compute, folder, progress)
+        _show_records(outcome, len(records), consoles, json, print_table)
+        if trouble := unsettled(outcome):
             fail(trouble)
 
 
@@ -210,18 +218,13 @@ def seed_command(out: Out = None, json: Json = False) -> None:
 
     With --out: seed.html, the figures as PNG and SVG, seed.json, eq6.json (the flow curve for system-level tools) and CSVs.
     """
-    with plain_failures():
-        from .several_records import progress_on
 
-        folder, consoles = _begin(out, json)
-        with progress_on(consoles.notes) as progress:
-            progress("starting JAX")
-            _set_up_jax()
-            from thermohyd.identify.seed.study import seed_study
+    def study(progress: "Progress") -> "Result":
+        from thermohyd.identify.seed.study import seed_study
 
-            study = seed_study(progress)
-            _save(study, folder, progress)
-        _show(study, folder, consoles, json, "seed.html")
+        return seed_study(progress)
+
+    _study(out, json, "seed.html", lambda progress: study)
 
 
 @app.command("sensitivity")
@@ -244,23 +247,22 @@ def sensitivity_command(
 
     With --out: sensitivity.json, report.html and the plots as PNG and SVG.
     """
-    with plain_failures():
+
+    def prepared(progress: "Progress") -> "Callable[[Progress], Result]":
         from thermohyd.identify.sensitivity.source import actuator_of, read_source
 
-        from .several_records import progress_on
+        given = read_source(source, model, settings, progress)
 
-        folder, consoles = _begin(out, json)
-        with progress_on(consoles.notes) as progress:
-            given = read_source(source, model, settings, progress)
-            progress("starting JAX")
-            _set_up_jax()
+        def study(progress: "Progress") -> "Result":
             from thermohyd.identify.sensitivity.study import sensitivity
 
             subject = given.subject(progress)
             actuator = actuator_of(subject, given.settings)
-            result = sensitivity(subject, given.settings, actuator=actuator, evaluations=evaluations, progress=progress)
-            _save(result, folder, progress)
-        _show(result, folder, consoles, json, "report.html")
+            return sensitivity(subject, given.settings, actuator=actuator, evaluations=evaluations, progress=progress)
+
+        return study
+
+    _study(out, json, "report.html", prepared)
 
 
 @app.command("servo")
@@ -296,24 +298,40 @@ def servo_command(
 
     With --out: servo.json, report.html and the plots as PNG and SVG.
     """
-    with plain_failures():
+
+    def prepared(progress: "Progress") -> "Callable[[Progress], Result]":
         from thermohyd.identify.sensitivity.source import read_source
         from thermohyd.identify.servo.request import read_request
 
+        given = read_source(source, model, settings, progress)
+        request = read_request(temperatures, step, supply, gain, given.settings)
+
+        def study(progress: "Progress") -> "Result":
+            from thermohyd.identify.servo.study import servo_study
+            from thermohyd.identify.servo.subject import subject_of
+
+            return servo_study(subject_of(given, request, progress), progress=progress)
+
+        return study
+
+    _study(out, json, "report.html", prepared)
+
+
+def _study(
+    out: str | None, json: bool, page: str, prepare: "Callable[[Progress], Callable[[Progress], Result]]"
+) -> None:
+    """The frame of a study. prepare: reads what it is about, before JAX starts, and gives what computes it."""
+    with plain_failures():
         from .several_records import progress_on
 
         folder, consoles = _begin(out, json)
         with progress_on(consoles.notes) as progress:
-            given = read_source(source, model, settings, progress)
-            request = read_request(temperatures, step, supply, gain, given.settings)
+            compute = prepare(progress)
             progress("starting JAX")
             _set_up_jax()
-            from thermohyd.identify.servo.study import servo_study
-            from thermohyd.identify.servo.subject import subject_of
-
-            study = servo_study(subject_of(given, request, progress), progress=progress)
+            study = compute(progress)
             _save(study, folder, progress)
-        _show(study, folder, consoles, json, "report.html")
+        _show(study, folder, consoles, json, page)
 
 
 @app.command("new")

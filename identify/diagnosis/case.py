@@ -45,7 +45,7 @@ def open_case(record: BenchRecord, say: Progress = lambda _: None) -> Case:
         for test in fitted.tests.values()
         for c in test.channels
     }
-    start = dict(zip(fitted.free, (float(v) for v in fitted.solution.p), strict=True))
+    start = fitted.values
     base = problem.fit(start=start)
     if base.chi2 > FAR * len(base.residual):
         # A valve bent by what it misses: the plain fit's valley need not be the deepest one.

@@ -1,12 +1,9 @@
 """From the final model to a `DiagnosisResult`: verdict, figures on rows held out, and words.
 
 A `FitResult` of a diagnosis's fit: the plain fit's words and figures, with effects among the parameters.
-
-The final model of a diagnosis as the content of a `model.json`: effects and learned terms included.
 """
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -18,7 +15,6 @@ from thermohyd.identify.fitting.problem import Fit, Problem, solution_of
 from thermohyd.identify.fitting.result import FitResult
 from thermohyd.identify.fitting.uncertainty import Block, Covariance, covariance_of
 from thermohyd.identify.model.learned_terms import LearnedTerm
-from thermohyd.identify.model.model_file import model_json
 from thermohyd.identify.noise.correlation import NoiseCorrelation
 from thermohyd.identify.noise.level import ChannelNoise
 from thermohyd.identify.report.diagnosis_report import further_sentences, headline
@@ -108,7 +104,7 @@ def conclude(
     elif effects:
         verdict = "ambiguous" if any(e.alternatives for e in effects) else "named"
     where = regions(before.channels, case.fitted.tests) if verdict != "consistent" else ()
-    shifts = _shifts(before, after) if effects or term else ()
+    shifts = parameter_shifts(before, after) if effects or term else ()
     # A search that began from effects of an earlier one refitted its candidates beside them: not what one does alone.
     singles = {name: single for name, single in found.steps[0].singles.items() if single.effects == (name,)}
     table = candidates(case.problem.library, first, found.base, singles, found.base.chi2 - int(found.base.used.sum()))
@@ -138,7 +134,7 @@ def conclude(
         seconds=0.0,
         notes=after.notes,
         warnings=(
-            *_unconverged(after),
+            *unconverged(after),
             *after.warnings,
             *(f"{k[0]}, {k[1]}: {n.warning}" for k, n in case.noise.items() if n.warning),
         ),
@@ -146,7 +142,8 @@ def conclude(
     )
 
 
-def _unconverged(after: FitResult) -> tuple[str, ...]:
+def unconverged(after: FitResult) -> tuple[str, ...]:
+    """The warning that a diagnosis gives of a final fit that did not converge."""
     return () if after.converged else (f"the final fit did not converge: {after.message}",)
 
 
@@ -201,7 +198,8 @@ def _named(name: str, after: FitResult, model: FinalModel) -> NamedEffect:
     )
 
 
-def _shifts(before: FitResult, after: FitResult) -> tuple[ParameterShift, ...]:
+def parameter_shifts(before: FitResult, after: FitResult) -> tuple[ParameterShift, ...]:
+    """What the missing effects had done to the parameters of the model without them."""
     return tuple(
         ParameterShift(name, p.unit, p.value, after.parameters[name].value, after.parameters[name].std)
         for name, p in before.parameters.items()
@@ -235,8 +233,3 @@ def _noise(case: Case) -> tuple[ChannelNoiseFound, ...]:
             )
         )  # fmt: skip
     return tuple(found)
-
-
-def model_content(result: DiagnosisResult) -> dict[str, Any]:
-    """Everything that `simulate` needs to predict with the final model."""
-    return model_json(result.after, result.learned)

@@ -13,8 +13,6 @@ import numpy as np
 
 from thermohyd.identify.bench.record import BenchRecord
 from thermohyd.identify.fitting.library import Library, motion_library
-from thermohyd.identify.fitting.library_program import PARAMETERS
-from thermohyd.identify.fitting.outcome import Fitted
 from thermohyd.identify.fitting.parameters import IN_MOTION, ParameterPlan, Prior
 from thermohyd.identify.fitting.problem import Noise, Problem
 from thermohyd.identify.fitting.result import FitResult
@@ -22,7 +20,7 @@ from thermohyd.identify.noise.level import run_differences
 from thermohyd.numerics import require_float64
 
 from .case import Case, Progress, choose, open_case
-from .conclusion import as_channel_noise, conclude, result_of
+from .conclusion import as_channel_noise, conclude, parameter_shifts, result_of, unconverged
 from .final_model import FinalModel, final_model
 from .record_noise import NoiseFound, first_noise, noise_of, repeats_in
 from .result import DiagnosisResult, NamedEffect, Verdict
@@ -42,13 +40,13 @@ def open_motion(
     like noise with a memory.
     """
     # Here, not above: the diagnosis of static tests does not wait for the solvers of motion.
-    from thermohyd.identify.fitting.fit_motion import run_fit_motion, values_of
+    from thermohyd.identify.fitting.fit_motion import run_fit_motion
 
     data = record.dynamic
     assert data is not None
     known = None if static is None else {name: found.value for name, found in static.parameters.items()}
     known = None if known is None else {name: v for name, v in known.items() if name not in (effects or {})}
-    also = () if static is None else tuple(n for n in static.free if n in PARAMETERS and n != "heat_retention")
+    also = () if static is None else static.free
     fitted = run_fit_motion(record, say, known, also)
     own = {name: fitted.plans[name] for name in (*IN_MOTION, *(n for n in fitted.free if n not in IN_MOTION))}
     if any(test.time is not None for test in data.tests.values()) and "null_bias" not in own:
@@ -72,7 +70,7 @@ def open_motion(
     correlation = {key: r.correlation for key, r in repeats.items() if r is not None}
     problem = problem.with_noise(Noise(problem.noise.std, {**problem.noise.correlation, **correlation}))
     say("the plain model with its null free")
-    base = problem.fit(start=values_of(fitted), hops=True)
+    base = problem.fit(start=fitted.values, hops=True)
     say("what each effect would do")
     steps = finite_steps(problem, problem.with_all_columns(base), problem.library.names)  # pyright: ignore
     return Case(fitted, problem, repeats, noise, base, steps)
@@ -111,22 +109,21 @@ def fitted_together(
     record: BenchRecord, static: Stage, motion: Stage, say: Progress = lambda _: None
 ) -> tuple[FitResult, FitResult]:
     """The plain model and the one with everything that both stages named, each fitted to all tests of the record at once."""
+    # Here, not above: the diagnosis of static tests does not wait for the solvers of motion.
+    from thermohyd.identify.fitting.fit_motion import joint_problem, jointly_fitted
+
     say("fitting static and dynamic tests together")
     s, m = static.case, motion.case
-    plans = {**s.fitted.plans, **{name: m.fitted.plans[name] for name in IN_MOTION}}
-    tests = {**s.fitted.tests, **m.fitted.tests}
     noise = {**s.noise, **m.noise}
     names = tuple(dict.fromkeys((*s.problem.library.names, *m.problem.library.names)))
-    problem = Problem(record, tests, plans, Library(names, {}), noise_of(noise))
-    plain = problem.fit(start={**motion.model.base.values, **static.model.base.values})
+    problem = joint_problem(record, s.fitted, m.fitted, noise_of(noise), Library(names, {}))
+    plain = problem.fit(start={**motion.model.base.values, **static.model.base.values}, patient=True)
     effects = [effect.name for stage in (static, motion) for effect in stage.result.effects]
     full, final = problem, plain
     if effects or static.result.learned:
         full = problem.with_terms(*static.result.learned)
-        final = full.fit(effects, {**motion.model.fit.values, **static.model.fit.values})
-    starts = (*s.fitted.starts, *m.fitted.starts)
-    warnings = tuple(dict.fromkeys((*s.fitted.warnings, *m.fitted.warnings)))
-    fitted = Fitted(record, tests, plans, plain.free, as_channel_noise(noise), plain.solution, starts, warnings)
+        final = full.fit(effects, {**motion.model.fit.values, **static.model.fit.values}, patient=True)
+    fitted = jointly_fitted(problem, plain, as_channel_noise(noise), s.fitted, m.fitted)
     scale = lambda fit: max(fit.chi2 / len(fit.residual), 1.0)
     of = lambda p, fit: result_of(p, fit, fitted, noise, scale(fit))
     before = of(problem, plain)
@@ -141,6 +138,7 @@ def in_one(record: BenchRecord, static: Stage, motion: Stage, say: Progress = la
     lead = s.headline if agreed else f"Static tests: {s.headline}"
     end = m.headline if agreed else f"Dynamic tests: {m.headline}"
     seen = {c.name for c in m.candidates}
+    stages = {*unconverged(s.after), *unconverged(m.after)}
     before, after = fitted_together(record, static, motion, say)
     return replace(
         s,
@@ -159,13 +157,16 @@ def in_one(record: BenchRecord, static: Stage, motion: Stage, say: Progress = la
         next_test=s.next_test or m.next_test,
         before=before,
         after=after,
-        shifts=(*s.shifts, *m.shifts),
+        shifts=parameter_shifts(before, after) if s.shifts or m.shifts else (),
         variations=(*s.variations, *m.variations),
         evidence=(*s.evidence, *m.evidence),
         noise=(*s.noise, *m.noise),
         left_over_p=min(s.left_over_p, m.left_over_p),
         notes=tuple(dict.fromkeys((*s.notes, *m.notes))),
-        warnings=tuple(dict.fromkeys((*s.warnings, *m.warnings))),
+        # Whether a stage's own last fit converged is of no matter: the joint one began from it.
+        warnings=tuple(
+            dict.fromkeys((*unconverged(after), *(w for w in (*s.warnings, *m.warnings) if w not in stages)))
+        ),
     )
 
 

@@ -19,8 +19,7 @@ from scipy.special import ndtri
 
 from thermohyd.effects.library import DYNAMIC_EFFECTS, EFFECTS, effect_info, with_effects
 from thermohyd.identify.fitting.library import Library, with_heat
-from thermohyd.identify.fitting.library_program import PARAMETERS
-from thermohyd.identify.fitting.parameters import identified_by_default
+from thermohyd.identify.fitting.parameters import PARAMETERS, identified_by_default
 from thermohyd.identify.fitting.problem import Fit, Problem
 from thermohyd.identify.fitting.static_readings import base_valve, conditions_of, mean_over_nodes, row_weights
 from thermohyd.static_tests import blocked_port_readings

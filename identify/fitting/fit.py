@@ -6,21 +6,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from thermohyd.identify.bench.errors import BenchInputError
 from thermohyd.identify.bench.record import BenchRecord, TestRecord
-from thermohyd.identify.noise.level import ChannelNoise, initial_noise, reweighted
+from thermohyd.identify.noise.level import ChannelNoise, initial_noise
 from thermohyd.identify.reduction.reduce import reduce_test
 from thermohyd.numerics import require_float64
 
 from .boxes import Box
 from .least_squares import LeastSquaresResult, multi_start, solve
 from .outcome import Fitted, Key, fit_result, uncertainty_of
-from .parameters import ParameterPlan, plan_parameters
+from .parameters import ParameterPlan, free_parameters, plan_parameters, readings_of
 from .profile_intervals import covariance_holds, profile_intervals
 from .result import FitResult, StartOutcome
 from .starts import hop, null_position, reversed_channels, warning_of, with_signs_turned
 from .static_readings import FitArgs, base_valve, box_of, channel_slices, prior_rows, residual_of, static_data
-from .uncertainty import leverage_of
+from .uncertainty import largest_change, settled_noise
 
 
 # Rounds of re-estimating unknown noise from the residuals; each starts from the last optimum and costs a few steps.
@@ -57,7 +56,7 @@ def fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | None 
         # Here, not above: a static fit does not wait for the solvers of motion.
         from .fit_motion import fit_together, run_fit_motion
 
-        known, freed = (None, ()) if static is None else (static_values(static), seen_in_motion(static))
+        known, freed = (None, ()) if static is None else (static_values(static), static.free)
         motion = run_fit_motion(record, progress, known, freed)
         result = fit_result(motion if static is None else fit_together(record, static, motion, progress))
     return replace(result, seconds=time.perf_counter() - began)
@@ -65,13 +64,8 @@ def fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | None 
 
 def static_values(fitted: Fitted) -> dict[str, float]:
     """{parameter: value} of every parameter of a fit of static tests, held ones at their starts."""
-    free = dict(zip(fitted.free, (float(v) for v in fitted.solution.p), strict=True))
-    return {name: free.get(name, plan.start) for name, plan in fitted.plans.items() if _asked_for(name, plan)}
-
-
-def seen_in_motion(fitted: Fitted) -> tuple[str, ...]:
-    """The free parameters of a fit of static tests that dynamic ones depend on, too."""
-    return tuple(name for name in fitted.free if name != "heat_retention")
+    plans = fitted.plans.items()
+    return {name: fitted.values.get(name, plan.start) for name, plan in plans if _asked_for(name, plan)}
 
 
 def _asked_for(name: str, plan: ParameterPlan) -> bool:
@@ -83,27 +77,18 @@ def run_fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | N
     say = progress or (lambda _: None)
     tests: dict[str, TestRecord] = {}
     warnings = list(record.warnings)
+    plans = plan_parameters(record.valve, record.start)
+    free = free_parameters(record, plans, record.tests)
     for name, test in record.tests.items():
-        if not test.channels:
-            raise BenchInputError("has no reading to fit", file=test.path)
         if test.rows > 2000:
             say(f"reducing {name}: {test.rows:,} rows")
         turned = reversed_channels(test)
         warnings += [warning_of(test, channel) for channel in turned]
         tests[name] = reduce_test(with_signs_turned(test, turned))
-    plans = plan_parameters(record.valve, record.start)
-    free = tuple(name for name, plan in plans.items() if not plan.fixed)
+    free_parameters(record, plans, tests)
     noise = {(t.name, c.name): initial_noise(t, c) for t in tests.values() for c in t.channels}
-    readings = sum(len(n.std) for n in noise.values())
-    if not free:
-        raise BenchInputError("[start] holds every parameter fixed; free at least one", file=record.folder)
-    if readings < len(free):
-        raise BenchInputError(
-            f"{readings} readings cannot determine {len(free)} parameters; hold some in [start] or add rows",
-            file=record.folder,
-        )
     problem = StaticSearch(record, tests, plans, free)
-    say(f"fitting {len(free)} parameters to {readings:,} readings")
+    say(f"fitting {len(free)} parameters to {readings_of(tests):,} readings")
     first = problem.first_starts()
     outcomes = multi_start(
         residual_of(free),
@@ -122,7 +107,7 @@ def run_fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | N
     told = [problem.outcome(solution, restart=lower), *map(problem.outcome, outcomes if lower else outcomes[1:])]
     for _ in range(MOST_ROUNDS):
         settled = problem.settle(noise, solution)
-        change = max(_change(noise[key], settled[key]) for key in noise)
+        change = largest_change(noise, settled)
         noise = settled
         if change < SETTLED:
             break
@@ -158,10 +143,6 @@ def _with_intervals(fitted: Fitted, progress: Progress | None) -> FitResult:
     return fit_result(fitted)
 
 
-def _change(before: ChannelNoise, after: ChannelNoise) -> float:
-    return float(np.max(np.abs(after.used / before.used - 1.0)))
-
-
 @dataclass(frozen=True)
 class StaticSearch:
     """The plain fit of static tests, compiled as a whole: only the noise changes between its solves."""
@@ -193,15 +174,9 @@ class StaticSearch:
         return [shifted, nominal]
 
     def settle(self, noise: dict[Key, ChannelNoise], solution: LeastSquaresResult) -> dict[Key, ChannelNoise]:
-        """Noise re-estimated from the residuals, where it is not known; each channel pays its share of the parameters."""
-        new = {}
+        """The noise of each channel as the residuals show it (`settled_noise`)."""
         jacobian = solution.jacobian * np.array([self.plans[name].info.scale for name in self.free])
-        leverage = leverage_of(jacobian)
-        for key, rows in channel_slices(self.tests).items():
-            misfit = solution.residual[rows] * noise[key].used
-            freedom = max(1.0 - float(np.sum(leverage[rows])) / len(misfit), 0.05)
-            new[key] = reweighted(noise[key], misfit, freedom)
-        return new
+        return settled_noise(noise, channel_slices(self.tests), solution.residual, jacobian)
 
     def solve(self, args: FitArgs, start: np.ndarray, held: Mapping[int, float] | None = None) -> LeastSquaresResult:
         """From `start`, with the parameters of these indices held at these values."""

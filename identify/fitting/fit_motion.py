@@ -5,17 +5,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from thermohyd.identify.bench.errors import BenchInputError
 from thermohyd.identify.bench.record import BenchRecord, TestRecord
 from thermohyd.identify.noise.level import ChannelNoise, first_noise_of
 
 from .least_squares import LeastSquaresResult
-from .library import NOTHING
+from .library import NOTHING, Library
 from .motion_readings import dynamic_of
 from .outcome import Fitted, Key
-from .parameters import IN_MOTION, plan_motion
-from .problem import MOST_STEPS, PATIENCE, Fit, Problem, settled_noise, solution_of, white_noise
+from .parameters import IN_MOTION, free_parameters, plan_motion, readings_of
+from .problem import MOST_STEPS, Fit, Noise, Problem, noise_settled_by, solution_of, white_noise
 from .result import StartOutcome
+from .uncertainty import largest_change
 
 
 MOST_ROUNDS = 4
@@ -43,22 +43,11 @@ def run_fit_motion(
     """
     say = progress or (lambda _: None)
     data = dynamic_of(record)
-    for test in data.tests.values():
-        if not test.channels:
-            raise BenchInputError("has no reading to fit", file=test.path)
-    plans = plan_motion(record.valve, data.actuator, record.start, known)
-    free = tuple(name for name, plan in plans.items() if not plan.fixed)
-    noise = {(n, c.name): first_noise_of(t, c) for n, t in data.tests.items() for c in t.channels}
-    readings = sum(len(n.std) for n in noise.values())
-    if not free:
-        raise BenchInputError("[start] holds every parameter fixed; free at least one", file=record.folder)
-    if readings < len(free):
-        raise BenchInputError(
-            f"{readings} readings cannot determine {len(free)} parameters; hold some in [start] or add rows",
-            file=record.folder,
-        )
-    say(f"fitting {len(free)} parameters of motion to {readings:,} readings")
     tests: dict[str, TestRecord] = dict(data.tests)
+    plans = plan_motion(record.valve, data.actuator, record.start, known)
+    free, readings = free_parameters(record, plans, tests), readings_of(tests)
+    noise = {(n, c.name): first_noise_of(t, c) for n, t in data.tests.items() for c in t.channels}
+    say(f"fitting {len(free)} parameters of motion to {readings:,} readings")
     problem = Problem(record, tests, plans, NOTHING, white_noise(noise), also=also)
     ends = [_grown(problem, {}, say)]
     if ends[0].chi2 > FAR * readings or not np.isfinite(ends[0].chi2):
@@ -84,43 +73,42 @@ def fit_together(record: BenchRecord, static: Fitted, motion: Fitted, progress: 
     """
     say = progress or (lambda _: None)
     say("fitting static and dynamic tests together")
-    plans = {**static.plans, **{name: motion.plans[name] for name in IN_MOTION}}
-    tests = {**static.tests, **motion.tests}
     noise = {**static.noise, **motion.noise}
-    problem = Problem(record, tests, plans, NOTHING, white_noise(noise))
-    start = {**values_of(motion), **values_of(static)}
-    fit = _patient(problem, start)
+    problem = joint_problem(record, static, motion, white_noise(noise))
+    fit = problem.fit(start={**motion.values, **static.values}, patient=True)
+    return _settled(problem, fit, noise, jointly_fitted(problem, fit, noise, static, motion))
+
+
+def joint_problem(
+    record: BenchRecord, static: Fitted, motion: Fitted, noise: Noise, library: Library = NOTHING
+) -> Problem:
+    """All tests of a record in one problem; a parameter is planned as the tests plan it that show it best."""
+    plans = {**static.plans, **{name: motion.plans[name] for name in IN_MOTION}}
+    return Problem(record, {**static.tests, **motion.tests}, plans, library, noise)
+
+
+def jointly_fitted(
+    problem: Problem, fit: Fit, noise: dict[Key, ChannelNoise], static: Fitted, motion: Fitted
+) -> Fitted:
+    """A fit of a joint problem, with the starts and warnings of the two that it began from."""
+    starts = (*static.starts, *motion.starts)
     warnings = tuple(dict.fromkeys((*static.warnings, *motion.warnings)))
-    whole = Fitted(record, tests, plans, fit.free, noise, fit.solution, (*static.starts, *motion.starts), warnings)
-    return _settled(problem, fit, noise, whole)
-
-
-def values_of(fitted: Fitted) -> dict[str, float]:
-    """{free parameter: value} at the end of a fit."""
-    return dict(zip(fitted.free, (float(v) for v in fitted.solution.p), strict=True))
-
-
-def _patient(problem: Problem, start: Mapping[str, float]) -> Fit:
-    """A fit that may go on where it crawls."""
-    fit = problem.fit(start=start)
-    for _ in range(PATIENCE):
-        if fit.converged or fit.solution.exhausted:
-            break
-        fit = problem.fit(start=fit.values)
-    return fit
+    return Fitted(problem.record, problem.tests, problem.plans, fit.free, noise, fit.solution, starts, warnings)
 
 
 def _settled(problem: Problem, fit: Fit, noise: dict[Key, ChannelNoise], fitted: Fitted) -> Fitted:
     """Rounds of re-estimating the noise that is not known, each from the last optimum."""
+    at = fit
     for _ in range(MOST_ROUNDS):
-        settled = settled_noise(problem, fit, noise)
-        change = max(float(np.max(np.abs(settled[k].used / noise[k].used - 1.0))) for k in noise)
-        noise = settled
-        if change < SETTLED:
+        settled = noise_settled_by(problem, fit, noise)
+        change, noise = largest_change(noise, settled), settled
+        if change == 0.0:
             break
         problem = problem.with_noise(white_noise(noise))
-        fit = problem.fit(start=fit.values)
-    at = problem.with_noise(white_noise(noise)).evaluate(fit.values)
+        if change < SETTLED:
+            at = problem.evaluate(fit.values)
+            break
+        at = fit = problem.fit(start=fit.values)
     return replace(fitted, noise=noise, solution=solution_of(problem, fit, at))
 
 

@@ -14,6 +14,7 @@ from jaxtyping import Array, Float
 
 from thermohyd.effects.library import EFFECTS, classes_of, effect, effect_info, factor_on, with_effects
 from thermohyd.identify.fitting.least_squares import Both
+from thermohyd.identify.fitting.parameters import PARAMETERS
 from thermohyd.identify.fitting.static_readings import (
     ChannelRows,
     StaticData,
@@ -27,17 +28,6 @@ from thermohyd.identify.fitting.static_readings import (
 from thermohyd.identify.noise.whitening import Whitening, whiten
 from thermohyd.numerics import jitted, known_options
 from thermohyd.valve import Valve
-
-
-PARAMETERS = (
-    "edge_radius",
-    "clearance",
-    "underlap",
-    "discharge_coefficient",
-    "transition_number",
-    "null_bias",
-    "heat_retention",
-)
 
 
 class RowTerms(eqx.Module):

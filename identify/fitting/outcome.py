@@ -20,10 +20,7 @@ from .parameters import ParameterPlan
 from .profile_intervals import Interval
 from .result import ChannelFit, FitResult, ParameterEstimate, StartOutcome
 from .static_readings import channel_slices
-from .uncertainty import Block, Covariance, covariance_of, identifiability
-
-
-Key = tuple[str, str]  # test, channel
+from .uncertainty import Block, Covariance, Key, covariance_of, identifiability
 
 
 @dataclass(frozen=True)
@@ -38,6 +35,11 @@ class Fitted:
     solution: LeastSquaresResult
     starts: tuple[StartOutcome, ...]
     warnings: tuple[str, ...]
+
+    @property
+    def values(self) -> dict[str, float]:
+        """{free parameter: value}."""
+        return dict(zip(self.free, (float(v) for v in self.solution.p), strict=True))
 
 
 @dataclass(frozen=True)
@@ -118,7 +120,7 @@ def fit_result(
         noise_freedom=_noise_freedom(fitted, points),
         channels=channels,
         identifiability=words,
-        rows=sum(_rows_read(fitted.record, name) for name in fitted.tests),
+        rows=sum(fitted.record.all_tests[name].rows for name in fitted.tests),
         points=points,
         seconds=0.0,
         converged=solution.converged,
@@ -128,11 +130,6 @@ def fit_result(
         warnings=fitted.warnings,
         verdict=_words(fitted, channels, parameters),
     )
-
-
-def _rows_read(record: BenchRecord, name: str) -> int:
-    moving = {} if record.dynamic is None else record.dynamic.tests
-    return record.tests[name].rows if name in record.tests else moving[name].rows
 
 
 def _words(

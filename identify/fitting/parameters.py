@@ -6,7 +6,8 @@ What a dynamic fit frees and what it holds: the four parameters of motion, and s
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from thermohyd.identify.bench.record import ActuatorData, StartValue, ValveData
+from thermohyd.identify.bench.errors import BenchInputError
+from thermohyd.identify.bench.record import ActuatorData, BenchRecord, StartValue, TestRecord, ValveData
 
 
 @dataclass(frozen=True)
@@ -23,6 +24,12 @@ class ParameterInfo:
 
 
 MICRON = 1e-6
+
+# The parameters of a valve by name, those of its edges first: the vector of a search over effects begins with them.
+OF_THE_EDGES = ("edge_radius", "clearance", "underlap", "discharge_coefficient", "transition_number", "null_bias")
+PARAMETERS = (*OF_THE_EDGES, "heat_retention")
+# Those that a run depends on: the heat that stays in the edges does not show in motion.
+SEEN_IN_MOTION = OF_THE_EDGES
 
 
 def identified_by_default(valve: ValveData) -> dict[str, ParameterInfo]:
@@ -118,6 +125,30 @@ def plan_motion(
             plan = replace(plan, start=value, lower=min(plan.lower, value), upper=max(plan.upper, value), given=True)
         plans[info.name] = plan
     return plans
+
+
+def free_parameters(
+    record: BenchRecord, plans: Mapping[str, ParameterPlan], tests: Mapping[str, TestRecord]
+) -> tuple[str, ...]:
+    """What a fit of these tests has to find. Raises BenchInputError where there is nothing, or less to find it from."""
+    for test in tests.values():
+        if not test.channels:
+            raise BenchInputError("has no reading to fit", file=test.path)
+    free = tuple(name for name, plan in plans.items() if not plan.fixed)
+    if not free:
+        raise BenchInputError("[start] holds every parameter fixed; free at least one", file=record.folder)
+    readings = readings_of(tests)
+    if readings < len(free):
+        raise BenchInputError(
+            f"{readings} readings cannot determine {len(free)} parameters; hold some in [start] or add rows",
+            file=record.folder,
+        )
+    return free
+
+
+def readings_of(tests: Mapping[str, TestRecord]) -> int:
+    """How many numbers the tests' channels hold together."""
+    return sum(len(channel.value) for test in tests.values() for channel in test.channels)
 
 
 def _plan(info, chosen: StartValue | None, held: bool) -> ParameterPlan:

@@ -17,18 +17,27 @@ from thermohyd.effects.library import effect_info
 from thermohyd.identify.bench.record import BenchRecord, DynamicTest, TestRecord
 from thermohyd.identify.model.learned_terms import ABSOLUTE, LearnedTerm, term_values
 from thermohyd.identify.noise.correlation import NoiseCorrelation
-from thermohyd.identify.noise.level import ChannelNoise, reweighted
+from thermohyd.identify.noise.level import ChannelNoise
 from thermohyd.identify.noise.whitening import whiten_on_host, whitening_of
 from thermohyd.identify.reduction.legs import piece_bounds
 
 from .boxes import Box
 from .least_squares import LeastSquaresResult, solve
 from .library import Library, coupled, library_for, with_heat
-from .library_program import PARAMETERS, LibraryArgs, RowTerms, library_program, order_of
-from .parameters import IN_MOTION, ParameterPlan
+from .library_program import LibraryArgs, RowTerms, library_program, order_of
+from .parameters import IN_MOTION, PARAMETERS, SEEN_IN_MOTION, ParameterPlan
 from .starts import hop
-from .static_readings import StaticData, base_valve, channel_slices, coarse_size, groups_of, pad, static_data
-from .uncertainty import leverage_of
+from .static_readings import (
+    StaticData,
+    base_valve,
+    channel_slices,
+    coarse_size,
+    groups_of,
+    pad,
+    prior_rows,
+    static_data,
+)
+from .uncertainty import settled_noise
 
 
 Key = tuple[str, str]  # test, channel
@@ -96,6 +105,11 @@ def white_noise(noise: Mapping[Key, ChannelNoise]) -> Noise:
 @runtime_checkable
 class Readings(Protocol):
     """The tests of one kind as a function of named entries: parameters first, then amounts of effects."""
+
+    @property
+    def tests(self) -> Mapping[str, TestRecord]:
+        """The tests, in the order of their rows."""
+        ...
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -214,6 +228,10 @@ class MotionReadings:
     noise: Noise
     used: Mapping[Key, np.ndarray] | None
 
+    @property
+    def tests(self) -> Mapping[str, TestRecord]:
+        return self.simulator.tests
+
     def program(self, chosen: tuple[str, ...]) -> tuple[str, ...]:
         if self.library is None:
             return chosen
@@ -229,8 +247,7 @@ class MotionReadings:
         # Here, not above: a static problem does not wait for the solvers of motion.
         from .motion_readings import Weighing, rows_of_readings
 
-        tests = self.simulator.tests
-        weight = {(name, c.name): 1.0 / self.noise.std[name, c.name] for name, t in tests.items() for c in t.channels}
+        weight = {(n, c.name): 1.0 / self.noise.std[n, c.name] for n, t in self.tests.items() for c in t.channels}
         if self.used is not None:
             weight = {key: w * self.used[key] for key, w in weight.items()}
         weighing = Weighing(weight, whiten=self._whiten)
@@ -240,7 +257,7 @@ class MotionReadings:
         correlation = self.noise.correlation[key]
         if correlation == NoiseCorrelation():
             return values
-        test = self.simulator.tests[key[0]]
+        test = self.tests[key[0]]
         return whiten_on_host(whitening_of(correlation, noise_sweeps(test), test.rows), values.T).T
 
 
@@ -293,8 +310,9 @@ class Problem:
         return tuple(found)
 
     def _in_vector(self, name: str) -> bool:
-        """Whether a run's derivative to this parameter is taken; heat in the valve's edges does not show in motion."""
-        return name in IN_MOTION or name in self.also or not (self.plans[name].fixed or name == "heat_retention")
+        """Whether a run's derivative to this parameter is taken."""
+        freed = name in self.also or not self.plans[name].fixed
+        return name in IN_MOTION or (freed and name in SEEN_IN_MOTION)
 
     @property
     def in_motion(self) -> bool:
@@ -326,27 +344,20 @@ class Problem:
 
     def rows(self) -> dict[Key, slice]:
         """Where each channel's rows lie in a `Fit`'s residual."""
-        return self._slices(lambda rows: rows)
-
-    def _slices(self, size: Callable[[int], int]) -> dict[Key, slice]:
-        found, first = {}, 0
-        for name, test in self.tests.items():
-            for channel in test.channels:
-                found[name, channel.name] = slice(first, first + test.rows)
-                first += size(test.rows)
-        return found
+        return channel_slices(self.tests, size=lambda rows: rows)
 
     def fit(
         self,
         effects: Iterable[str] = (),
         start: Mapping[str, float] | None = None,
         *,
+        patient: bool = False,
         hops: bool = False,
         most_steps: int = MOST_STEPS,
     ) -> Fit:
         """Fit the free parameters and the amounts of `effects`, from `start` (missing entries: nominal, neutral).
 
-        hops: with patience, and over the kinks of the underlap, for a fit that is to stay.
+        patient: goes on where it crawls, for a fit that is to stay. hops: patient, and over the kinks of the underlap.
         """
         chosen = tuple(name for name in self.library.names if name in set(effects))
         programs = [part.program(chosen) for part in self.readings]
@@ -362,7 +373,7 @@ class Problem:
             )
 
         best = from_point(np.array(begin))
-        for _ in range(PATIENCE if hops else 0):
+        for _ in range(PATIENCE if patient or hops else 0):
             if best.converged or best.exhausted:
                 break
             best = from_point(best.p)
@@ -414,10 +425,8 @@ class Problem:
             (part.at(program), [order.index(name) for name in part.order(program)])
             for part, program in zip(self.readings, programs, strict=True)
         ]
-        plans = [self.plans[name] for name in self.parameters]
-        value = np.array([plan.prior.value if plan.prior else plan.start for plan in plans])
-        weight = np.array([1.0 / plan.prior.std if plan.prior else 0.0 for plan in plans])
-        count = len(plans)
+        value, weight = (np.asarray(part) for part in prior_rows([self.plans[name] for name in self.parameters]))
+        count = len(value)
         slopes = np.zeros((len(order), count))
         slopes[:count] = np.diag(weight)
 
@@ -471,8 +480,8 @@ class Problem:
     ) -> Fit:
         priors = len(self.parameters)
         places, first = [], 0
-        for part, tests in zip(self.readings, self._tests_of_parts, strict=True):
-            for test in tests:
+        for part in self.readings:
+            for test in part.tests.values():
                 for _ in test.channels:
                     places.append(np.arange(first, first + test.rows))
                     first += part.size(test.rows)
@@ -486,14 +495,6 @@ class Problem:
             chosen, order, free, values, result.cost, result.residual[real], result.jacobian[real], used, pressed,
             result.converged, result.message, result,
         )  # fmt: skip
-
-    @property
-    def _tests_of_parts(self) -> list[list[TestRecord]]:
-        """Tests by part; a record's tests stand in this order in `tests`, too."""
-        kinds: list[list[TestRecord]] = [[], []]
-        for test in self.tests.values():
-            kinds[test.in_motion].append(test)
-        return [tests for tests in kinds if tests]
 
 
 def noise_sweeps(test: TestRecord) -> np.ndarray:
@@ -530,12 +531,8 @@ def solution_of(problem: Problem, fit: Fit, at: Fit | None = None) -> LeastSquar
     )  # fmt: skip
 
 
-def settled_noise(problem: Problem, fit: Fit, noise: Mapping[Key, ChannelNoise]) -> dict[Key, ChannelNoise]:
-    """Noise re-estimated from the residuals of `fit`, where it is not known; each channel pays its share of what was freed."""
+def noise_settled_by(problem: Problem, fit: Fit, noise: Mapping[Key, ChannelNoise]) -> dict[Key, ChannelNoise]:
+    """The noise of each channel as the residuals of `fit` show it (`settled_noise`)."""
     scales = np.array([problem.scale_of(name) for name in fit.free])
-    leverage = leverage_of(fit.columns[:, [fit.order.index(name) for name in fit.free]] * scales)
-    found = {}
-    for key, rows in problem.rows().items():
-        misfit = fit.residual[rows] * noise[key].used
-        found[key] = reweighted(noise[key], misfit, max(1.0 - float(np.sum(leverage[rows])) / len(misfit), 0.05))
-    return found
+    columns = fit.columns[:, [fit.order.index(name) for name in fit.free]] * scales
+    return settled_noise(noise, problem.rows(), fit.residual, columns)

@@ -3,15 +3,19 @@
 How well the data tell the parameters apart, in figures and in words.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from thermohyd.identify.noise.correlation import NoiseCorrelation, correlated_sum
+from thermohyd.identify.noise.level import ChannelNoise, reweighted
 
 from .result import Identifiability
 from .trust_region import gram_schmidt
 
+
+Key = tuple[str, str]  # test, channel
 
 # Singular values of the unit-column Jacobian below this share of the largest: the data see a combination only by rounding.
 FLAT = 1e-7
@@ -137,6 +141,26 @@ def _trade_off(names: list[str], direction: np.ndarray, collinearity: float) -> 
         return f"{names[order[0]]} is weakly determined: {shares} (collinearity {collinearity:.0f})"
     listed = ", ".join(names[i] for i in order[:-1]) + f" and {names[order[-1]]}"
     return f"{listed} trade off: {shares} (collinearity {collinearity:.0f})"
+
+
+def settled_noise(
+    noise: Mapping[Key, ChannelNoise], rows: Mapping[Key, slice], residual: np.ndarray, jacobian: np.ndarray
+) -> dict[Key, ChannelNoise]:
+    """Noise re-estimated from whitened residuals, where it is not known; each channel pays its share of the parameters.
+
+    rows: of each channel in `residual` (n,) and in `jacobian` (n, p), whose columns are in the parameters' natural steps.
+    """
+    leverage = leverage_of(jacobian)
+    found = {}
+    for key, own in rows.items():
+        misfit = residual[own] * noise[key].used
+        found[key] = reweighted(noise[key], misfit, max(1.0 - float(np.sum(leverage[own])) / len(misfit), 0.05))
+    return found
+
+
+def largest_change(before: Mapping[Key, ChannelNoise], after: Mapping[Key, ChannelNoise]) -> float:
+    """Largest relative change of any row's standard deviation."""
+    return max(float(np.max(np.abs(after[key].used / before[key].used - 1.0))) for key in before)
 
 
 def leverage_of(jacobian: np.ndarray) -> np.ndarray:

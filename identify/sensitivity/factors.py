@@ -91,9 +91,6 @@ _KINDS = {
 FACTORS = tuple(_KINDS)
 
 
-IDENTIFIED = FACTORS[:6]
-
-
 def factors_of(
     model: Model,
     temperature: float,

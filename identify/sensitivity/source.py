@@ -13,7 +13,7 @@ import numpy as np
 from thermohyd.effects.library import effect_info
 from thermohyd.identify.bench.errors import BenchInputError
 from thermohyd.identify.bench.record import BenchRecord, TestRecord, ValveData
-from thermohyd.identify.fitting.parameters import MICRON
+from thermohyd.identify.fitting.parameters import MICRON, OF_THE_EDGES
 from thermohyd.identify.fitting.result import FitResult
 from thermohyd.identify.model.model import Model
 from thermohyd.identify.model.model_file import load_model, model_of_fit, nominal_model
@@ -54,7 +54,6 @@ def seed_model() -> Model:
     from thermohyd.seed_paper import NOMINAL_FLOW, NOMINAL_PRESSURE, STROKE, seed_oil_definition, seed_valve
 
     valve = seed_valve()
-    names = ("edge_radius", "clearance", "underlap", "discharge_coefficient", "transition_number", "null_bias")
     body = ValveData(
         "seed valve (MOOG 76101 class)",
         STROKE,
@@ -63,7 +62,7 @@ def seed_model() -> Model:
         rated_flow=NOMINAL_FLOW,
         rated_pressure_drop=NOMINAL_PRESSURE,
     )
-    return Model(body, seed_oil_definition(), {name: float(getattr(valve, name)) for name in names})
+    return Model(body, seed_oil_definition(), {name: float(getattr(valve, name)) for name in OF_THE_EDGES})
 
 
 def subject_of_model(model: Model, settings: Settings, name: str = "") -> Subject:

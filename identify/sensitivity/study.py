@@ -6,11 +6,12 @@ from collections.abc import Callable
 import numpy as np
 
 from thermohyd.actuator import Actuator, seed_actuator
+from thermohyd.identify.fitting.parameters import OF_THE_EDGES, PARAMETERS
 from thermohyd.identify.fitting.result import FitResult
 
 from .curves import TESTS, CurveSlopes, columns_of, curve_slopes, slopes_at
 from .drift import performance_drifts, temperature_drifts
-from .factors import IDENTIFIED, Factor
+from .factors import Factor
 from .global_measures import base_of, derivative_measures, sobol_indices, sobol_samples, total_along, uniform_constant
 from .next_test import (
     Measurements,
@@ -161,8 +162,8 @@ def information_study(
 
 def _free(subject: Subject) -> tuple[str, ...]:
     if subject.model.covariance is None:
-        return IDENTIFIED
-    return tuple(name for name in subject.model.free if name in (*IDENTIFIED, "heat_retention"))
+        return OF_THE_EDGES
+    return tuple(name for name in subject.model.free if name in PARAMETERS)
 
 
 def _candidates(curves: CurveSlopes, free: tuple[str, ...], noise: ReadingNoise) -> Measurements:

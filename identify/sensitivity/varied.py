@@ -8,6 +8,7 @@ from jaxtyping import Array, Float
 
 from thermohyd.conditions import Conditions
 from thermohyd.effects.library import effect_info, with_effects
+from thermohyd.identify.fitting.parameters import OF_THE_EDGES
 from thermohyd.identify.model.model import Model
 from thermohyd.oil import Oil, TemperatureShifts, at_temperature, oil_from_definition
 from thermohyd.valve import Valve
@@ -17,15 +18,7 @@ from .factors import FACTORS
 
 # The laws of the oil, each of which can be asked to see another temperature than the oil has.
 LAWS = ("viscosity_law", "density_law", "bulk_modulus_law", "heat_law")
-_IN_VALVE = (
-    "edge_radius",
-    "clearance",
-    "underlap",
-    "discharge_coefficient",
-    "transition_number",
-    "null_bias",
-    "slot_width",
-)
+_IN_VALVE = (*OF_THE_EDGES, "slot_width")
 
 
 def valve_of_model(model: Model) -> Valve:

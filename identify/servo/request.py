@@ -29,20 +29,30 @@ def read_request(
     temperatures: str | None, step: str, supply: str | None, gain: str | None, settings: Settings
 ) -> Request:
     """The options in SI, those of the settings file where an option is not given. Raises BenchInputError."""
-    if temperatures is None and settings.temperatures:
-        warm = tuple(sorted(settings.temperatures))
-    else:
-        warm = read_temperatures(TEMPERATURES if temperatures is None else temperatures)
     size = _quantity("--step", step, "length")
     if size == 0.0:
         raise BenchInputError("--step: a step of nothing has no response")
-    return Request(
-        warm,
+    return request_of(
+        settings,
+        None if temperatures is None else read_temperatures(temperatures),
         size,
-        settings.supply_pressure if supply is None else _quantity("--supply", supply, "pressure", positive=True),
-        settings.return_pressure,
+        None if supply is None else _quantity("--supply", supply, "pressure", positive=True),
         None if gain is None else _quantity("--gain", gain, "amplifier gain", positive=True),
     )
+
+
+def request_of(
+    settings: Settings,
+    temperatures: tuple[float, ...] | None,
+    step: float,
+    supply_pressure: float | None,
+    amplifier_gain: float | None,
+) -> Request:
+    """The same of numbers in SI, rising temperatures; where one is None, that of the settings, else the default."""
+    if temperatures is None:
+        temperatures = tuple(sorted(settings.temperatures)) or read_temperatures(TEMPERATURES)
+    supply_pressure = settings.supply_pressure if supply_pressure is None else supply_pressure
+    return Request(temperatures, step, supply_pressure, settings.return_pressure, amplifier_gain)
 
 
 def read_temperatures(text: str) -> tuple[float, ...]:

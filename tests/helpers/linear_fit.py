@@ -11,8 +11,7 @@ from thermohyd.effects.library import EFFECTS
 from thermohyd.identify.bench.record import TestRecord
 from thermohyd.identify.fitting.least_squares import LeastSquaresResult
 from thermohyd.identify.fitting.library import Library
-from thermohyd.identify.fitting.library_program import PARAMETERS
-from thermohyd.identify.fitting.parameters import plan_parameters
+from thermohyd.identify.fitting.parameters import PARAMETERS, plan_parameters
 from thermohyd.identify.fitting.problem import Fit, Key, Noise, Problem, noise_sweeps
 from thermohyd.identify.noise.correlation import NoiseCorrelation
 from thermohyd.identify.noise.whitening import whiten_on_host, whitening_of

@@ -16,13 +16,12 @@ from rich.console import Console
 from thermohyd.effects.library import DYNAMIC_EFFECTS, EFFECTS, with_effects
 from thermohyd.identify.bench.errors import BenchInputError
 from thermohyd.identify.bench.record import ActuatorData, BenchRecord, Channel, DynamicData, DynamicTest, StartValue
-from thermohyd.identify.diagnosis.conclusion import model_content
 from thermohyd.identify.diagnosis.diagnose import diagnose
 from thermohyd.identify.diagnosis.result import DiagnosisResult
 from thermohyd.identify.fitting.motion_readings import DynamicSimulator, actuator_of
 from thermohyd.identify.fitting.parameters import IN_MOTION
 from thermohyd.identify.fitting.static_readings import base_valve, conditions_of, predict
-from thermohyd.identify.model.model_file import load_model
+from thermohyd.identify.model.model_file import load_model, model_json
 from thermohyd.identify.model.predict import simulate
 from thermohyd.identify.report.diagnosis_page import diagnosis_files
 from thermohyd.identify.report.diagnosis_report import print_summary
@@ -132,7 +131,7 @@ def test_the_reports_speak_of_them(results):
         print_summary(results[name], Console(file=out, width=120, no_color=True))
         assert name in out.getvalue()
         assert shown in out.getvalue()
-        files = diagnosis_files(results[name], model_content(results[name]))
+        files = diagnosis_files(results[name], model_json(results[name].after, results[name].learned))
         assert name in str(files["report.html"])
         [effect] = json.loads(str(files["diagnosis.json"]))["effects"]
         assert effect["parameter"]["unit"] == unit
@@ -141,7 +140,7 @@ def test_the_reports_speak_of_them(results):
 @pytest.mark.parametrize("name", ["meter_tare", "load_drag"])
 def test_the_model_is_read_back_and_predicts_the_readings(results, static_record, moving_record, name, tmp_path):
     path = tmp_path / "model.json"
-    path.write_text(json.dumps(model_content(results[name])))
+    path.write_text(json.dumps(model_json(results[name].after, results[name].learned)))
     model = load_model(path)
     assert list(model.effects) == [name]
     record = static_record if name == "meter_tare" else moving_record
@@ -156,7 +155,7 @@ def test_the_model_is_read_back_and_predicts_the_readings(results, static_record
 
 def test_a_model_with_an_effect_that_nobody_registered(results, tmp_path):
     path = tmp_path / "model.json"
-    path.write_text(json.dumps(model_content(results["meter_tare"])))
+    path.write_text(json.dumps(model_json(results["meter_tare"].after, results["meter_tare"].learned)))
     with patch.dict(EFFECTS):
         EFFECTS.pop("meter_tare")
         with pytest.raises(BenchInputError) as caught:

@@ -14,7 +14,8 @@ from reference.sample_whole_servo import JACK, SERVO, VALVE
 from thermohyd.data import sample_record
 from thermohyd.identify.bench.read import read_record
 from thermohyd.identify.bench.shown_units import reading_unit
-from thermohyd.identify.fitting.fit import fit
+from thermohyd.identify.fitting.fit import fit, run_fit, static_values
+from thermohyd.identify.fitting.fit_motion import run_fit_motion
 from thermohyd.identify.fitting.parameters import IN_MOTION
 from thermohyd.identify.report.fit_figures import parameter_figure, test_figures as draw_tests
 
@@ -90,6 +91,31 @@ def test_the_truth_lies_inside_the_intervals(fitted):
         assert estimate.std < 0.05 * truth, name
     assert 0.9 < fitted.reduced_chi2 < 1.1
     assert not fitted.warnings
+
+
+def test_error_bars_are_joint(fitted):
+    """What the valve's parameters may be is passed on to those of motion, and back."""
+    i, j = fitted.free.index("discharge_coefficient"), fitted.free.index("viscous_friction")
+    assert fitted.covariance[i, j] != 0.0
+    assert np.linalg.eigvalsh(fitted.correlation).min() > 0.0
+
+
+def test_holding_the_valve_claims_too_much(record, fitted):
+    """The same fit of motion with the valve's parameters held at what the static tests gave has narrower error bars."""
+    static = run_fit(record)
+    alone = run_fit_motion(record, None, static_values(static), static.free)
+    jacobian = alone.solution.jacobian
+    for i, name in enumerate(alone.free):
+        others = np.delete(jacobian, i, axis=1)
+        left = jacobian[:, i] - others @ np.linalg.lstsq(others, jacobian[:, i], rcond=None)[0]
+        assert 1.0 / np.linalg.norm(left) < 1.001 * fitted.parameters[name].std, name
+
+
+def test_all_tests_are_in_the_result(record, fitted):
+    assert {c.test for c in fitted.channels} == {*record.tests, *record.dynamic.tests}
+    assert fitted.rows == sum(t.rows for t in (*record.tests.values(), *record.dynamic.tests.values()))
+    assert "ideal valve" in fitted.verdict[0]
+    assert any("actuator's model" in line for line in fitted.verdict)
 
 
 def test_the_command_tells_the_same_test_by_test(fitted, fit_run):

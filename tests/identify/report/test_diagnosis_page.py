@@ -3,13 +3,13 @@
 import re
 import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
-from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
 import pytest
 from helpers.fake_diagnosis import KINDS, fake_diagnosis
 from helpers.fake_fit import fake_channel
+from helpers.html_page import Tags
 
 from thermohyd.identify.bench.record import TestRecord
 from thermohyd.identify.report import style as plot_style
@@ -18,20 +18,6 @@ from thermohyd.identify.report.diagnosis_page import diagnosis_files, diagnosis_
 
 
 SVG = b"<svg xmlns='http://www.w3.org/2000/svg'/>"
-
-
-class Tags(HTMLParser):
-    def __init__(self, page: str):
-        super().__init__()
-        self.opened: list[tuple[str, dict]] = []
-        self.words: list[str] = []
-        self.feed(page)
-
-    def handle_starttag(self, tag, attrs):
-        self.opened.append((tag, dict(attrs)))
-
-    def handle_data(self, data):
-        self.words.append(data)
 
 
 def page(result, figures: dict[str, bytes] | None = None) -> str:

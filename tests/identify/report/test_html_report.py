@@ -1,28 +1,14 @@
 """`report.html`: one page that needs no network, says what the terminal says, and escapes what users write."""
 
 import re
-from html.parser import HTMLParser
 
 from helpers.fake_fit import fake_fit, with_files
+from helpers.html_page import Tags
 
 from thermohyd.identify.report.page import html_report
 
 
 SVG = b"<svg xmlns='http://www.w3.org/2000/svg'/>"
-
-
-class Tags(HTMLParser):
-    def __init__(self, page: str):
-        super().__init__()
-        self.opened: list[tuple[str, dict]] = []
-        self.words: list[str] = []
-        self.feed(page)
-
-    def handle_starttag(self, tag, attrs):
-        self.opened.append((tag, dict(attrs)))
-
-    def handle_data(self, data):
-        self.words.append(data)
 
 
 def test_needs_no_network():
