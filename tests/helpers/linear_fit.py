@@ -69,6 +69,7 @@ class LinearProblem(Problem):
         effects: Iterable[str] = (),
         start: Mapping[str, float] | None = None,
         *,
+        patient: bool = False,
         hops: bool = False,
         most_steps: int = 0,
     ) -> Fit:

@@ -9,8 +9,9 @@ from reference import static_tests
 from reference.oil import Oil, walther
 from reference.valve import Rows, Valve
 
+from thermohyd.identify.fitting.parameters import OF_THE_EDGES
 from thermohyd.identify.sensitivity.curves import curve_slopes
-from thermohyd.identify.sensitivity.factors import IDENTIFIED, factors_of
+from thermohyd.identify.sensitivity.factors import factors_of
 from thermohyd.identify.sensitivity.next_test import (
     Measurements,
     ReadingNoise,
@@ -30,7 +31,7 @@ from thermohyd.identify.sensitivity.varied import valve_of_model
 
 MODEL = seed_model()
 NOISE = {"leakage": 1e-9, "pressure_gain": 2e4, "flow_gain": 5e-7}
-STEPS = dict(zip(IDENTIFIED, (1e-10, 1e-11, 1e-10, 1e-5, 1e-3, 1e-10), strict=True))
+STEPS = dict(zip(OF_THE_EDGES, (1e-10, 1e-11, 1e-10, 1e-5, 1e-3, 1e-10), strict=True))
 
 
 @pytest.fixture(scope="module")
@@ -54,13 +55,13 @@ def test_fisher_information_is_that_of_the_reference_simulator(study):
     assert len(keep) == 3 * 21
     part = m.at(keep)
     oil = Oil(*walther([[-40.0, 4000.0], [70.0, 30.0]]))
-    columns = np.zeros((len(keep), len(IDENTIFIED)))
-    nominal = {name: MODEL.parameters[name] for name in IDENTIFIED}
+    columns = np.zeros((len(keep), len(OF_THE_EDGES)))
+    nominal = {name: MODEL.parameters[name] for name in OF_THE_EDGES}
     for test, std in NOISE.items():
         rows = np.flatnonzero(part.test == test)
         ones = np.ones(len(rows))
         bench = Rows(part.position[rows], 70e5 * ones, 0.0 * ones, 313.15 * ones, direction=ones)
-        for i, name in enumerate(IDENTIFIED):
+        for i, name in enumerate(OF_THE_EDGES):
             readings = [
                 static_tests.TESTS[test](Valve(12e-3, **{**nominal, name: nominal[name] + d}), oil, bench)
                 for d in (STEPS[name], -STEPS[name])
