@@ -1,6 +1,7 @@
-"""A logger's CSV file as lines: decoded, comments set aside, separator found, line numbers kept.
+"""Read a logger's CSV file: decoded, comments set aside, separator found, every line with its number; then its cells as a table.
 
-The lines of a CSV file as a table: split fast where nothing is quoted; rows of another length are set aside.
+Lines are split fast where nothing is quoted. Rows with another number of cells than there are headers
+are set aside as bad rows. Line numbers count comments, so that a message names the line that an editor shows.
 """
 
 import csv

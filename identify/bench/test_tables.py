@@ -1,8 +1,7 @@
-"""The `[tests.<name>]` tables of a bench.toml: which file, what noise, and which kind of quantity each column holds.
+"""Read the `[tests.<name>]` tables of a bench.toml (file, columns, noise) and its `[actuator]` table.
 
-The `noise` of a test in bench.toml: what the user knows of its readings' scatter.
-
-The `[actuator]` table: the jack, its load and its loop, with the defaults that docs/bench_format.md section 2.5 states.
+A test's table says where its rows are, of which kind each column is, and what the user knows of the scatter of its readings.
+The actuator's table holds the jack, its load and its loop, with the defaults that docs/bench_format.md section 2.5 states.
 """
 
 import re
