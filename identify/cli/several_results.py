@@ -1,9 +1,4 @@
-"""Several fits in a terminal: one line for each record, and what the command has to confess at its end.
-
-Several diagnoses in a terminal: one line for each record.
-
-What a `diagnose` of one or several records has to confess at its end.
-"""
+"""Print several fits or diagnoses in a terminal, one line or column for each record, and what the command must own up to at its end."""
 
 from collections.abc import Mapping
 from typing import Any
