@@ -1,4 +1,4 @@
-"""The fit: parameters of a valve from its bench record, with error bars that allow for what the noise really is."""
+"""Fit the parameters of a record's valve and actuator to all its tests, with error bars that allow for correlated noise."""
 
 import time
 from collections.abc import Callable, Mapping

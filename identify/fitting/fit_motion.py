@@ -1,4 +1,4 @@
-"""Fits of a record with dynamic tests: the parameters of motion first, then everything together with the static tests."""
+"""Fit a record with dynamic tests: first the parameters of motion alone, then everything together with the static tests."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace

@@ -1,6 +1,6 @@
-"""How well the fitted valve meets each test, and where it misses worst: in plain words with figures. NumPy only.
+"""Say how well the fitted model meets each test, and where it misses worst: one verdict, then a sentence per channel. NumPy only.
 
-What a fit of motion says first: does the actuator meet its tests, and if not, in which channel and when. NumPy only.
+Static tests are judged over position, direction and temperature; dynamic ones over time.
 """
 
 from collections.abc import Mapping

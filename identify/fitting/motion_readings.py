@@ -1,12 +1,8 @@
 """A record's dynamic tests as one function of named parameters and amounts: readings and derivatives at its rows.
 
-Residuals and their columns from a simulator's readings: weighted, masked, whitened if need be, priors last.
-
-Step tests with derivatives: the runs of a record in one program, its readings and their slopes in a vector of names.
-
-Frequency tests with derivatives: the small-signal response at each operating point, by forward mode.
-
-A record's valve and actuator as the simulator's modules, with some of their parameters and effects as a vector.
+The valve and the actuator are built from a vector of parameters and effects. The runs of step tests are integrated with their
+derivatives in one program; frequency tests are the small-signal response at each operating point, by forward mode. Readings
+then become residuals and columns: weighted, masked, whitened where the noise correlates.
 """
 
 from collections.abc import Callable, Mapping

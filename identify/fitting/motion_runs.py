@@ -1,4 +1,4 @@
-"""The runs of a dynamic test as inputs of the simulator: stacked and padded."""
+"""Turn the runs of a dynamic test into inputs of the simulator, stacked and padded to one length."""
 
 from dataclasses import dataclass
 

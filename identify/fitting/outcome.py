@@ -1,6 +1,6 @@
-"""From the end of a solve to a `FitResult`: error bars, channels beside the model, identifiability and the verdict.
+"""Turn the end of a solve into a `FitResult`: error bars, readings beside the model, identifiability and the verdict.
 
-A fit before it is put into words: what was fitted, with which noise, and where the solver ended.
+`Fitted` is what a fit hands over: what was fitted, with which noise, and where the solver ended.
 """
 
 from collections.abc import Mapping

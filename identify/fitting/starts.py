@@ -1,11 +1,11 @@
-"""Where the hydraulic null lies, read off the curves: a start that spares the fit a search for it. NumPy only.
+"""Where a fit starts: the hydraulic null and the wiring read off the curves, and basin hopping out of local minima. NumPy only.
 
-Out of the wrong valley: an edge that closes exactly at a measured position makes a kink, and between kinks lie local minima.
+A load pressure or flow that falls as the spool opens is read with its sign turned. The null is where a curve crosses zero or
+peaks, which spares the fit a search for it.
 
-Where an opening passes zero the overlapped land starts at once, so every row near null puts a kink into the chi-square
-as a function of the underlap. A search that slid into a valley between two kinks is set down on the other side of them.
-
-Which way round a channel was wired: a load pressure or flow that falls as the spool opens is read with its sign turned.
+Local minima come from kinks: where an opening passes zero the overlapped land starts at once, so every row near null puts a
+kink into the chi-square as a function of the underlap. A search that slid into a valley between two kinks is set down on the
+other side of them.
 """
 
 from collections.abc import Callable

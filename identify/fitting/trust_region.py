@@ -5,16 +5,13 @@ on small steps only. What a fit of weakly determined parameters needs instead: a
 variables, so that the weak directions take full Gauss-Newton steps at once; bounds that are reached exactly and left
 again when the gradient says so; an end that is judged by orthogonality of residual and Jacobian.
 
-Moré, "The Levenberg-Marquardt algorithm: implementation and theory", 1978 (scaling, trust region, update rules).
+Each linearisation is kept as the triangle of a QR of [J r], by modified Gram-Schmidt without LAPACK; from it come the damped
+step, the step inside the box and the full Gauss-Newton step.
+
+Moré, "The Levenberg-Marquardt algorithm: implementation and theory", 1978 (scaling, trust region, damping, update rules).
 Bates and Watts, "A relative offset orthogonality convergence criterion for nonlinear least squares",
 Technometrics 23, 1981.
-
-One linearisation of a least-squares problem, and the steps it offers: damped, inside a box, full Gauss-Newton.
-
 Björck, "Solving linear least squares problems by Gram-Schmidt orthogonalization", BIT 7, 1967: of [J r] it is stable.
-Moré, "The Levenberg-Marquardt algorithm: implementation and theory", 1978, for the damping.
-
-QR of a tall Jacobian without LAPACK.
 """
 
 from collections.abc import Callable

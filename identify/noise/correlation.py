@@ -1,9 +1,9 @@
-"""How the noise of neighbouring readings hangs together, from residuals along the sweeps, and what that does to error bars.
+"""How the noise of neighbouring readings correlates, estimated from residuals along the sweeps, and what that does to error bars.
 
-The memory of noise of which only what a projection leaves is seen: moments of the rest against their expectation.
-
-A projection takes mostly slow parts, so what is left of white noise is correlated negatively, and of noise with a long
-memory hardly anything is left. Both are known exactly: with r = (I - P) e and cov(e) = R, cov(r) = (I - P) R (I - P).
+Two estimates. `noise_correlation` fits AR(1) plus white noise to the autocorrelation of a fit's residuals. `ProjectedNoise` does
+so where only what a projection leaves of the noise is seen: moments of the rest against their expectation. A projection takes
+mostly slow parts, so what is left of white noise is correlated negatively, and of noise with a long memory hardly anything is
+left. Both are known exactly: with r = (I - P) e and cov(e) = R, cov(r) = (I - P) R (I - P).
 """
 
 from dataclasses import dataclass

@@ -1,10 +1,8 @@
-"""How noisy are the readings, measured on the record itself and free of any valve model? Plain NumPy.
+"""The standard deviation of each channel's readings, before any fit and after one. NumPy only, free of any valve model.
 
-Repeated sweeps are best, then a log's own scatter (`log_noise`), then third differences of neighbouring rows.
-
-Which noise a fit believes for each channel: declared, measured on the log or on repeats, or taken from its residuals.
-
-How noisy a dynamic test's readings are before any fit: declared, from repeated runs, or from neighbours in time.
+Of static and of dynamic tests alike it is, in this order: declared by the user or measured on a raw log; taken from the
+differences between repeated sweeps or runs; guessed from third differences of neighbouring rows, which are blind to any
+parabola, until the fit's own residuals replace the guess (`reweighted`).
 """
 
 from dataclasses import dataclass, replace

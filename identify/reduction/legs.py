@@ -1,4 +1,8 @@
-"""Where does the sweep of a test turn, step or stand still? Legs of one direction at one set of conditions. Plain NumPy."""
+"""Cut a test's rows into monotone pieces: one run, one direction of the sweep, one set of conditions. NumPy only.
+
+A piece ends where the sweep turns or where a condition steps. On a raw log the turning points are those of the smoothed
+position, so that neither dither nor rounding makes one.
+"""
 
 from collections.abc import Iterator
 

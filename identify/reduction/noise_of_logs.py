@@ -1,4 +1,4 @@
-"""How noisy are the rows of a raw log about a smooth curve, and how long does that noise last? Plain NumPy.
+"""Estimate the scatter of a raw log's rows about a smooth curve, and how long that noise lasts. NumPy only.
 
 Third differences along the log are blind to any parabola, so that neither slope nor bend of the curve counts as noise.
 Rows are independent unless the log says clearly otherwise: then the mean of n of them is known to 1/sqrt(n) of one,

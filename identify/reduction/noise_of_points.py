@@ -1,4 +1,4 @@
-"""How well is the mean of a bin of log rows known? Scatter, correlation, rounding of reading and position, in one figure. NumPy."""
+"""The standard error of the mean of a bin of log rows, from scatter, correlation, and rounding of reading and position. NumPy only."""
 
 from dataclasses import dataclass
 

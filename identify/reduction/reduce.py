@@ -1,14 +1,11 @@
-"""Turn a raw log of tens of thousands of rows into a few hundred points with honest noise. Plain NumPy.
+"""Reduce a raw log of tens of thousands of rows to a few hundred points with honest noise. NumPy only.
 
-Bins are stretches of neighbouring rows, so that dither and rounding of the position blur nothing, within one run, one
-leg of the sweep and one set of conditions. A point is the mean of its rows, and is compared with the model's mean over
-the same rows: `Nodes` say where to evaluate it. Nothing is assumed about the curve inside a bin.
+Bins are stretches of neighbouring rows, so that dither and rounding of the position blur nothing, within one run, one monotone
+piece of the sweep and one set of conditions; narrow where the curve is steep or bends, wide where it rests. A point is the mean
+of its rows, and is compared with the model's mean over the same rows: `Nodes` say where to evaluate it. Nothing is assumed
+about the curve inside a bin.
 
-Which rows of a raw log go into one point? Narrow bins where the curve is steep or bends, wide ones where it rests. Plain NumPy.
-
-Where was the spool, how fast and which way, at each row of a raw log? The smooth sweep behind dither and rounding. Plain NumPy.
-
-A fit sees a log through bins of this sweep (`reduction`); a prediction row by row needs the sweep itself: from one dithered
+A prediction row by row needs the sweep itself (`smooth_sweep`): where the spool was, how fast and which way. From one dithered
 row to the next the position steps back and forth, and effects of direction and rate would follow every step.
 """
 

@@ -1,4 +1,4 @@
-"""How coarsely did the log round its readings, and how far may a rounded reading be believed? Plain NumPy.
+"""Find the step to which a log rounded its readings, and how far a rounded reading may be believed. NumPy only.
 
 A logger writes readings on a grid whose step may change with the range (four digits, say), and a later unit
 conversion hides the decimals. The grid is therefore looked for in the values themselves: neighbouring distinct values

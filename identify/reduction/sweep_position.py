@@ -1,4 +1,4 @@
-"""Where was the spool when the log wrote a rounded, dithered position? A smooth sweep, read off the rows around. Plain NumPy."""
+"""Recover the smooth sweep behind a log's rounded, dithered position, by straight lines through the rows around. NumPy only."""
 
 from dataclasses import dataclass
 
