@@ -1,6 +1,7 @@
-"""A record opened for diagnosis: its plain fit, its noise, and the ideal valve fitted with that noise.
+"""Prepare a record for diagnosis: fit the ideal valve, measure the noise, fit again by generalised least squares; then search.
 
-Which effects are missing, judged by rows that are not held out.
+A `Case` holds the plain fit, the noise and the ideal valve fitted with it. `choose` runs the forward selection of effects on the
+rows that are not held out (docs/diagnosis.md sections 1 and 9).
 """
 
 from collections.abc import Callable

@@ -1,6 +1,7 @@
-"""From the final model to a `DiagnosisResult`: verdict, figures on rows held out, and words.
+"""Turn the final model of a diagnosis into a `DiagnosisResult`: verdict, figures on held-out rows, parameter shifts, next test.
 
-A `FitResult` of a diagnosis's fit: the plain fit's words and figures, with effects among the parameters.
+Before and after are each reported as a plain fit is (`result_of`), with the amounts of effects among the parameters and error
+bars by generalised least squares.
 """
 
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""The whole diagnosis of one record: fit, find where, name, confirm on rows held out, say what remains.
+"""Diagnose one record: fit, find where it misses, name missing effects, confirm on held-out rows, say what remains.
 
 Static tests are searched first, then the dynamic ones with what the static ones gave held: a search over both libraries at
 once would integrate every run with the columns of effects that no run can show. What both searches found is then fitted to

@@ -1,6 +1,8 @@
-"""The final model: what was chosen, refitted to all rows, its rivals, and whether it leaves a misfit.
+"""Refit the chosen effects to all rows, settle their rivals, test what is left, and judge the model on held-out rows.
 
-Does the gap close on rows that took no part, and would another effect in the named one's place have done as well?
+Two judgements use rows that took no part in the choice: how far the gap closes there, and how far it would with another effect
+in the named one's place (the exchange test). While a misfit of unknown cause remains, effects that close too little of the gap
+are dropped again.
 """
 
 from collections.abc import Callable

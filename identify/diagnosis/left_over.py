@@ -1,12 +1,10 @@
-"""Smooth curves over a record's conditions: what a misfit of no known cause would look like, and a test for it.
+"""Test what a diagnosed model still misses: smooth curves over a record's conditions, by an F test, and what they would mean.
 
-Second tier: which model quantity would have to vary smoothly with which variable for the rest of the gap to close.
-
-A quantity's own column times Legendre polynomials of a variable: after Kristensen, Madsen and Jørgensen (Computers and
-Chemical Engineering 28, 2004), who let suspect parameters drift to see where a model is deficient. Empirical: it says
-where to look, not why.
-
-Add a smooth variation to the model at the user's word: its coefficients fitted together with everything else.
+Three steps. Legendre polynomials over the conditions stand for a misfit of no known cause (`lack_of_fit`). A quantity's own
+column times Legendre polynomials of a variable asks which quantity of the model would have to vary with what for the gap to
+close (`variations_of`): after Kristensen, Madsen and Jørgensen (Computers and Chemical Engineering 28, 2004), who let suspect
+parameters drift to see where a model is deficient. Where the user asks for it, `learn` adds the leading variation to the model
+and fits its coefficients with everything else. All of it is empirical: it says where to look, not why.
 """
 
 from collections.abc import Iterator

@@ -1,7 +1,7 @@
-"""The largest of many correlated scores: its p-value, one-sided where the sign of an effect is known.
+"""The p-value of the largest of many correlated scores, by Westfall and Young's single-step max-T.
 
-Westfall and Young's single-step max-T: the directions of all candidates are known, so the joint law of their scores
-under "no effect" is normal with a known correlation and is simulated, not bounded.
+The directions of all candidates are known, so the joint law of their scores under "no effect" is normal with a known
+correlation and is simulated, not bounded. It is one-sided where the sign of an effect is known.
 """
 
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""How large a record's noise is and how long it remembers: from repeated sweeps, or from what no effect can explain."""
+"""Estimate how large a record's noise is and how it correlates: from repeated sweeps, else from what no effect can explain."""
 
 from dataclasses import dataclass
 

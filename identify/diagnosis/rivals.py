@@ -1,4 +1,4 @@
-"""Effects that could stand in a named one's place: refits, and who fits about as well."""
+"""Find effects that could stand in a named one's place: refit with each of them, and keep those that do about as well."""
 
 from dataclasses import dataclass
 

@@ -1,14 +1,13 @@
-"""Every effect of the library beside a fitted model, by its derivative and by a finite step: score, size, visibility.
+"""Score every effect of the library beside a fitted model by Rao's score test, from its derivative and from a finite step.
 
-Rao's score test projected off what the model already adjusts; see also Sörbom's modification index.
+An effect's signature is the change of the whitened residuals per unit of its amount. It is projected off the columns of what
+the model already adjusts, and the score is the residual's component along what is left; see also Sörbom's modification index.
+What is left also says which amounts this record could show at all, and which effects the parameters absorb.
 
-The library beside the ideal valve: what this record could show, what it shows, and what the parameters swallow.
+The projection is by Gram-Schmidt, never by normal equations; not by LAPACK, whose threads wait for one another where other
+threads run (see `gram_schmidt` in `thermohyd.identify.fitting.trust_region`).
 
-What the free parameters leave of a signature: least-squares projection by orthogonal columns, never normal equations.
-
-Gram-Schmidt and not LAPACK, whose threads wait for one another where other threads run (see `orthogonal`).
-
-What reading the pressure of each port, and not only their difference, would tell of two rivals.
+Also here: how far apart two rivals would lie if the pressure of each port were read, and not only their difference.
 """
 
 from collections.abc import Iterable, Mapping

@@ -1,4 +1,4 @@
-"""Which effects are missing: score tests over the library, refits of the leading singles and pairs, and when to stop."""
+"""Choose the missing effects by forward selection: score tests over the library, then refits of the leading singles and pairs."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
