@@ -1,4 +1,4 @@
-"""Which rows of a record lie outside what a model was fitted to, beyond the stroke, or beyond what is known of the oil? No JAX."""
+"""Which rows of a record lie outside what a model was fitted to, beyond the stroke, or beyond what is known of the oil. No JAX."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
