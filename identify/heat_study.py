@@ -1,9 +1,7 @@
-"""From which measurement the share eta of kept heat can be told: test, position, temperature, supply pressure.
+"""From which measurement the share eta of kept heat can be told: standard error of eta by test, position, temperature, supply pressure.
 
-Fisher information: a sweep says of eta what its readings change per unit of it, in units of their noise, less what the six
-geometric parameters could imitate.
-
-What the wall takes of the heat, and from which measurement that can be told: two figures.
+By Fisher information: a sweep says of eta what its readings change per unit of it, in units of their noise, less what the six
+geometric parameters could imitate. Two figures: what the wall takes of the heat, and these standard errors.
 """
 
 from collections.abc import Mapping, Sequence

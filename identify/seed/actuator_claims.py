@@ -1,6 +1,6 @@
-"""The seed paper's claims about the actuator (stability, rapidity, accuracy, consumption), computed for an example jack.
+"""The seed paper's claims about the actuator (stability, rapidity, accuracy, consumption), computed for an example jack at null.
 
-The paper's actuator at null over all models, pressures and temperatures of the curves.
+Performance is computed once over all models, pressures and temperatures of the curves; each claim reads its figure there.
 """
 
 from dataclasses import fields, replace

@@ -1,4 +1,4 @@
-"""The whole reproduction of the seed paper: curves, macro-models and claims, in one call."""
+"""Reproduce the seed paper in one call: curves, Eq. 6 macro-models and claims."""
 
 import time
 from collections.abc import Callable

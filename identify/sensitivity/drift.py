@@ -1,6 +1,6 @@
-"""How the figures of a valve drift with temperature, and which law of the oil or clearance is to blame for how much.
+"""How the figures of a valve and of its actuator drift with temperature, and which law of oil or clearance causes how much of it.
 
-How an actuator's performance drifts with temperature, and what of it is the oil's viscosity, density, stiffness or heat.
+The laws are the oil's viscosity, density, stiffness and heat, and the thermal growth of the clearance; the parts add up to the drift.
 """
 
 from dataclasses import dataclass, fields

@@ -1,4 +1,4 @@
-"""What can vary in a study: the fourteen factors, their tolerances, and how a valve and its conditions follow them. No JAX."""
+"""The factors that can vary in a study, their tolerances and steps. No JAX."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

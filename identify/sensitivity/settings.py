@@ -1,4 +1,4 @@
-"""What a user may say about a study in a TOML file: conditions, tolerances, noise. Every key is optional."""
+"""Read the TOML file of a study's settings: conditions, tolerances, noise, actuator. Every key is optional."""
 
 from dataclasses import dataclass, field
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What a sweep was asked for on the command line: temperatures, step, pressures, gain; checked before JAX starts."""
+"""What a servo study was asked for on the command line: temperatures, step, pressures, gain; checked before JAX starts."""
 
 import re
 from dataclasses import dataclass

@@ -1,6 +1,6 @@
-"""The whole sweep in one call: step responses, margins with their drift, and the linear formulas beside them.
+"""Compute a servo study in one call: step responses over temperature, margins with their drift, linear formulas; and its tables.
 
-The tables of a sweep, shared by terminal and page. Bench units.
+The tables are in bench units and shared by terminal and page.
 """
 
 import time

@@ -1,4 +1,4 @@
-"""Whose loop a sweep is about: valve, jack and conditions, of a record, a model.json or the seed paper."""
+"""Whose position loop a servo study is about: valve, jack and conditions, of a record, a model.json or the seed paper."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
