@@ -1,9 +1,8 @@
-"""Port balances that lines or a path between the ports tie together: closed and connected use ports (docs/physics.md section 5).
+"""Balances of ports that lines or a path between them tie together: closed, connected and loaded use ports (docs/physics.md section 5).
 
 Lines between the gauges and the edges add two unknowns per row, the pressures that the edges see; they are counted as
-shares of the gauges' difference. The pressures *inside* come back as conditions beside the ports.
-
-The balance under an imposed load pressure when lines or a path between the ports tie it together (load-flow test).
+shares of the gauges' difference. The pressures *inside* come back as conditions beside the ports. Under an imposed load
+pressure the temperatures of the ports are unknowns too where the oil keeps heat.
 """
 
 from collections.abc import Callable

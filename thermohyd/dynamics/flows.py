@@ -1,10 +1,9 @@
-"""Flows into and out of the chambers at any pressures, with the heat that comes with them (docs/physics.md section 9.2).
+"""Flows into and out of the chambers at any pressures, and how fast they change the chambers (docs/physics.md sections 9.2 and 9.3).
 
 Arrays have the ports A, B along their last axis, and along the one before it the edges from the supply and to the return.
 The edge law is that of the static tests; here a drop may have either sign, and the oil is that of the side which the flow
-leaves. What comes back from the return is at T_s.
-
-Mass and energy of the two chambers: how fast their pressures and temperatures change (docs/physics.md section 9.3).
+leaves. What comes back from the return is at T_s. Mass and energy of each chamber then give its pressure's and its temperature's
+rate of change.
 """
 
 import math

@@ -1,11 +1,9 @@
-"""One function for many scenarios at once, so that a processor's vectors fill with scenarios.
+"""Rodas5P for a batch of scenarios, arranged so that a processor's vectors fill with scenarios.
 
 `jax.vmap` puts the scenarios into the first axis of small arrays, (scenarios, 2, 2) say: XLA's loops then run over an axis
 of two, and every `stack` in the function becomes a branch inside them. Here the function's program (a jaxpr) is read as it
 is for one scenario, and each number in it becomes one vector over scenarios. Arrays of such vectors are kept by Python:
 shaping, slicing and stacking them costs nothing at run time, and what is known to be zero (most of a Jacobian) is left out.
-
-Rodas5P for many scenarios at once: the same step, arranged so that a processor's vectors fill with scenarios.
 
 XLA would compute a value again in every place that reads it, unless it is hard to compute. What several places read is
 therefore passed into the branch of a condition that always holds: what enters a branch is stored.

@@ -1,6 +1,6 @@
-"""Frequency response of small motions: the vector field itself, linearised about the first row's equilibrium.
+"""Frequency response and loop margins of small motions, from the vector field linearised about the first row's equilibrium.
 
-The position loop broken at its feedback: margins, bandwidth and peak, differentiable, from the linearised vector field.
+The position loop is broken at its feedback: margins, bandwidth and peak are differentiable.
 """
 
 import re

@@ -1,7 +1,4 @@
-"""A step test of an actuator: readings at a record's rows (docs/physics.md section 9).
-
-What a step response is judged by: rise, settling, overshoot. Plain NumPy on readings.
-"""
+"""Simulate a step test of an actuator, readings at a record's rows (docs/physics.md section 9), and measure rise, settling, overshoot."""
 
 from typing import Any, NamedTuple, cast
 

@@ -1,4 +1,4 @@
-"""Many step tests at once: thousands of scenarios for Monte Carlo studies, tolerances and sweeps."""
+"""Simulate many step tests at once: thousands of scenarios for Monte Carlo studies, tolerances and sweeps."""
 
 import os
 from collections.abc import Callable

@@ -1,6 +1,6 @@
 """The position loop over oil temperature: step responses and margins, each by one compiled program for all temperatures.
 
-How much more a valve passes per opening away from null than at null: what large motions take from a loop's gain margin.
+Also how much more a valve passes per opening away from null than at null: what large motions take from a loop's gain margin.
 """
 
 from collections.abc import Sequence

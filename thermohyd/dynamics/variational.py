@@ -6,9 +6,7 @@ IV.5), at states of the step's dense output. So no second derivative is taken, a
 what does not depend on the direction is found once for all directions. Where the field has a kink its derivatives jump, and
 collocation across would be wrong by the size of the jump: steps are cut at the kinks.
 
-Where the vector field has kinks, at which its derivatives jump; a run's steps cut there.
-
-A run step by step, in blocks: the same steps that `diffrax.diffeqsolve` takes, kept with their dense output.
+The steps are those that `diffrax.diffeqsolve` takes, walked in blocks and kept with their dense output.
 """
 
 from typing import Any

@@ -1,4 +1,4 @@
-"""Every effect by name: what it is, in which unit, between which limits, how large it usually is and where it shows.
+"""The library of effects: name, unit, limits, usual size and where each shows, one entry per effect.
 
 Plain data: importing it imports no JAX, as each entry names its class and imports it on first use. An effect is one class
 in this folder and one entry here; a user's own class stands in any module, and `register_effect` takes its entry. Effects
