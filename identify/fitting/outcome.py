@@ -12,7 +12,7 @@ from scipy.special import stdtrit
 from thermohyd.identify.bench.record import BenchRecord, Channel, TestRecord
 from thermohyd.identify.noise.correlation import NoiseCorrelation, noise_correlation
 from thermohyd.identify.noise.level import ChannelNoise
-from thermohyd.identify.reduction.legs import sweep_ids
+from thermohyd.identify.reduction.monotone_pieces import sweep_ids
 
 from .least_squares import LeastSquaresResult
 from .misfit import verdict, verdict_of_motion

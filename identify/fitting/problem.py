@@ -19,7 +19,7 @@ from thermohyd.identify.model.learned_terms import ABSOLUTE, LearnedTerm, term_v
 from thermohyd.identify.noise.correlation import NoiseCorrelation
 from thermohyd.identify.noise.level import ChannelNoise
 from thermohyd.identify.noise.whitening import whiten_on_host, whitening_of
-from thermohyd.identify.reduction.legs import piece_bounds
+from thermohyd.identify.reduction.monotone_pieces import piece_bounds
 
 from .boxes import Box
 from .least_squares import LeastSquaresResult, solve

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import lfilter
 
-from thermohyd.identify.reduction.legs import piece_bounds
+from thermohyd.identify.reduction.monotone_pieces import piece_bounds
 
 
 MOST_MEMORY = 0.995  # phi: noise that remembers longer is drift, which a sweep cannot tell from the curve

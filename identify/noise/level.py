@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from thermohyd.identify.bench.record import Channel, DynamicTest, TestRecord
-from thermohyd.identify.reduction.legs import log_legs, piece_bounds, sweep_ids
+from thermohyd.identify.reduction.monotone_pieces import monotone_pieces, piece_bounds, sweep_ids
 from thermohyd.identify.reduction.rounding import local_steps
 
 
@@ -91,7 +91,7 @@ def repeat_differences(test: TestRecord, channel: Channel, std: np.ndarray | Non
     if test.rows < LOG_ROWS:
         sweeps, direction = sweep_ids(test), test.direction
     else:
-        sweeps, direction = log_legs(test)  # a log's own directions follow its dither
+        sweeps, direction = monotone_pieces(test)  # a log's own directions follow its dither
     pieces = [slice(*bounds) for bounds in piece_bounds(sweeps) if bounds[1] - bounds[0] >= 3]
     differences: list[np.ndarray] = []
     used: set[int] = set()

@@ -10,7 +10,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from thermohyd.identify.bench.record import Channel, TestRecord
 
-from .legs import piece_bounds, sweep_ids
+from .monotone_pieces import piece_bounds, sweep_ids
 
 
 Values = float | np.ndarray
