@@ -50,7 +50,7 @@ def open_case(record: BenchRecord, say: Progress = lambda _: None) -> Case:
     base = problem.fit(start=start)
     if base.chi2 > FAR * len(base.residual):
         # A valve bent by what it misses: the plain fit's valley need not be the deepest one.
-        other = problem.fit(start={"null_bias": start.get("null_bias", base.values["null_bias"])}, hops=True)
+        other = problem.fit(start={"null_bias": start.get("null_bias", base.values["null_bias"])}, hop_basins=True)
         base = min(base, other, key=lambda fit: fit.chi2)
     return with_noise_around(Case(fitted, problem, repeats, {}, base, {}), base)
 
@@ -59,7 +59,7 @@ def with_noise_around(case: Case, fit: Fit) -> Case:
     """The case with its noise measured beside `fit`, and the ideal valve fitted with it."""
     noise = found_noise(case.problem, fit, case.fitted.noise, case.repeats)
     problem = case.problem.with_noise(noise_of(noise))
-    base = problem.fit(start=case.base.values, hops=True)
+    base = problem.fit(start=case.base.values, hop_basins=True)
     steps = finite_steps(problem, problem.with_all_columns(base), problem.library.names)
     return replace(case, problem=problem, noise=noise, base=base, steps=steps)
 

@@ -70,7 +70,7 @@ def open_motion(
     correlation = {key: r.correlation for key, r in repeats.items() if r is not None}
     problem = problem.with_noise(Noise(problem.noise.std, {**problem.noise.correlation, **correlation}))
     say("the plain model with its null free")
-    base = problem.fit(start=fitted.values, hops=True)
+    base = problem.fit(start=fitted.values, hop_basins=True)
     say("what each effect would do")
     steps = finite_steps(problem, problem.with_all_columns(base), problem.library.names)  # pyright: ignore
     return Case(fitted, problem, repeats, noise, base, steps)

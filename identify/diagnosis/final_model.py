@@ -185,7 +185,7 @@ def final_model(case: Case, found: Found, split: Split, say: Progress = lambda _
         weakest = min(worth, key=lambda name: worth[name])
         if worth[weakest] >= 1.0:
             break
-        fit = problem.fit(without[weakest].effects, without[weakest].values, hops=True)
+        fit = problem.fit(without[weakest].effects, without[weakest].values, hop_basins=True)
         without = {name: problem.fit([n for n in fit.effects if n != name], fit.values) for name in fit.effects}
         left, dropped = lack_of_fit(problem, fit, block), True
     misfit = left.p_value < LEVEL_OF_LEFT_OVER and bool(fit.effects)

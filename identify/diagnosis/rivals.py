@@ -67,7 +67,7 @@ def rivals_of(problem: Problem, final: Fit, name: str, steps: dict, *, scale: fl
             start = {**final.values, s.name: same}
         fit = problem.fit((*others, s.name), start)
         if 0.5 * ALIKE < _more(fit, final, scale) < REACH:
-            fit = problem.fit((*others, s.name), fit.values, hops=True)
+            fit = problem.fit((*others, s.name), fit.values, hop_basins=True)
         if fit.values[s.name] == 0.0 or s.name in fit.active:
             continue
         tried.append(Rival(s.name, name, fit, _more(fit, final, scale)))
@@ -91,7 +91,7 @@ def settle_rivals(problem: Problem, final: Fit, steps: dict, *, scale: float = 1
         best = min((r for rival in rivals.values() for r in rival.tried), key=lambda r: r.chi2_more, default=None)
         if best is None or best.chi2_more >= -BETTER:
             return final, rivals
-        final = problem.fit(best.fit.effects, best.fit.values, hops=True)
+        final = problem.fit(best.fit.effects, best.fit.values, hop_basins=True)
     return final, all_rivals(problem, final, steps, scale)
 
 

@@ -20,7 +20,7 @@ MOST_EFFECTS = 6
 SINGLES, PAIRS = 10, 6  # refits of each step
 FAR = 3.0  # reduced chi-square from which a model counts as bent by what it misses
 EXPLAINED = 1.1  # reduced chi-square of a refit that leaves nothing to look for elsewhere
-HOPPED = 3
+MOST_HOPPING = 3  # refits that go on by basin hopping
 GLANCE = 15  # steps of a refit that only has to show which candidate is worth more
 # A pair must beat the best single effect by this much chi-square beyond the search's own critical value.
 PAIR_PENALTY = 4.0
@@ -117,7 +117,7 @@ def search(
         for name in added:
             own = scores.best(name)
             p_values[name] = min(p_single, p_pair) if own is None else min(scores.p_value(own), p_pair)
-        current = problem.fit(chosen, best.values, hops=True)
+        current = problem.fit(chosen, best.values, hop_basins=True)
         current, chosen = prune(problem, current, chosen, scores.critical**2 * max(1.0, needed_beside(current)))
         if frozenset(chosen) in seen:  # what was added replaced what was pruned before: going round in a circle
             break
@@ -135,7 +135,7 @@ def _singles(
     """Refits of the leading candidates, each beside the effects chosen so far.
 
     A model that misses by far has bent its parameters to the misfit: scores beside it say little, and refits that start
-    from it end in local minima. Then every candidate is tried, from the nominal valve too, and the best ones hop.
+    from it end in local minima. Then every candidate is tried, from the nominal valve too, and the best ones go on by basin hopping.
     """
     found = {}
     for s in leading(ranked):
@@ -155,8 +155,8 @@ def _singles(
         fit = problem.fit((*chosen, name), start, most_steps=GLANCE)
         if name not in found or merit(fit) < merit(found[name]):
             found[name] = fit
-    for name in sorted(found, key=lambda n: merit(found[n]))[:HOPPED]:
-        found[name] = problem.fit(found[name].effects, found[name].values, hops=True)
+    for name in sorted(found, key=lambda n: merit(found[n]))[:MOST_HOPPING]:
+        found[name] = problem.fit(found[name].effects, found[name].values, hop_basins=True)
     return found
 
 

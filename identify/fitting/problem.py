@@ -26,7 +26,7 @@ from .least_squares import LeastSquaresResult, solve
 from .library import Library, coupled, library_for, with_heat
 from .library_program import LibraryArgs, RowTerms, library_program, order_of
 from .parameters import IN_MOTION, PARAMETERS, SEEN_IN_MOTION, ParameterPlan
-from .starts import hop
+from .starts import basin_hopping
 from .static_readings import (
     StaticData,
     base_valve,
@@ -54,8 +54,8 @@ CLOSE_IN_MOTION = 1e-2
 SMALL_START = 0.05  # of the effect's scale
 START_WITHIN = 3.0  # times the largest usual amount
 MOST_STEPS, PATIENCE = 40, 5  # a refit that crawls is no candidate; one that is to stay may go on
-# A search starts beside an optimum that has been hopped over already: fewer and shorter hops than a first fit's.
-HOPS, ROUNDS_OF_HOPS = (2.0, 0.7), 2
+# A search starts beside an optimum that basin hopping has been through: fewer and shorter moves [um] than a first fit's.
+MOVES, ROUNDS_OF_MOVES = (2.0, 0.7), 2
 
 
 @dataclass(frozen=True)
@@ -352,12 +352,12 @@ class Problem:
         start: Mapping[str, float] | None = None,
         *,
         patient: bool = False,
-        hops: bool = False,
+        hop_basins: bool = False,
         most_steps: int = MOST_STEPS,
     ) -> Fit:
         """Fit the free parameters and the amounts of `effects`, from `start` (missing entries: nominal, neutral).
 
-        patient: goes on where it crawls, for a fit that is to stay. hops: patient, and over the kinks of the underlap.
+        patient: goes on where it crawls, for a fit that is to stay. hop_basins: patient, and over the kinks of the underlap.
         """
         chosen = tuple(name for name in self.library.names if name in set(effects))
         programs = [part.program(chosen) for part in self.readings]
@@ -373,12 +373,12 @@ class Problem:
             )
 
         best = from_point(np.array(begin))
-        for _ in range(PATIENCE if patient or hops else 0):
+        for _ in range(PATIENCE if patient or hop_basins else 0):
             if best.converged or best.exhausted:
                 break
             best = from_point(best.p)
-        if hops:
-            best = hop(best, order, from_point, hops=HOPS, rounds=ROUNDS_OF_HOPS)
+        if hop_basins:
+            best = basin_hopping(best, order, from_point, moves=MOVES, rounds=ROUNDS_OF_MOVES)
         return self._result(chosen, order, free, best)
 
     def evaluate(self, values: Mapping[str, float], effects: Iterable[str] = ()) -> Fit:

@@ -19,7 +19,7 @@ from .least_squares import LeastSquaresResult
 HOLDS = 0.25
 MOST_STEPS, GROWTH = 14, 1.7
 REFINEMENTS, CLOSE = 5, 0.03  # of the bracket that holds an end; of the rise asked for
-HOPS = (1.0e-6, 4.0e-6)  # m of underlap, over the kinks that hold a search back
+MOVES = (1.0e-6, 4.0e-6)  # m of underlap, over the kinks that hold a search back
 LOWER = 1e-3  # fall of chi-square that makes another optimum
 
 # solve(start, {index: value}) -> the fit with these parameters held there.
@@ -143,8 +143,8 @@ class _Walk:
         if found.cost - self.best.cost < self.rise or "underlap" not in names or names[self.i] == "underlap":
             return found
         u = names.index("underlap")
-        for hop in HOPS:
-            for way in (hop, -hop):
+        for move in MOVES:
+            for way in (move, -move):
                 other = found.p.copy()
                 other[u] = np.clip(other[u] + way, self.boxes[u].lower, self.boxes[u].upper)
                 tried = self.solve(other, {self.i: value})
