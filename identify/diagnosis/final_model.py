@@ -167,7 +167,7 @@ def final_model(case: Case, found: Found, split: Split, say: Progress = lambda _
     begin = problem.fit(found.effects, found.final.values) if found.effects else None
     whole = search(problem, base, case.steps, begin=begin, level=LEVEL_OF_ALL_ROWS, say=say)
     rows = len(base.residual) - len(problem.plans)
-    freedom = max(rows - len(base.free), 1)
+    degrees_of_freedom = max(rows - len(base.free), 1)
     scale = lambda fit: max(fit.chi2 / max(rows - len(fit.free), 1), 1.0)
     fit, rivals = settle_rivals(problem, whole.final, case.steps, scale=scale(whole.final))
 
@@ -175,7 +175,7 @@ def final_model(case: Case, found: Found, split: Split, say: Progress = lambda _
     base = min([base, *(r.without for r in rivals.values() if not r.without.effects)], key=lambda f: f.chi2)
     say("looking at what is left")
     block = smooth_block(problem, len(base.residual))
-    excess = base.chi2 - freedom
+    excess = base.chi2 - degrees_of_freedom
     left = lack_of_fit(problem, fit, block)
     dropped = False
     without = {name: rival.without for name, rival in rivals.items()}
@@ -195,7 +195,7 @@ def final_model(case: Case, found: Found, split: Split, say: Progress = lambda _
         fit, rivals = settle_rivals(problem, fit, case.steps, scale=scale(fit))
         left = lack_of_fit(problem, fit, block)
     known = all(n.known for n in case.noise.values())
-    rough = known and scale(fit) > MISFIT and (scale(fit) - 1.0) * np.sqrt(freedom / 2.0) > MISFIT_SCORE
+    rough = known and scale(fit) > MISFIT and (scale(fit) - 1.0) * np.sqrt(degrees_of_freedom / 2.0) > MISFIT_SCORE
     p_values = {**whole.p_values, **found.p_values}
     worst = max(p_values.values(), default=1.0)  # of one that took a rival's place
     return FinalModel(

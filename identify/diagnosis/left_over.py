@@ -104,7 +104,7 @@ class LackOfFit:
 
     p_value: float
     chi2: float  # that the curves would take off
-    freedom: int
+    degrees_of_freedom: int
 
 
 def lack_of_fit(problem: Problem, fit: Fit, block: np.ndarray, scale: float = 1.0) -> LackOfFit:
@@ -115,11 +115,11 @@ def lack_of_fit(problem: Problem, fit: Fit, block: np.ndarray, scale: float = 1.
     more = Projection.beside(base(block[used]))
     taken = float(np.sum((more.q.T @ residual) ** 2))
     rest = float(np.sum(residual**2)) - taken
-    freedom = len(residual) - base.rank - more.rank
-    if more.rank == 0 or freedom < 10:
+    degrees_of_freedom = len(residual) - base.rank - more.rank
+    if more.rank == 0 or degrees_of_freedom < 10:
         return LackOfFit(1.0, taken, more.rank)
-    noise = max(rest / freedom, scale**2 * 0.5)
-    return LackOfFit(float(fdtrc(more.rank, freedom, taken / more.rank / noise)), taken, more.rank)
+    noise = max(rest / degrees_of_freedom, scale**2 * 0.5)
+    return LackOfFit(float(fdtrc(more.rank, degrees_of_freedom, taken / more.rank / noise)), taken, more.rank)
 
 
 QUANTITIES = (

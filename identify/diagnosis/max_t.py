@@ -55,9 +55,9 @@ class MaxT:
         return float(self.draws[min(max(place, 0), len(self.draws) - 1)])
 
 
-def normal_score(t: float, freedom: float) -> float:
+def normal_score(t: float, degrees_of_freedom: float) -> float:
     """The normal score as rare as Student's t of some degrees of freedom: noise that was estimated is not known."""
-    if not np.isfinite(freedom) or freedom > 1e4:
+    if not np.isfinite(degrees_of_freedom) or degrees_of_freedom > 1e4:
         return t
-    tail = float(stdtr(freedom, -abs(t)))
+    tail = float(stdtr(degrees_of_freedom, -abs(t)))
     return float(np.sign(t) * (-ndtri(max(tail, 1e-300))))

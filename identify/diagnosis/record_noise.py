@@ -83,29 +83,29 @@ def found_noise(
     projected = ProjectedNoise(saturated.q, stretches)
     found = {}
     for key, rows in where.items():
-        freedom = max(projected.freedom(rows), 1.0)
-        variance = float(np.sum(rest[rows] ** 2)) / freedom
-        size = variance if _excessive(variance, freedom) else 1.0
+        degrees_of_freedom = max(projected.degrees_of_freedom(rows), 1.0)
+        variance = float(np.sum(rest[rows] ** 2)) / degrees_of_freedom
+        size = variance if _excessive(variance, degrees_of_freedom) else 1.0
         left = projected.remembered(rest, rows, size if stated[key].known else None)
-        found[key] = _channel(stated[key], repeats[key], variance, freedom, left)
+        found[key] = _channel(stated[key], repeats[key], variance, degrees_of_freedom, left)
     return found
 
 
-def _excessive(variance: float, freedom: float) -> bool:
+def _excessive(variance: float, degrees_of_freedom: float) -> bool:
     """Whether readings scatter by more than the stated noise, whose variance is 1."""
-    return variance > max(EXCESS, float(chdtri(freedom, CHANCE)) / freedom)
+    return variance > max(EXCESS, float(chdtri(degrees_of_freedom, CHANCE)) / degrees_of_freedom)
 
 
 def _channel(
     stated: ChannelNoise,
     repeats: Repeats | None,
     variance: float,
-    freedom: float,
+    degrees_of_freedom: float,
     left: Remembered,
 ) -> NoiseFound:
     if repeats is not None:
         correlation, source = repeats.correlation, f"differences between repeated sweeps ({repeats.rows} pairs of rows)"
-        variance, freedom = repeats.variance, float(repeats.rows)
+        variance, degrees_of_freedom = repeats.variance, float(repeats.rows)
     else:
         correlation, source = left.correlation, "what neither effects nor smooth curves explain"
     if not stated.known:
@@ -113,7 +113,7 @@ def _channel(
         return NoiseFound(stated.std * np.sqrt(size), correlation, source, source, repeats is not None)
     warning = ""
     std = stated.std
-    if _excessive(variance, freedom):
+    if _excessive(variance, degrees_of_freedom):
         std = stated.std * np.sqrt(variance)
         what = "repeated sweeps differ" if repeats is not None else "the readings scatter beyond any smooth curve"
         warning = f"{what} by {np.sqrt(variance):.2f} times the stated noise; tests allow for that"

@@ -137,7 +137,7 @@ def screen(
     steps: dict[str, np.ndarray],
     *,
     level: float,
-    freedom: float = np.inf,
+    degrees_of_freedom: float = np.inf,
     scale: float = 1.0,
 ) -> Screen:
     """Score the named effects beside `fit`. steps: finite-step signatures per unit amount, {name: (rows,)}.
@@ -163,7 +163,7 @@ def screen(
             unit = left / size
             if mine and abs(float(unit @ mine[0].direction)) > SAME_DIRECTION:
                 continue
-            score = normal_score(-float(unit @ residual) / scale, freedom)
+            score = normal_score(-float(unit @ residual) / scale, degrees_of_freedom)
             mine.append(Signature(name, unit, size / scale, score, size / length))
         found += mine
     directions = np.stack([s.direction for s in found], axis=1) if found else np.zeros((len(residual), 0))

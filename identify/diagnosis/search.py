@@ -68,8 +68,8 @@ def needed_beside(fit: Fit) -> float:
 
     What nothing explains is systematic: any effect closes a bit of it, the more the larger it is.
     """
-    freedom = max(int(fit.used.sum()) - len(fit.free), 1)
-    return 2.0 * (fit.chi2 / freedom - 1.0)
+    degrees_of_freedom = max(int(fit.used.sum()) - len(fit.free), 1)
+    return 2.0 * (fit.chi2 / degrees_of_freedom - 1.0)
 
 
 def search(
@@ -80,7 +80,7 @@ def search(
     begin: Fit | None = None,
     level: float = LEVEL,
     most: int = MOST_EFFECTS,
-    freedom: float = np.inf,
+    degrees_of_freedom: float = np.inf,
     say: Callable[[str], None] = lambda _: None,
 ) -> Found:
     """Add effects to the ideal valve `base` while the strongest score is beyond what chance gives the whole library.
@@ -93,7 +93,7 @@ def search(
     while True:
         at = problem.with_all_columns(current)
         candidates = [name for name in names if name not in chosen]
-        scores = screen(at, candidates, steps_of, level=level, freedom=freedom)
+        scores = screen(at, candidates, steps_of, level=level, degrees_of_freedom=degrees_of_freedom)
         ranked = scores.ranked
         pairs = best_pairs(scores, ranked)
         p_single = scores.p_value(ranked[0]) if ranked else 1.0

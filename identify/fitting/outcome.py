@@ -101,7 +101,7 @@ def fit_result(
     channels = tuple(_channel_fit(fitted, key, slices[key], known.blocks[key], covariance) for key in slices)
     chi2 = sum(float(np.sum(((c.measured - c.predicted) / _noise(fitted, c).std) ** 2)) for c in channels)
     points = sum(len(c.measured) for c in channels)
-    freedom = float(max(points - len(fitted.free), 1))
+    degrees_of_freedom = float(max(points - len(fitted.free), 1))
     correlation = _correlation(covariance.matrix)
     solution = fitted.solution
     scales = np.array([fitted.plans[name].info.scale for name in fitted.free])
@@ -114,9 +114,9 @@ def fit_result(
         free=fitted.free,
         covariance=covariance.matrix,
         correlation=correlation,
-        reduced_chi2=chi2 / freedom,
+        reduced_chi2=chi2 / degrees_of_freedom,
         chi2=chi2,
-        degrees_of_freedom=freedom,
+        degrees_of_freedom=degrees_of_freedom,
         noise_freedom=_noise_freedom(fitted, points),
         channels=channels,
         identifiability=words,
@@ -150,7 +150,7 @@ def _noise_freedom(fitted: Fitted, points: int) -> float:
     spread = 0.0
     for test in fitted.tests.values():
         for channel in test.channels:
-            spread += (len(channel.value) / points) ** 2 / fitted.noise[test.name, channel.name].freedom
+            spread += (len(channel.value) / points) ** 2 / fitted.noise[test.name, channel.name].degrees_of_freedom
     return 1.0 / spread if spread > 0.0 else np.inf
 
 
@@ -170,9 +170,9 @@ def _block(fitted: Fitted, key: Key, rows: slice) -> Block:
     sweeps = sweep_ids(test)
     share = len(fitted.free) * len(residual) / max(sum(t.rows * len(t.channels) for t in fitted.tests.values()), 1)
     correlation = noise_correlation(residual, sweeps, share)
-    freedom = max(len(residual) - share, 1.0)
+    degrees_of_freedom = max(len(residual) - share, 1.0)
     # Residuals larger than the noise are the model's misfit: it widens the error bars. Smaller ones are luck.
-    return Block(rows, sweeps, correlation, max(float(np.sum(residual**2)) / freedom, 1.0))
+    return Block(rows, sweeps, correlation, max(float(np.sum(residual**2)) / degrees_of_freedom, 1.0))
 
 
 def _channel_fit(fitted: Fitted, key: Key, rows: slice, block: Block, covariance: Covariance) -> ChannelFit:

@@ -143,7 +143,7 @@ class ProjectedNoise:
                 found[lag] += whole - np.sum(q[early] * a[late]) - np.sum(a[early] * q[late])
         return found
 
-    def freedom(self, rows: slice) -> float:
+    def degrees_of_freedom(self, rows: slice) -> float:
         """Rows less what the projection took of them: the expected sum of r_t^2 of white noise."""
         return float(self.sums(0.0, rows, 0)[0])
 

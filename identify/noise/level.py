@@ -23,7 +23,7 @@ MEDIAN_OF_CHI2 = 0.4549  # one degree of freedom
 class RepeatNoise:
     """Noise from repeated sweeps. `std` of one row (SI); `correlation` of neighbouring rows; `rows` compared; `source` in words.
 
-    freedom: degrees of freedom behind `std`: a row of one sweep is compared with several of the other, which it shares.
+    degrees_of_freedom: of `std`; a row of one sweep is compared with several of the other, which it shares.
     """
 
     std: float
@@ -32,7 +32,7 @@ class RepeatNoise:
     source: str
 
     @property
-    def freedom(self) -> float:
+    def degrees_of_freedom(self) -> float:
         return self.rows / (1.0 + 2.0 * self.correlation**2)
 
 
@@ -212,7 +212,7 @@ class ChannelNoise:
     declared: bool
     # What the fit weighs with: `std`, widened where the model misses the curve by more than its noise.
     used: np.ndarray
-    freedom: float = np.inf  # degrees of freedom from which `std` was estimated
+    degrees_of_freedom: float = np.inf  # degrees of freedom from which `std` was estimated
     neighbours: float | None = None  # scatter of neighbouring rows about a smooth curve, where that says something
 
 
@@ -230,7 +230,7 @@ def initial_noise(test: TestRecord, channel: Channel) -> ChannelNoise:
     repeated = noise_from_repeats(test, channel)
     if repeated is not None:
         std = np.maximum(np.full(test.rows, repeated.std), floor)
-        return ChannelNoise(std, repeated.source, True, False, std, repeated.freedom)
+        return ChannelNoise(std, repeated.source, True, False, std, repeated.degrees_of_freedom)
     found = noise_from_neighbours(test, channel)
     guess = found.std
     smallest = 1e-4 * max(float(np.ptp(channel.value)), float(np.max(np.abs(channel.value))), 1e-300)
@@ -238,8 +238,8 @@ def initial_noise(test: TestRecord, channel: Channel) -> ChannelNoise:
     return ChannelNoise(std, FROM_RESIDUALS, False, False, std, neighbours=guess if found.valid else None)
 
 
-def reweighted(noise: ChannelNoise, misfit: np.ndarray, freedom: float) -> ChannelNoise:
-    """The noise after a fit whose residuals (SI) are `misfit`, of which a share `freedom` (0..1] is left to chance.
+def reweighted(noise: ChannelNoise, misfit: np.ndarray, share_left: float) -> ChannelNoise:
+    """The noise after a fit whose residuals (SI) are `misfit`, of which `share_left` (0..1] is left to chance.
 
     Unknown noise becomes the residuals' own. Known noise stays what it is, but where the model misses the curve the
     weights allow for that miss as one more, equal, error of every point: else a channel with very small noise would
@@ -247,7 +247,7 @@ def reweighted(noise: ChannelNoise, misfit: np.ndarray, freedom: float) -> Chann
     """
     if noise.declared:
         return noise
-    mean_square = float(np.mean(misfit**2)) / freedom
+    mean_square = float(np.mean(misfit**2)) / share_left
     if not noise.known:
         std = np.full_like(noise.std, np.sqrt(mean_square))
         return replace(noise, std=std, used=std)

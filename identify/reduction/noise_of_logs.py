@@ -69,7 +69,7 @@ class RowScatter:
     """Scatter of a log's rows about a smooth curve, as if rows were independent: variance (rows,), and what it was estimated from."""
 
     variance: np.ndarray
-    freedom: float
+    degrees_of_freedom: float
 
 
 def row_scatter(value: np.ndarray, pieces: np.ndarray) -> RowScatter:
@@ -87,9 +87,9 @@ def row_scatter(value: np.ndarray, pieces: np.ndarray) -> RowScatter:
     spread = np.log(positive) - np.log(np.median(positive))
     unequal = float(np.sum(spread**2) / polygamma(1, share / 2.0))
     # One figure's error: that of a median, whose efficiency is 2/pi.
-    freedom = 2.0 / np.pi * share * len(variance)
+    degrees_of_freedom = 2.0 / np.pi * share * len(variance)
     if len(variance) < 2 * AROUND or chdtrc(len(variance), unequal) > UNEQUAL:
-        return RowScatter(np.full(len(value), level), freedom)
+        return RowScatter(np.full(len(value), level), degrees_of_freedom)
     local = np.empty(len(variance))
     for one in np.unique(piece):
         inside = np.flatnonzero(piece == one)
@@ -102,7 +102,7 @@ def row_scatter(value: np.ndarray, pieces: np.ndarray) -> RowScatter:
         inside = piece == pieces[start]
         if inside.any():
             by_row[start:stop] = np.interp(np.arange(start, stop), middle[inside], local[inside])
-    return RowScatter(np.where(by_row > 0.0, by_row, level), freedom)
+    return RowScatter(np.where(by_row > 0.0, by_row, level), degrees_of_freedom)
 
 
 def _stretches(value: np.ndarray, pieces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -120,9 +120,9 @@ def _stretches(value: np.ndarray, pieces: np.ndarray) -> tuple[np.ndarray, np.nd
     return np.concatenate(variance), np.concatenate(middle), np.concatenate(piece)
 
 
-def _median_of_mean(freedom: float) -> float:
+def _median_of_mean(degrees_of_freedom: float) -> float:
     """Median of chi-square over its degrees of freedom (Wilson and Hilferty, PNAS 17, 1931)."""
-    return (1.0 - 2.0 / (9.0 * freedom)) ** 3
+    return (1.0 - 2.0 / (9.0 * degrees_of_freedom)) ** 3
 
 
 def independent_rows(value: np.ndarray, pieces: np.ndarray, scatter: RowScatter, most: int) -> bool:
@@ -159,7 +159,7 @@ def independent_rows(value: np.ndarray, pieces: np.ndarray, scatter: RowScatter,
         if np.mean(np.concatenate(alternating)) > ALTERNATES:
             share = FEW / REDUNDANT
             ratio = float(np.median(found)) / _median_of_mean(share)
-            error = np.sqrt(np.pi / (share * len(found)) + 2.0 / scatter.freedom)
+            error = np.sqrt(np.pi / (share * len(found)) + 2.0 / scatter.degrees_of_freedom)
             if abs(ratio - 1.0) > CLEARLY * error:
                 return False
         size *= 2

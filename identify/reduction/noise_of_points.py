@@ -21,14 +21,14 @@ POOLED_ROWS = 40.0  # a bin of so many rows stands half for itself, half for its
 class Points:
     """The means of one reading over bins, with standard errors; one entry per bin (SI).
 
-    value: mean of the bin's rows; std: standard error of it; freedom: what that was estimated from (infinite: stated).
+    value: mean of the bin's rows; std: standard error of it; degrees_of_freedom: what that was estimated from (infinite: stated).
     step: rounding step of the log; correlation: of the log's rows; row_std: typical scatter of one row; floored:
     where the rounding counts for more than the noise; sharing: how many neighbouring bins stand on one rounded reading.
     """
 
     value: np.ndarray
     std: np.ndarray
-    freedom: float
+    degrees_of_freedom: float
     step: np.ndarray
     correlation: LogCorrelation
     row_std: float
@@ -68,7 +68,7 @@ def points_of(channel: Channel, starts: np.ndarray, pieces: np.ndarray, abscissa
     return Points(
         value=value,
         std=np.maximum(np.sqrt(total), least),
-        freedom=np.inf if channel.std is not None else scatter.freedom,
+        degrees_of_freedom=np.inf if channel.std is not None else scatter.degrees_of_freedom,
         step=step,
         correlation=correlation,
         row_std=float(np.median(typical)) if len(typical) else 0.0,

@@ -198,7 +198,7 @@ def reduce_test(test: TestRecord, *, max_points: int = 600, log_rows: int = LOG_
         notes.append(_noise_note(test, channel, points, rows))
         declared = channel.std is not None
         source = "declared noise of a row, averaged over its bin" if declared else "scatter of the log's rows"
-        channels.append(Channel(channel.name, points.value, points.std, source, points.step, points.freedom))
+        channels.append(Channel(channel.name, points.value, points.std, source, points.step, points.degrees_of_freedom))
     return replace(
         test,
         spool_position=mean(test.spool_position) if held else position,
