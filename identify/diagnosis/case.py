@@ -16,9 +16,9 @@ from thermohyd.identify.fitting.outcome import Fitted, Key
 from thermohyd.identify.fitting.problem import Fit, Problem
 
 from .held_out import Split, split_rows
-from .record_noise import NoiseFound, Repeats, first_noise, found_noise, noise_of, repeats_of
+from .record_noise import NoiseEstimate, Repeats, estimated_noise, first_noise, noise_of, repeats_of
 from .screening import finite_steps
-from .search import FAR, LEVEL, Found, prune, search
+from .search import FAR, LEVEL, Selection, prune, search
 
 
 Progress = Callable[[str], None]
@@ -31,7 +31,7 @@ class Case:
     fitted: Fitted
     problem: Problem
     repeats: dict[Key, Repeats | None]
-    noise: dict[Key, NoiseFound]
+    noise: dict[Key, NoiseEstimate]
     base: Fit
     steps: dict[str, np.ndarray]  # finite-step signatures of every effect beside `base`
 
@@ -57,7 +57,7 @@ def open_case(record: BenchRecord, say: Progress = lambda _: None) -> Case:
 
 def with_noise_around(case: Case, fit: Fit) -> Case:
     """The case with its noise measured beside `fit`, and the ideal valve fitted with it."""
-    noise = found_noise(case.problem, fit, case.fitted.noise, case.repeats)
+    noise = estimated_noise(case.problem, fit, case.fitted.noise, case.repeats)
     problem = case.problem.with_noise(noise_of(noise))
     base = problem.fit(start=case.base.values, hop_basins=True)
     steps = finite_steps(problem, problem.with_all_columns(base), problem.library.names)
@@ -69,8 +69,8 @@ STILL_THERE = 12.0  # chi-square that an effect of the first search must be wort
 LEVEL_OF_CHOICE, LEVEL_OF_ALL_ROWS = 0.6 * LEVEL, 0.4 * LEVEL
 
 
-def choose(case: Case, say: Progress = lambda _: None) -> tuple[Case, Found, Split]:
-    """Search on the rows that are not held out.
+def choose(case: Case, say: Progress = lambda _: None) -> tuple[Case, Selection, Split]:
+    """Choose the missing effects by forward selection on the rows that are not held out.
 
     Twice: noise that no repeats measured is measured again beside the model that the first search found. Noise in motion was
     taken for white so far: it is measured where nothing was found, too.
@@ -84,12 +84,15 @@ def choose(case: Case, say: Progress = lambda _: None) -> tuple[Case, Found, Spl
         begin = None
         if before is not None:
             begin = prune(chosen, chosen.fit(before.effects, before.values), before.effects, STILL_THERE)[0]
-        found = search(chosen, base, case.steps, begin=begin, level=LEVEL_OF_CHOICE, say=say)
-        found = replace(found, p_values={n: {**p_values, **found.p_values}.get(n, 1.0) for n in found.effects})
-        measured = not found.effects and not case.problem.in_motion
+        selection = search(chosen, base, case.steps, begin=begin, level=LEVEL_OF_CHOICE, say=say)
+        selection = replace(
+            selection, p_values={n: {**p_values, **selection.p_values}.get(n, 1.0) for n in selection.effects}
+        )
+        measured = not selection.effects and not case.problem.in_motion
         if last or measured or all(r is not None for r in case.repeats.values()):
-            return case, found, split
-        if found.effects:
-            before, p_values = case.problem.fit(found.effects, found.final.values), found.p_values
+            return case, selection, split
+        if selection.effects:
+            before = case.problem.fit(selection.effects, selection.final.values)
+            p_values = selection.p_values
         case = with_noise_around(case, before or case.base)
     raise AssertionError

@@ -21,7 +21,7 @@ EXCESS, CHANCE = 1.2, 0.01
 
 
 @dataclass(frozen=True)
-class NoiseFound:
+class NoiseEstimate:
     """The noise of one channel: rows' standard deviation (SI), correlation, and where both come from, in words."""
 
     std: np.ndarray
@@ -61,34 +61,34 @@ def first_noise(noise: dict[Key, ChannelNoise]) -> Noise:
     return Noise({key: n.std for key, n in noise.items()}, dict.fromkeys(noise, NoiseCorrelation()))
 
 
-def found_noise(
+def estimated_noise(
     problem: Problem, fit: Fit, stated: dict[Key, ChannelNoise], repeats: dict[Key, Repeats | None]
-) -> dict[Key, NoiseFound]:
-    """The noise that tests around `fit` should believe.
+) -> dict[Key, NoiseEstimate]:
+    """The noise of each channel beside `fit`: repeated sweeps first, else what no effect can explain.
 
     What neither the parameters, nor any effect of the library, nor smooth curves over the conditions explain is noise:
     its size where none is known, its correlation where no repeats measured it. A missing effect thus is not taken for
     noise, as it would be if the residuals of the fit were used.
     """
     plain = problem.with_noise(first_noise(stated))
-    at = plain.with_all_columns(plain.evaluate(fit.values, fit.effects))
-    every = np.isfinite(at.columns).all(axis=0)
-    columns = np.concatenate([at.columns[:, every], smooth_block(plain, len(at.residual))], axis=1)
+    beside = plain.with_all_columns(plain.evaluate(fit.values, fit.effects))
+    every = np.isfinite(beside.columns).all(axis=0)
+    columns = np.concatenate([beside.columns[:, every], smooth_block(plain, len(beside.residual))], axis=1)
     saturated = Projection.beside(columns)
-    rest = saturated(at.residual)
+    rest = saturated(beside.residual)
     where = problem.rows()
     stretches = np.arange(len(rest))  # no two rows of a prior remember each other
     for key, rows in where.items():
         stretches[rows] = len(rest) + len(rest) * rows.start + problem.sweeps(key[0])
     projected = ProjectedNoise(saturated.q, stretches)
-    found = {}
+    noise = {}
     for key, rows in where.items():
         degrees_of_freedom = max(projected.degrees_of_freedom(rows), 1.0)
         variance = float(np.sum(rest[rows] ** 2)) / degrees_of_freedom
         size = variance if _excessive(variance, degrees_of_freedom) else 1.0
         left = projected.remembered(rest, rows, size if stated[key].known else None)
-        found[key] = _channel(stated[key], repeats[key], variance, degrees_of_freedom, left)
-    return found
+        noise[key] = _channel(stated[key], repeats[key], variance, degrees_of_freedom, left)
+    return noise
 
 
 def _excessive(variance: float, degrees_of_freedom: float) -> bool:
@@ -102,7 +102,7 @@ def _channel(
     variance: float,
     degrees_of_freedom: float,
     left: Remembered,
-) -> NoiseFound:
+) -> NoiseEstimate:
     if repeats is not None:
         correlation, source = repeats.correlation, f"differences between repeated sweeps ({repeats.rows} pairs of rows)"
         variance, degrees_of_freedom = repeats.variance, float(repeats.rows)
@@ -110,15 +110,15 @@ def _channel(
         correlation, source = left.correlation, "what neither effects nor smooth curves explain"
     if not stated.known:
         size = variance if repeats is not None else left.variance
-        return NoiseFound(stated.std * np.sqrt(size), correlation, source, source, repeats is not None)
+        return NoiseEstimate(stated.std * np.sqrt(size), correlation, source, source, repeats is not None)
     warning = ""
     std = stated.std
     if _excessive(variance, degrees_of_freedom):
         std = stated.std * np.sqrt(variance)
         what = "repeated sweeps differ" if repeats is not None else "the readings scatter beyond any smooth curve"
         warning = f"{what} by {np.sqrt(variance):.2f} times the stated noise; tests allow for that"
-    return NoiseFound(std, correlation, stated.source, source, True, warning)
+    return NoiseEstimate(std, correlation, stated.source, source, True, warning)
 
 
-def noise_of(found: dict[Key, NoiseFound]) -> Noise:
-    return Noise({key: n.std for key, n in found.items()}, {key: n.correlation for key, n in found.items()})
+def noise_of(estimates: dict[Key, NoiseEstimate]) -> Noise:
+    return Noise({key: n.std for key, n in estimates.items()}, {key: n.correlation for key, n in estimates.items()})

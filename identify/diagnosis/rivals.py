@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from thermohyd.identify.fitting.library import dear
+from thermohyd.identify.fitting.library import expensive_to_compile
 from thermohyd.identify.fitting.problem import Fit, Problem
 
 from .screening import screen
@@ -45,25 +45,34 @@ class Rivals:
 
 
 def rivals_of(problem: Problem, final: Fit, name: str, steps: dict, *, scale: float = 1.0) -> Rivals:
-    """Who else explains what `name` explains, beside the other effects of `final`. scale: of chi-square (1: noise known)."""
+    """Effects that explain what the named one explains, each refitted in its place beside the other effects of `final`.
+
+    scale: of chi-square (1: noise known).
+    """
     others = tuple(n for n in final.effects if n != name)
     without = problem.fit(others, {**final.values, name: 0.0})
     gain = without.chi2 - final.chi2
     candidates = [n for n in problem.library.names if n not in final.effects]
     scores = screen(problem.with_all_columns(without), [*candidates, name], steps, level=LEVEL)
-    own, ranked = scores.best(name), [s for s in scores.ranked if s.name != name]
+    named, ranked = scores.best(name), [s for s in scores.ranked if s.name != name]
     within = gain - max(REACH * scale, RELATIVE_REACH * gain)
-    twin = lambda s: own is not None and abs(float(s.direction @ own.direction)) > SAME_SHAPE
-    worth = sorted([s for s in ranked if s.strength**2 > within or twin(s)], key=lambda s: not twin(s))
-    if len(worth) < 2:
-        worth = ranked[:2]
+    twin = lambda s: named is not None and abs(float(s.direction @ named.direction)) > SAME_SHAPE
+    likely = sorted([s for s in ranked if s.strength**2 > within or twin(s)], key=lambda s: not twin(s))
+    if len(likely) < 2:
+        likely = ranked[:2]
     # Heat beside a coupled effect compiles for long: only where the linear score says that it could be an equal.
-    worth = [s for s in worth if not dear((*others, s.name)) or dear(final.effects) or s.strength**2 > gain - ALIKE]
+    likely = [
+        s
+        for s in likely
+        if not expensive_to_compile((*others, s.name))
+        or expensive_to_compile(final.effects)
+        or s.strength**2 > gain - ALIKE
+    ]
     tried = []
-    for s in worth[:MOST_REFITS]:
+    for s in likely[:MOST_REFITS]:
         start = {**without.values, s.name: s.estimate}
-        if own is not None and twin(s):  # the same curve by another name: start where the named one ended
-            same = final.values[name] * own.size / s.size * float(np.sign(s.direction @ own.direction))
+        if named is not None and twin(s):  # the same curve by another name: start where the named one ended
+            same = final.values[name] * named.size / s.size * float(np.sign(s.direction @ named.direction))
             start = {**final.values, s.name: same}
         fit = problem.fit((*others, s.name), start)
         if 0.5 * ALIKE < _more(fit, final, scale) < REACH:
