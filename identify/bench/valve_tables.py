@@ -174,7 +174,7 @@ class BenchFile:
 
 
 def read_bench_toml(path: Path) -> BenchFile:
-    """Raises BenchInputError with file, line and key."""
+    """Read a bench.toml. Raises BenchInputError with file, line and key."""
     return read_description(TomlSource(path), path.absolute().parent.name)
 
 

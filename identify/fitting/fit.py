@@ -73,7 +73,7 @@ def _asked_for(name: str, plan: ParameterPlan) -> bool:
 
 
 def run_fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | None = None) -> Fitted:
-    """Reduce, start, solve, and settle the noise; everything but the words."""
+    """Fit a record's static tests: reduce raw logs, search from several starts, settle the noise. `fit_result` says it in words."""
     say = progress or (lambda _: None)
     tests: dict[str, TestRecord] = {}
     warnings = list(record.warnings)
@@ -135,11 +135,11 @@ def _with_intervals(fitted: Fitted, progress: Progress | None) -> FitResult:
             break
         say("intervals by profiles of chi-square")
         std = np.sqrt(np.diag(matrix))
-        found = profile_intervals(best, problem.boxes, std, reach**2 * known.inflation, hold, say)
-        if found.better is None:
-            return fit_result(fitted, uncertainty=known, intervals=found.intervals)
+        profiles = profile_intervals(best, problem.boxes, std, reach**2 * known.inflation, hold, say)
+        if profiles.better is None:
+            return fit_result(fitted, uncertainty=known, intervals=profiles.intervals)
         say("a profile found a better optimum")
-        better = problem.basin_hopping(problem.solve(args, found.better.p), noise)
+        better = problem.basin_hopping(problem.solve(args, profiles.better.p), noise)
         noise = problem.settle(noise, better)
         better = problem.solve(problem.args(noise), better.p)
         fitted = replace(

@@ -162,7 +162,7 @@ def _compiled(residual: Residual, boxes: Boxes, z: Any, args: Any, tolerance: An
     state = solution.state
     physical, slope = boxes.physical(solution.value), boxes.slope(solution.value)
     small = jnp.stack([solution.value, physical, slope, state.size])
-    return small, state.at.residual, state.at.columns, state.evaluations, state.done
+    return small, state.linearised.residual, state.linearised.columns, state.evaluations, state.done
 
 
 @eqx.filter_jit
@@ -192,7 +192,7 @@ def _step_by_step(both: Both, boxes: Boxes, z: Any, args: Any, tolerance: Any, m
         if bool(state.done):
             break
     small = jnp.stack([jnp.asarray(z), boxes.physical(jnp.asarray(z)), boxes.slope(jnp.asarray(z)), state.size])
-    return small, state.at.residual, state.at.columns, state.evaluations, state.done
+    return small, state.linearised.residual, state.linearised.columns, state.evaluations, state.done
 
 
 def solve(

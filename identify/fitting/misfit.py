@@ -173,7 +173,7 @@ def verdict_of_motion(fits: tuple[ChannelFit, ...], converged: bool, message: st
 
 
 def sentence_of_motion(fit: ChannelFit) -> str:
-    """One sentence_of_motion on one channel: RMS beside the noise, and when they disagree most."""
+    """One sentence on one channel of a dynamic test: RMS beside the noise, and when they disagree most."""
     shown = reading_unit(fit.channel)
     unit, factor = "" if shown.label == "-" else f" {shown.label}", shown.factor
     what = f"{fit.test}: {fit.channel} is met to {fit.residual_rms * factor:.3g}{unit} RMS"

@@ -25,7 +25,10 @@ from .uncertainty import Block, Covariance, Key, covariance_of, identifiability
 
 @dataclass(frozen=True)
 class Fitted:
-    """The end of `run_fit`; `tests` are the reduced ones, `free` the fitted parameters in the order of the solution."""
+    """A fit before its error bars: what was fitted, with which noise, and where the search ended.
+
+    `tests` are the reduced ones, `free` the fitted parameters in the order of the solution.
+    """
 
     record: BenchRecord
     tests: dict[str, TestRecord]
@@ -62,23 +65,26 @@ class Uncertainty:
 
 
 def uncertainty_of(fitted: Fitted, covariance: Covariance | None = None) -> Uncertainty:
-    """covariance: where the fit already weighed its rows by the correlation of their noise."""
+    """The covariance of a fit's parameters with the correlation of the noise, and what that adds to each variance.
+
+    covariance: where the fit already weighed its rows by the correlation of their noise; else a sandwich is made here.
+    """
     slices = channel_slices(fitted.tests)
     blocks = {key: _block(fitted, key, rows) for key, rows in slices.items()}
     solution = fitted.solution
     priors = slice(len(solution.residual) - len(fitted.free), len(solution.residual))
     independent = sum((rows.stop - rows.start) / blocks[key].correlation.inflation for key, rows in slices.items())
-    made = covariance is None
+    sandwich = covariance is None
     if covariance is None:
         covariance = covariance_of(solution.jacobian, fitted.free, solution.active, list(blocks.values()), priors)
     inflation = np.ones(len(fitted.free))
-    if made:
+    if sandwich:
         white = [Block(b.rows, b.sweeps, NoiseCorrelation(), 1.0) for b in blocks.values()]
         plain = covariance_of(solution.jacobian, fitted.free, solution.active, white, priors)
-        own, bare = np.diag(covariance.matrix), np.diag(plain.matrix)
-        known = (own > 0.0) & (bare > 0.0)
+        allowed, white_alone = np.diag(covariance.matrix), np.diag(plain.matrix)
+        known = (allowed > 0.0) & (white_alone > 0.0)
         usual = max((b.variance * b.correlation.inflation for b in blocks.values()), default=1.0)
-        inflation[known] = own[known] / bare[known]
+        inflation[known] = allowed[known] / white_alone[known]
         inflation[~known] = np.median(inflation[known]) if known.any() else usual
     return Uncertainty(covariance, blocks, float(independent), inflation)
 
@@ -229,7 +235,7 @@ def _estimates(fitted: Fitted, known: Uncertainty, intervals: Mapping[int, Inter
     """
     covariance, reach = known.covariance, known.reach(len(fitted.free))
     pressed = tuple(name for name, side in zip(fitted.free, fitted.solution.active, strict=True) if side)
-    found: dict[str, ParameterEstimate] = {}
+    estimates: dict[str, ParameterEstimate] = {}
     for name, plan in fitted.plans.items():
         if plan.fixed and name == "heat_retention" and not plan.given:
             continue  # nobody asked for it
@@ -243,12 +249,15 @@ def _estimates(fitted: Fitted, known: Uncertainty, intervals: Mapping[int, Inter
             if not fitted.solution.converged:
                 why = why or "the fit did not converge"
             elif i in intervals:
-                own, by_profile = intervals[i], True
+                profile, by_profile = intervals[i], True
                 # Between two kinks chi-square is steep on a scale of its own: never narrower than the covariance's interval.
                 wide = 0.0 if why else reach * float(np.sqrt(covariance.matrix[i, i]))
-                low, high = min(own.low, max(value - wide, plan.lower)), max(own.high, min(value + wide, plan.upper))
+                low, high = (
+                    min(profile.low, max(value - wide, plan.lower)),
+                    max(profile.high, min(value + wide, plan.upper)),
+                )
                 interval = (low, high)
-                if own.open_low and own.open_high:
+                if profile.open_low and profile.open_high:
                     why = "the data allow every value within its limits"
                 elif not at_bound:
                     std, why = _of_two_sides(value - low, high - value) / reach, ""
@@ -256,7 +265,7 @@ def _estimates(fitted: Fitted, known: Uncertainty, intervals: Mapping[int, Inter
                 std = float(np.sqrt(covariance.matrix[i, i]))
                 # What lies beyond a bound is known to be false, so the interval ends there.
                 interval = (max(value - reach * std, plan.lower), min(value + reach * std, plan.upper))
-        found[name] = ParameterEstimate(
+        estimates[name] = ParameterEstimate(
             name=name,
             value=value,
             unit=plan.info.unit,
@@ -272,4 +281,4 @@ def _estimates(fitted: Fitted, known: Uncertainty, intervals: Mapping[int, Inter
             by_profile=by_profile,
             conditional_on=() if by_profile or std is None else pressed,
         )
-    return found
+    return estimates

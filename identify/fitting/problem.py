@@ -60,7 +60,7 @@ MOVES, ROUNDS_OF_MOVES = (2.0, 0.7), 2
 
 @dataclass(frozen=True)
 class Noise:
-    """What the diagnosis believes of the noise of each channel: standard deviation per row (SI) and correlation."""
+    """The noise of each channel as a problem weighs it: standard deviation per row (SI) and correlation."""
 
     std: dict[Key, np.ndarray]
     correlation: dict[Key, NoiseCorrelation]
@@ -128,7 +128,7 @@ class Readings(Protocol):
         """Rows that a channel of so many is padded to."""
         ...
 
-    def at(self, program: tuple[str, ...]) -> Evaluation:
+    def evaluation(self, program: tuple[str, ...]) -> Evaluation:
         """Whitened residuals and columns of a program, all channels of the tests behind one another."""
         ...
 
@@ -160,7 +160,7 @@ class StaticReadings:
     def size(self, rows: int) -> int:
         return coarse_size(rows)
 
-    def at(self, program: tuple[str, ...]) -> Evaluation:
+    def evaluation(self, program: tuple[str, ...]) -> Evaluation:
         both, args = library_program(program), self._arguments(program)
         return lambda p: both(jnp.asarray(p), args)
 
@@ -192,9 +192,9 @@ class StaticReadings:
         return LibraryArgs(base_valve(self.record, values, heat=True), data, tuple(whitening), self._row_terms(data))
 
     def _row_terms(self, data: StaticData) -> dict[str, RowTerms]:
-        found = {}
+        terms = {}
         for group, tests in groups_of(data.conditions).items():
-            nodes = [1 if (own := self.tests[name].nodes) is None else own.count for name in tests]
+            nodes = [1 if (points := self.tests[name].nodes) is None else points.count for name in tests]
             sizes = [coarse_size(self.tests[name].rows) * k for name, k in zip(tests, nodes, strict=True)]
             factor, shift = np.ones((len(PARAMETERS), sum(sizes))), np.zeros((len(PARAMETERS), sum(sizes)))
             viscosity = np.ones(sum(sizes))
@@ -210,8 +210,8 @@ class StaticReadings:
                     else:
                         factor[PARAMETERS.index(term.quantity), rows] *= 1.0 + change
                 first += size
-            found[group] = RowTerms(factor, shift, viscosity)
-        return found
+            terms[group] = RowTerms(factor, shift, viscosity)
+        return terms
 
 
 @dataclass(frozen=True)
@@ -243,7 +243,7 @@ class MotionReadings:
     def size(self, rows: int) -> int:
         return rows
 
-    def at(self, program: tuple[str, ...]) -> Evaluation:
+    def evaluation(self, program: tuple[str, ...]) -> Evaluation:
         # Here, not above: a static problem does not wait for the solvers of motion.
         from .motion_readings import Weighing, rows_of_readings
 
@@ -408,9 +408,9 @@ class Problem:
         present = [name for name in fit.order if name not in self.parameters and fit.values[name] != 0.0]
         other = part.program(() if with_heat(missing) else (*present, *missing))
         held = {name: value for name, value in fit.values.items() if name in self.parameters or name in other}
-        at = self._evaluate(held, [other])
+        beside = self._evaluate(held, [other])
         order = part.order(self.library.names)
-        columns = [(fit if name in fit.order else at).column(name) for name in order]
+        columns = [(fit if name in fit.order else beside).column(name) for name in order]
         values = {name: fit.values.get(name, 0.0) for name in order}
         return replace(fit, order=order, values=values, columns=np.stack(columns, axis=1))
 
@@ -422,7 +422,7 @@ class Problem:
     def _both(self, programs: list[tuple[str, ...]], order: tuple[str, ...]) -> Callable[[Any, Any], tuple[Any, Any]]:
         """(p, args) -> residuals and columns (entries, rows) of all readings, then of the priors, as `solve` takes it."""
         parts = [
-            (part.at(program), [order.index(name) for name in part.order(program)])
+            (part.evaluation(program), [order.index(name) for name in part.order(program)])
             for part, program in zip(self.readings, programs, strict=True)
         ]
         value, weight = (np.asarray(part) for part in prior_rows([self.plans[name] for name in self.parameters]))
@@ -434,8 +434,8 @@ class Problem:
             del args
             vector = np.asarray(p, dtype=float)
             residuals, blocks = [], []
-            for at, places in parts:
-                residual, columns = at(vector[places])
+            for evaluate, places in parts:
+                residual, columns = evaluate(vector[places])
                 residuals.append(np.asarray(residual))
                 block = np.zeros((len(order), len(residual)))
                 block[places] = np.asarray(columns)
@@ -505,24 +505,24 @@ def noise_sweeps(test: TestRecord) -> np.ndarray:
     return ids
 
 
-def solution_of(problem: Problem, fit: Fit, at: Fit | None = None) -> LeastSquaresResult:
+def solution_of(problem: Problem, fit: Fit, seen: Fit | None = None) -> LeastSquaresResult:
     """`fit` over its free entries alone, rows as `channel_slices` lays them out, the free entries' priors behind them.
 
-    at: residual and columns to take instead, of the same point seen with other noise.
+    seen: residual and columns to take instead, of the same point seen with other noise.
     """
-    at = fit if at is None else at
+    seen = fit if seen is None else seen
     slices = channel_slices(problem.tests)
     count = max(s.stop for s in slices.values()) + len(fit.free)
-    columns = [at.order.index(name) for name in fit.free]
+    columns = [seen.order.index(name) for name in fit.free]
     residual, jacobian = np.zeros(count), np.zeros((count, len(fit.free)))
     for key, rows in problem.rows().items():
-        residual[slices[key]] = at.residual[rows]
-        jacobian[slices[key]] = at.columns[rows][:, columns]
-    priors = len(at.residual) - len(problem.parameters)
+        residual[slices[key]] = seen.residual[rows]
+        jacobian[slices[key]] = seen.columns[rows][:, columns]
+    priors = len(seen.residual) - len(problem.parameters)
     for i, name in enumerate(fit.free, start=count - len(fit.free)):
         if name in problem.parameters:
             k = priors + problem.parameters.index(name)
-            residual[i], jacobian[i] = at.residual[k], at.columns[k, columns]
+            residual[i], jacobian[i] = seen.residual[k], seen.columns[k, columns]
     pick = [fit.order.index(name) for name in fit.free]
     whole = fit.solution
     return replace(

@@ -146,11 +146,11 @@ def _figures(valve: Valve, actuator: Actuator, conditions: Conditions) -> tuple[
     nominal = nominal_values(valve)
 
     def of(values: Float[Array, " seen"]) -> Performance:
-        own, at = varied(valve, conditions, dict(zip(_SEEN, values, strict=True)))
-        return performance_at(null_state(own, at), own.stroke, actuator, at.supply_pressure, jnp.asarray(2.0))
+        moved, where = varied(valve, conditions, dict(zip(_SEEN, values, strict=True)))
+        return performance_at(null_state(moved, where), moved.stroke, actuator, where.supply_pressure, jnp.asarray(2.0))
 
-    found, push = jax.linearize(of, jnp.stack([nominal[name] for name in _SEEN]))
-    return found, jax.lax.map(push, jnp.eye(len(_SEEN)))
+    figures, push = jax.linearize(of, jnp.stack([nominal[name] for name in _SEEN]))
+    return figures, jax.lax.map(push, jnp.eye(len(_SEEN)))
 
 
 def performance_drifts(

@@ -16,7 +16,7 @@ ABSOLUTE = ("null_bias", "temperature", "return_pressure", "heat_retention")
 
 @dataclass(frozen=True)
 class Factor:
-    """One thing that can vary (SI).
+    """A quantity that a study varies: a parameter, a condition or a size (SI).
 
     value: where it stands; tolerance: half the width of the interval in which it may lie; lower, upper: what it can be at
     all. kind: of its quantity, for files. In words `meaning`.

@@ -18,7 +18,7 @@ _NOISE_KIND = {"leakage": "flow", "pressure_gain": "pressure", "flow_gain": "flo
 
 @dataclass(frozen=True)
 class Settings:
-    """SI units; None and missing keys take the study's defaults.
+    """What a study's TOML file says, SI; None and missing keys take the study's defaults.
 
     tolerances: {factor: half width}, shares: {factor: half width as a share of the value}. noise: {test: standard deviation}.
     actuator: fields of `thermohyd.Actuator`.
