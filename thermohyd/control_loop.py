@@ -133,11 +133,11 @@ def loop_frequency_response(
     closed: bool = False,
 ) -> FrequencyResponse:
     """Bode data of the open loop, or of the closed one, at every operating point of `performance(...)`; pulsation [rad/s]."""
-    at = np.asarray(pulsation, dtype=float)
+    given = np.asarray(pulsation, dtype=float)
     of = closed_loop if closed else open_loop
     systems = [of(loop, spool=spool) for loop in loops(found, actuator)]
-    magnitude = np.array([np.abs(np.atleast_1d(system(1j * at))) for system in systems])
-    return FrequencyResponse(at, magnitude, np.array([_phase(system.poles(), at) for system in systems]))
+    magnitude = np.array([np.abs(np.atleast_1d(system(1j * given))) for system in systems])
+    return FrequencyResponse(given, magnitude, np.array([_phase(system.poles(), given) for system in systems]))
 
 
 def _phase(poles: np.ndarray, pulsation: np.ndarray) -> np.ndarray:

@@ -142,14 +142,14 @@ def _root(fn, start: Float[Array, " unknowns"]) -> tuple[Float[Array, " unknowns
 
         def step(carry: tuple[Array, ...]) -> tuple[Array, ...]:
             best, size, move, length, turn = carry
-            at = best - length * move
-            value, push = jax.linearize(fn, at)
+            tried = best - length * move
+            value, push = jax.linearize(fn, tried)
             jacobian = jax.vmap(push, out_axes=1)(columns)
             norm = jnp.max(jnp.abs(value))
             better = norm < size  # never where a value is NaN
             newton_step = jnp.linalg.solve(jacobian, value)
             return (
-                jnp.where(better, at, best),
+                jnp.where(better, tried, best),
                 jnp.where(better, norm, size),
                 jnp.where(better, newton_step, move),
                 jnp.where(better, 1.0, 0.4 * length),

@@ -95,11 +95,11 @@ def _response(plant: Plant, frequency: Array, output: Output, absolute: bool) ->
     amplitude = jnp.abs(gain)
     if not absolute:
         amplitude = amplitude / jnp.abs(jnp.sum(linear.read * jnp.linalg.solve(linear.matrix, linear.drive)))
-    own = jnp.angle(gain)
+    wrapped = jnp.angle(gain)
     ladder = jax.lax.stop_gradient(jnp.max(wanted)) * LADDER
     climbed = jnp.unwrap(jnp.angle(jax.lax.stop_gradient(linear.gain(ladder))))
     near = jnp.interp(jax.lax.stop_gradient(jnp.log(wanted)), jnp.log(ladder), climbed)
-    phase = own + 2.0 * jnp.pi * jax.lax.stop_gradient(jnp.round((near - own) / (2.0 * jnp.pi)))
+    phase = wrapped + 2.0 * jnp.pi * jax.lax.stop_gradient(jnp.round((near - wrapped) / (2.0 * jnp.pi)))
     if plant.motion.spool_delay is not None:
         phase = phase - wanted * plant.motion.spool_delay
     return FrequencyResponse(amplitude, jnp.rad2deg(phase), found)
@@ -264,9 +264,9 @@ def _peak_place(curve: Complex[Array, " pulsations"]) -> tuple[Float[Array, ""],
     """(pulsation of the closed loop's peak by a parabola through three points, whether it rises above 1 at all)."""
     height = jnp.log(jnp.abs(curve / (1.0 + curve)))
     top = jnp.clip(jnp.argmax(height), 1, PULSATION.size - 2)
-    before, at, after = height[top - 1], height[top], height[top + 1]
-    bend = before - 2.0 * at + after
+    before, highest, after = height[top - 1], height[top], height[top + 1]
+    bend = before - 2.0 * highest + after
     moved = jnp.clip(0.5 * (before - after) / jnp.where(bend < 0.0, bend, -1.0), -0.5, 0.5)
     spacing = float(np.log(PULSATION[1] / PULSATION[0]))
     # Far below the loop's own dynamics, rounding alone lifts the magnitude above 1.
-    return jnp.asarray(PULSATION)[top] * jnp.exp(moved * spacing), at > 1e-6
+    return jnp.asarray(PULSATION)[top] * jnp.exp(moved * spacing), highest > 1e-6

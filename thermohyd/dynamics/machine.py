@@ -306,14 +306,14 @@ def _flat(state: State) -> Float[Array, " states"]:
 
 
 def _unflat(vector: Float[Array, "*lead states"], like: State) -> State:
-    at = 4
+    place = 4
     play = wall = temperature = None
     if like.play is not None:
-        play, at = vector[..., at], at + 1
+        play, place = vector[..., place], place + 1
     if like.wall is not None:
-        wall, at = vector[..., at : at + 2], at + 2
+        wall, place = vector[..., place : place + 2], place + 2
     if like.temperature is not None:
-        temperature, at = vector[..., at : at + 2], at + 2
+        temperature, place = vector[..., place : place + 2], place + 2
     return State(
         spool_speed=vector[..., 0],
         spool=vector[..., 1],
@@ -322,5 +322,5 @@ def _unflat(vector: Float[Array, "*lead states"], like: State) -> State:
         play=play,
         wall=wall,
         temperature=temperature,
-        pressure=vector[..., at : at + 2],
+        pressure=vector[..., place : place + 2],
     )
