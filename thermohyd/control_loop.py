@@ -26,7 +26,7 @@ class Loop(NamedTuple):
 
 
 class Margins(NamedTuple):
-    """Arrays of shape (points,): gain_margin [-], phase_margin [deg], and where they are read [rad/s].
+    """Margins of the open loop, arrays of shape (points,): gain_margin [-], phase_margin [deg], and where they are read [rad/s].
 
     phase_margin is the smallest over all crossings of gain 1; crossings that do not exist are infinite or NaN.
     """
@@ -38,7 +38,7 @@ class Margins(NamedTuple):
 
 
 class FrequencyResponse(NamedTuple):
-    """pulsation (frequencies,) [rad/s]; magnitude [-] and phase [deg, continuous from low pulsations], (points, frequencies)."""
+    """Bode data: pulsation (frequencies,) [rad/s]; magnitude [-] and phase [deg, continuous from low pulsations], (points, frequencies)."""
 
     pulsation: np.ndarray
     magnitude: np.ndarray

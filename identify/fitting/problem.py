@@ -68,9 +68,9 @@ class Noise:
 
 @dataclass(frozen=True)
 class Fit:
-    """The end of a fit with the effects `effects` free. Rows: the real ones of every channel in turn, then the priors.
+    """A fit of a problem with the effects `effects` free: values, residual, columns.
 
-    residual (rows,): whitened, model - reading. columns (rows, entries): its derivatives to every parameter and effect of
+    Rows: the real ones of every channel in turn, then the priors. residual (rows,): whitened, model - reading. columns (rows, entries): its derivatives to every parameter and effect of
     `order`, free or not. values: every entry of `order`. used (rows,): rows that the fit saw.
     """
 

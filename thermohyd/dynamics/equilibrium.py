@@ -53,7 +53,7 @@ def scaling_of(plant: Plant, around: Surroundings) -> Scaling:
 
 
 def equilibrium(plant: Plant, scaling: Scaling, time: Float[Array, ""]) -> tuple[State, Bool[Array, ""]]:
-    """(state at the start, whether it was found); differentiable, forward and reverse, as the root that it is."""
+    """The steady state at a time, and whether it was found; differentiable, forward and reverse, as the root that it is."""
     around, command = plant.surroundings(time), plant.command(time)
     closed = plant.kind == "setpoint"
     base = _first_guess(plant, scaling, around, command)

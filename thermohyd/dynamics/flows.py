@@ -222,7 +222,7 @@ def chamber_sources(plant: Plant, around: Surroundings, state: State, flows: Flo
 
 
 def chamber_rates(plant: Plant, state: State, sources: Sources) -> tuple[Float[Array, "2"], Float[Array, "2"] | None]:
-    """(dp/dt [Pa/s], dT/dt [K/s] or None where the oil stays at T_s)."""
+    """Rates of the chambers: (dp/dt [Pa/s], dT/dt [K/s] or None where the oil stays at T_s)."""
     oil, p, t = plant.oil, state.pressure, sources.temperature
     beta = bulk_modulus(oil, p, t) * plant.actuator.bulk_modulus_factor
     if plant.motion.entrained_air is not None:

@@ -33,8 +33,9 @@ LADDER = np.geomspace(1e-6, 1.0, 4096)
 
 
 class FrequencyResponse(eqx.Module):
-    """Arrays of shape (frequencies,). amplitude_ratio: of output to command, or relative to its low-frequency asymptote [-].
+    """Response of small motions, arrays of shape (frequencies,).
 
+    amplitude_ratio: of output to command, or relative to its low-frequency asymptote [-].
     phase [degrees], unwrapped from the lowest frequencies on. found: whether there is an equilibrium to linearise about.
     """
 
@@ -44,7 +45,7 @@ class FrequencyResponse(eqx.Module):
 
 
 class Linearised(eqx.Module):
-    """x' = A x + b u, y = c x about an equilibrium, in the scaled state; u the command, without its delay."""
+    """The linearised vector field x' = A x + b u, y = c x about an equilibrium, in the scaled state; u the command, without its delay."""
 
     matrix: Float[Array, "states states"]
     drive: Float[Array, " states"]
