@@ -70,8 +70,9 @@ class Noise:
 class Fit:
     """A fit of a problem with the effects `effects` free: values, residual, columns.
 
-    Rows: the real ones of every channel in turn, then the priors. residual (rows,): whitened, model - reading. columns (rows, entries): its derivatives to every parameter and effect of
-    `order`, free or not. values: every entry of `order`. used (rows,): rows that the fit saw.
+    Rows: the real ones of every channel in turn, then the priors. residual (rows,): whitened, model - reading. columns (rows,
+    entries): its derivatives to every parameter and effect of `order`, free or not. values: every entry of `order`. used
+    (rows,): rows that the fit saw.
     """
 
     effects: tuple[str, ...]
