@@ -1,6 +1,7 @@
-"""Which columns each bench test has: its readings, its conditions, and the kind of quantity of every one.
+"""Which columns each bench test has and of which kind of quantity each is, and which sizes of a value no bench has.
 
-What no bench has: sizes, readings and conditions that give away a wrong unit or a broken sensor, and the unit that they betray.
+The second half judges a value by itself: sizes, readings and conditions that give away a wrong unit or a broken sensor, and the
+unit that they betray. `plausibility` judges one column beside another.
 """
 
 from .units import to_si

@@ -1,6 +1,6 @@
-"""Which bench unit a quantity is shown in, and how many of its digits mean something. No units library here.
+"""The bench unit in which a quantity or an effect's amount is shown, how many of its digits mean something, and both as text.
 
-Which bench unit an effect's amount is shown in, and the amount in words. No JAX, no units library.
+No JAX and no units library: reports must not wait for either.
 """
 
 import math

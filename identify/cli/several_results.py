@@ -1,9 +1,4 @@
-"""Several fits in a terminal: one line for each record, and what the command has to confess at its end.
-
-Several diagnoses in a terminal: one line for each record.
-
-What a `diagnose` of one or several records has to confess at its end.
-"""
+"""Print several fits or diagnoses in a terminal, one line or column for each record, and what the command must own up to at its end."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -27,8 +22,11 @@ CELL = 20  # characters of "-12.3456 +/- 0.0012"
 
 
 def print_summary_of_fits(results: Mapping[str, FitResult], console: Console) -> None:
-    """{name: result}, in the order given; user text is never read as markup. A parameter per row, a record per column, so that
-    any number of parameters fits; records that do not fit beside each other follow below."""
+    """Print the parameters of several fits side by side, in the order given; user text is never read as markup.
+
+    A parameter per row, a record per column, so that any number of parameters fits; records that do not fit beside each
+    other follow below.
+    """
     if not results:
         return
     widest = max(len(name) for result in results.values() for name in [*result.parameters, "reduced chi-square"])
@@ -94,7 +92,7 @@ def unsettled(outcome: Outcome[FitResult]) -> str:
 
 
 def print_summary_of_many(results: Mapping[str, DiagnosisResult], console: Console) -> None:
-    """{name: result}, in the order given; user text is never read as markup."""
+    """Print the verdicts of several diagnoses, one line each, in the order given; user text is never read as markup."""
     if not results:
         return
     table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, show_edge=False, header_style="bold")
@@ -129,7 +127,7 @@ def _held_out(result: DiagnosisResult) -> str:
 
 
 def unsettled_diagnoses(outcome: Outcome[DiagnosisResult]) -> str:
-    """In one sentence; empty where all went well."""
+    """What a `diagnose` has to confess, in one sentence; empty where all went well."""
     return confession(
         outcome,
         (

@@ -1,6 +1,6 @@
-"""The answer in plain words with figures: one sentence for the verdict, then what an engineer asks next.
+"""The answer of a diagnosis in plain words, and its printout in a terminal: the verdict first, then what an engineer asks next.
 
-A diagnosis in a terminal: the answer first, then what it rests on, on one screen. Reads the same without colour.
+One screen, which reads the same without colour.
 """
 
 import numpy as np

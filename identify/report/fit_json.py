@@ -1,6 +1,6 @@
-"""`fit.json`: a fit as one plain dictionary, SI units; its keys: docs/bench_format.md section 8.2.
+"""`fit.json` as one plain dictionary (its keys: docs/bench_format.md section 8.2), and all files of `fit --out`. SI units.
 
-Every file that `fit --out` writes, as bytes and text in memory: whole before the first one is written.
+The files are bytes and text in memory: whole before the first one is written.
 """
 
 import json

@@ -1,6 +1,6 @@
-"""What a fit's report says, as plain words and rows of text: the terminal and the page both show exactly this.
+"""What a fit's report says, as plain words and rows of text, and its printout in a terminal: verdict first.
 
-The report of a fit in a terminal: verdict first, then what it rests on. Reads the same without colour.
+The terminal and the page both show exactly this; it reads the same without colour.
 """
 
 import math

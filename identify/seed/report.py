@@ -1,8 +1,6 @@
-"""Every file that `seed --out` writes, as bytes and text in memory: whole before the first one is written.
+"""Every output of `thermohyd seed`: `seed.json`, CSVs, the page, the figures, and a line per claim in a terminal.
 
-`seed.json` and the CSVs: every claim, value and curve of the reproduction, for programs and spreadsheets.
-
-What `thermohyd seed` says in a terminal: every claim on one line, on one screen.
+The files are bytes and text in memory: whole before the first one is written.
 """
 
 import io

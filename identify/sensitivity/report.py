@@ -1,8 +1,7 @@
-"""`sensitivity.json`: a study as one plain dictionary, SI units.
+"""Every output of a sensitivity study: `sensitivity.json` (SI), the page, the figures, and one screen in a terminal.
 
-Every file that `sensitivity --out` writes, as bytes and text in memory: whole before the first one is written.
-
-A study in a terminal: the ranked table, the temperature drifts and the next test, on one screen.
+The terminal shows the ranked table, the temperature drifts and the next test. The files are bytes and text in memory: whole
+before the first one is written.
 """
 
 from dataclasses import fields

@@ -1,7 +1,4 @@
-"""The sentences and tables of a study, shared by terminal and page. Bench units.
-
-The bench units in which a study shows its figures, and its numbers in words.
-"""
+"""The sentences and tables of a sensitivity study in bench units, shared by terminal and page."""
 
 import math
 

@@ -1,8 +1,6 @@
-"""`servo.json`: a sweep as one plain dictionary, SI units.
+"""Every output of a servo study: `servo.json` (SI), the page, the figures, and a terminal of 80 columns.
 
-Every file that `servo --out` writes, as bytes and text in memory: whole before the first one is written.
-
-A sweep in a terminal of 80 columns.
+The files are bytes and text in memory: whole before the first one is written.
 """
 
 from dataclasses import fields
