@@ -196,10 +196,15 @@ def seed_page(study: SeedStudy, vectors: dict[str, bytes]) -> str:
         "seed.html",
         {CAPTIONS[name]: drawing for name, drawing in vectors.items()},
         study=study,
+        score=_score(study),
         macro=study.macro["HM"],
         formulas=flow_curve_formulas(study.macro["HM"], paper.seed_valve().oil),
         version=version("thermohyd"),
     )
+
+
+def _score(study: SeedStudy) -> str:
+    return f"{len(study.claims)} claims: {study.count('holds')} hold, {study.count('partly')} in part, {study.count('no')} not."
 
 
 COLOURS = {"holds": "green", "partly": "yellow", "no": "red"}
@@ -217,7 +222,7 @@ def print_seed(study: SeedStudy, console: Console) -> None:
     own = max(fit.worst for fit in macro.fits)
     console.print(
         Text(
-            f"{len(study.claims)} claims: {study.count('holds')} hold, {study.count('partly')} in part, {study.count('no')} not.\n"
+            f"{_score(study)}\n"
             f"Eq. 6 misses the opening by at most {own * 1e6:.1f} um ({100 * own / macro.stroke:.1f} % of stroke) at each temperature "
             f"alone, {macro.worst * 1e6:.1f} um ({100 * macro.worst / macro.stroke:.1f} %) with smooth laws."
         )

@@ -5,6 +5,7 @@ Every file that `sensitivity --out` writes, as bytes and text in memory: whole b
 A study in a terminal: the ranked table, the temperature drifts and the next test, on one screen.
 """
 
+from collections.abc import Sequence
 from dataclasses import fields
 from importlib.metadata import version
 from typing import Any
@@ -265,7 +266,7 @@ def sensitivity_page(result: SensitivityResult, figures: dict[str, bytes], versi
         result=result,
         evaluations=f"{result.tolerances.sobol.evaluations:,}",
         interval=f"{words.largest_interval(result):.0f}",
-        figure_names=list(words.SHORT.values()),
+        ranking_columns=words.RANKING_COLUMNS,
         ranking=words.ranking_rows(result),
         spread=words.spread_row(result),
         drift_columns=words.DRIFT_COLUMNS,
@@ -316,20 +317,19 @@ def _line(console: Console, text: str, style: str = "") -> None:
     console.print(Padding(Text(text, style=style), (0, 0, 0, 2)))
 
 
-def _table(columns: list[tuple[str, bool]]) -> Table:
-    """A table whose headings take two lines, so that its columns may be narrow; (heading, to the right)."""
+def _table(columns: Sequence[str]) -> Table:
+    """A table whose headings take two lines, so that its columns may be narrow; ">" before one sets figures to the right."""
     table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, show_edge=False, header_style="bold")
-    for title, right in columns:
-        heading = title.replace(" ", "\n", 1)
-        table.add_column(heading, justify="right" if right else "left", no_wrap=True, vertical="bottom")
+    for title in columns:
+        heading = title.lstrip(">").replace(" ", "\n", 1)
+        side = "right" if title.startswith(">") else "left"
+        table.add_column(heading, justify=side, no_wrap=True, vertical="bottom")
     return table
 
 
 def _ranking(console: Console, result: SensitivityResult) -> Padding:
-    figures = [(name, True) for name in words.SHORT.values()]
-    columns = [("", True), ("factor", False), ("value", True), ("tolerance", False), ("mean", True)]
     keep = [0, 1, 2, 3, 4] if console.width >= 106 else [1, 3, 4] if console.width >= 92 else [1, 4]
-    table = _table([*(columns[i] for i in keep), *figures])
+    table = _table([*(words.RANKING_COLUMNS[i] for i in keep), *words.RANKING_COLUMNS[5:]])
     for row in words.ranking_rows(result):
         strong = int(row[4]) >= 10
         cells = [row[i] for i in keep] + row[5:]
@@ -345,7 +345,7 @@ def _drifts(result: SensitivityResult) -> Padding:
     rows = words.drift_rows(result)
     # A cause that moves nothing needs no column.
     keep = [i for i in range(len(words.DRIFT_COLUMNS)) if i < FIRST_CAUSE or any(row[i] != "0" for row in rows)]
-    table = _table([(words.DRIFT_COLUMNS[i], i not in (0, 2)) for i in keep])
+    table = _table([words.DRIFT_COLUMNS[i] for i in keep])
     for row in rows:
         table.add_row(*[Text(row[i]) for i in keep])
     return Padding(table, (0, 0, 0, 2), expand=False)

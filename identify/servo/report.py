@@ -113,8 +113,8 @@ def servo_page(study: ServoStudy, figures: dict[str, bytes]) -> str:
         sentences=sentences,
         alarm=any(words.alarming(sentence) for sentence in sentences),
         notes=study.subject.notes,
-        columns=tables.COLUMNS,
-        slopes=tables.SLOPES,
+        columns=[f">{title}" for title in tables.COLUMNS],
+        slopes=[f">{title}" for title in tables.SLOPES],
         models=[(CAPTIONS[m], tables.rows(study, m), tables.slope_rows(study, m)) for m in MODELS],
         version=version("thermohyd"),
     )
