@@ -13,9 +13,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
-from rich import box
 from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 
 from thermohyd import seed_paper as paper
@@ -23,6 +21,7 @@ from thermohyd.identify.flow_curve_fit import flow_curve_formulas, flow_curve_js
 from thermohyd.identify.report.fit_json import json_text
 from thermohyd.identify.report.page import page
 from thermohyd.identify.report.style import drawn
+from thermohyd.identify.report.terminal import table
 
 from . import figures
 from .curves import MODELS, SeedCurves
@@ -212,12 +211,8 @@ COLOURS = {"holds": "green", "partly": "yellow", "no": "red"}
 
 def print_seed(study: SeedStudy, console: Console) -> None:
     """A row per claim with its figure, and the error of Eq. 6."""
-    table = Table(box=box.SIMPLE_HEAD, header_style="bold", pad_edge=False, show_edge=False)
-    for name in ("claim of the paper", "computed", ""):
-        table.add_column(name, no_wrap=True)
-    for claim in study.claims:
-        table.add_row(Text(claim.title), Text(claim.short), Text(claim.holds, style=COLOURS[claim.holds]))
-    console.print(table)
+    rows = [(claim.title, claim.short, Text(claim.holds, style=COLOURS[claim.holds])) for claim in study.claims]
+    console.print(table(("claim of the paper", "computed", ""), rows, gap=2))
     macro = study.macro["HM"]
     own = max(fit.worst for fit in macro.fits)
     console.print(
