@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.padding import Padding
 from rich.text import Text
 
-from thermohyd.identify.report.fit_json import json_text, plain, rounded
+from thermohyd.identify.report.fit_json import fields_of, json_text, plain, rounded
 from thermohyd.identify.report.page import page
 from thermohyd.identify.report.style import drawn
 from thermohyd.identify.report.terminal import heading, indented, table
@@ -40,13 +40,9 @@ def sensitivity_json(result: SensitivityResult) -> dict[str, Any]:
         "schema": SCHEMA,
         "units": "SI: m, Pa (gauge), K, m3/s; gains Pa/m, m2/s, m3/(s Pa); viscosity and density in units of the oil's table",
         "name": s.name,
-        "conditions": {
-            "temperature": s.temperature,
-            "supply_pressure": s.supply_pressure,
-            "return_pressure": s.return_pressure,
-            "temperatures": s.temperatures,
-            "supply_pressures": s.supply_pressures,
-        },
+        "conditions": fields_of(
+            s, "temperature", "supply_pressure", "return_pressure", "temperatures", "supply_pressures"
+        ),
         "ranking": [{"factor": result.factors[i].name, "mean_total_index": result.weight(i)} for i in result.ranking()],
         "factors": {
             f.name: {
