@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from typing import Any
 
-from rich import box
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
@@ -14,6 +13,7 @@ from thermohyd.identify.fitting.result import FitResult, ParameterEstimate
 from thermohyd.identify.report.diagnosis_report import COLOURS
 from thermohyd.identify.report.diagnosis_words import changed, excess, percent, reading_words
 from thermohyd.identify.report.fit_report import chi2_band
+from thermohyd.identify.report.terminal import table
 
 from .several_records import Outcome, confession
 
@@ -38,17 +38,13 @@ def print_summary_of_fits(results: Mapping[str, FitResult], console: Console) ->
 
 
 def _table(results: Mapping[str, FitResult]) -> Table:
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 2, 0, 0), pad_edge=False, show_edge=False, header_style="bold")
-    table.add_column("parameter", no_wrap=True)
-    table.add_column("unit", no_wrap=True)
-    for record in results:
-        table.add_column(Text(record), justify="right", overflow="fold")
+    rows = []
     for name in dict.fromkeys(name for result in results.values() for name in result.parameters):
         estimates = [result.parameters.get(name) for result in results.values()]
         unit = next(display_unit(estimate.unit).label for estimate in estimates if estimate is not None)
-        table.add_row(Text(name), Text(unit), *[_cell(estimate) for estimate in estimates])
-    table.add_row(Text("reduced chi-square"), Text("-"), *[_chi2(result) for result in results.values()])
-    return table
+        rows.append((name, unit, *[_cell(estimate) for estimate in estimates]))
+    rows.append(("reduced chi-square", "-", *[_chi2(result) for result in results.values()]))
+    return table(("parameter", "unit", *[f">~{record}" for record in results]), rows, gap=2)
 
 
 def _cell(estimate: ParameterEstimate | None) -> Text:
@@ -95,15 +91,12 @@ def print_summary_of_many(results: Mapping[str, DiagnosisResult], console: Conso
     """Print the verdicts of several diagnoses, one line each, in the order given; user text is never read as markup."""
     if not results:
         return
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, show_edge=False, header_style="bold")
-    columns = ("record", "verdict", "effects", "misses most", ">red. chi2", ">held out")
-    for title in columns:
-        table.add_column(title.lstrip(">"), justify="right" if title.startswith(">") else "left", overflow="fold")
+    rows = []
     for name, result in results.items():
         gap = excess(result.gap_before) + (f" -> {excess(result.gap_after)}" if changed(result) else "")
-        cells = (_added(result), _worst(result), gap, _held_out(result))
-        table.add_row(Text(name), Text(result.verdict, style=COLOURS[result.verdict]), *[Text(cell) for cell in cells])
-    console.print(table)
+        verdict = Text(result.verdict, style=COLOURS[result.verdict])
+        rows.append((name, verdict, _added(result), _worst(result), gap, _held_out(result)))
+    console.print(table(("~record", "~verdict", "~effects", "~misses most", ">~red. chi2", ">~held out"), rows))
 
 
 def _added(result: DiagnosisResult) -> str:

@@ -90,8 +90,12 @@ def conditions_in_words(result: SensitivityResult) -> str:
     return f"{s.temperature - 273.15:.0f} degC, supply {s.supply_pressure * 1e-5:.0f} bar{back}"
 
 
+# ">" before a heading: its figures stand to the right.
+RANKING_COLUMNS = (">", "factor", ">value", "tolerance", ">mean", *(f">{name}" for name in SHORT.values()))
+
+
 def ranking_rows(result: SensitivityResult) -> list[list[str]]:
-    """Rank, factor, value, tolerance, mean total index, then the total index in % of each figure of SHORT with its sign."""
+    """The cells of RANKING_COLUMNS: a factor's place, then its mean total index and that of each figure in %, with its sign."""
     sobol, mean = result.tolerances.sobol, result.tolerances.derivative.mean_slope
     rows = []
     for place, i in enumerate(result.ranking(), start=1):
@@ -158,7 +162,7 @@ def drift_rows(result: SensitivityResult) -> list[list[str]]:
     return rows
 
 
-DRIFT_COLUMNS = ("figure", "value", "unit", "%/K", *CAUSES)
+DRIFT_COLUMNS = ("figure", ">value", "unit", ">%/K", *(f">{cause}" for cause in CAUSES))
 
 
 def actuator_sentence(result: SensitivityResult) -> str:
