@@ -16,8 +16,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from thermohyd.identify.bench.columns import column_unit
 from thermohyd.identify.bench.record import Channel, Nodes, TestRecord
-from thermohyd.identify.bench.shown_units import reading_unit, significant
+from thermohyd.identify.bench.shown_units import significant
 
 from .legs import log_legs, piece_bounds, sweep_axis
 from .noise_of_points import Points, points_of
@@ -287,7 +288,7 @@ def _what_was_done(test: TestRecord, legs: np.ndarray, starts: np.ndarray) -> st
 
 
 def _noise_note(test: TestRecord, channel: Channel, points: Points, rows: np.ndarray) -> str:
-    unit = reading_unit(channel.name)
+    unit = column_unit(channel.name)
     shown = lambda value: f"{significant(float(value) * unit.factor, 2)} {unit.label}"
     n = float(np.median(rows))
     parts = []

@@ -16,13 +16,15 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from thermohyd.identify.bench.columns import unit_of_test
+from thermohyd.identify.bench.shown_units import figure_unit
 from thermohyd.identify.report import style as look
 
 from .curves import TESTS
 from .drift import CAUSES
 from .factors import FACTORS
 from .result import SensitivityResult
-from .words import OF_DRIFT, OF_TEST, SHORT, bench_unit, conditions_in_words, with_unit
+from .words import OF_DRIFT, SHORT, conditions_in_words, with_unit
 
 
 # Two tones of seven hues: parameters of the valve in the strong ones, conditions and oil in the pale ones, dashed.
@@ -126,7 +128,7 @@ def _worth_showing(normalised: np.ndarray) -> list[int]:
 
 def _draw_curve(axes: Axes, result: SensitivityResult, test: str) -> None:
     c, s = result.curves, result.subject
-    unit = OF_TEST[test]
+    unit = unit_of_test(test)
     for temperature, colour in zip(s.temperatures, look.temperature_colours(len(s.temperatures)), strict=True):
         rows = c.rows_at(temperature, s.supply_pressure)
         axes.plot(
@@ -189,7 +191,7 @@ def drift_figure(result: SensitivityResult) -> Figure:
             panel.set_ylim(min(1.15 * float(down.min()), -0.06 * size), 1.15 * max(float(up.max()), 0.06 * size))
             panel.set_xlim(t[0], t[-1])
             panel.axhline(0.0, color=look.FAINT, linewidth=0.7)
-            unit = bench_unit(drift.unit)
+            unit = figure_unit(drift.unit)
             panel.set_title(f"{OF_DRIFT[drift.name]}  (dotted, right: {unit.label or '-'})", loc="left", fontsize=9)
             look.label_axes(panel, "temperature [°C]", "drift [%/K]")
             own = panel.twinx()

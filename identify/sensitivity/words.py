@@ -1,13 +1,10 @@
-"""The sentences and tables of a study, shared by terminal and page. Bench units.
-
-The bench units in which a study shows its figures, and its numbers in words.
-"""
+"""The sentences and tables of a study, shared by terminal and page. Bench units."""
 
 import math
 
 import numpy as np
 
-from thermohyd.identify.bench.shown_units import DisplayUnit, significant
+from thermohyd.identify.bench.shown_units import figure_unit, significant
 
 from .drift import CAUSES
 from .factors import Factor
@@ -15,27 +12,8 @@ from .next_test import TestChoice
 from .result import SensitivityResult
 
 
-_UNITS = {
-    "m": DisplayUnit("um", 1e6),
-    "Pa": DisplayUnit("bar", 1e-5),
-    "K": DisplayUnit("K", 1.0),
-    "dimensionless": DisplayUnit("", 1.0),
-    "m3/s": DisplayUnit("l/min", 6e4),
-    "Pa/m": DisplayUnit("bar/um", 1e-11),
-    "m2/s": DisplayUnit("l/min/um", 6e-2),
-    "s": DisplayUnit("s", 1.0),
-    "m3/(s Pa)": DisplayUnit("l/min/bar", 6e9),
-}
-OF_TEST = {"leakage": _UNITS["m3/s"], "pressure_gain": _UNITS["Pa"], "flow_gain": _UNITS["m3/s"]}
-
-
-def bench_unit(si_unit: str) -> DisplayUnit:
-    """shown = factor * SI; a unit that is not known here is shown as it is."""
-    return _UNITS.get(si_unit, DisplayUnit(si_unit, 1.0))
-
-
 def with_unit(value: float, si_unit: str, digits: int = 4) -> str:
-    unit = bench_unit(si_unit)
+    unit = figure_unit(si_unit)
     return f"{significant(value * unit.factor, digits)} {unit.label}".rstrip()
 
 
@@ -50,7 +28,7 @@ def factor_value(factor: Factor) -> str:
 
 def factor_tolerance(factor: Factor) -> str:
     """ "+/- 3 um"; "0 to 1" where the interval is cut at a limit."""
-    unit = bench_unit(factor.unit)
+    unit = figure_unit(factor.unit)
     if not math.isclose(factor.high - factor.value, factor.value - factor.low) and factor.name != "temperature":
         low, high = (f"{value * unit.factor:.4g}" for value in (factor.low, factor.high))
         return f"{low} to {high} {unit.label}".rstrip()
@@ -144,7 +122,7 @@ def drift_rows(result: SensitivityResult) -> list[list[str]]:
         if drift is None:
             continue
         at = int(np.argmin(np.abs(drift.temperature - result.subject.temperature)))
-        unit = bench_unit(drift.unit)
+        unit = figure_unit(drift.unit)
         value, relative = drift.value[at], 100.0 * drift.relative[at]
         # Of a figure that does not drift, shares would be rounding.
         parts = 100.0 * drift.parts[:, at] / drift.value[at]
