@@ -57,6 +57,9 @@ KINDS = {
     "plain number": DisplayUnit("1"),
     "angle": DisplayUnit("deg", 180.0 / math.pi, si="rad"),
 }
+# For tables and curves: so many of the bench unit are one of SI, and 0 degC in K.
+UM, L_MIN, BAR, CST = (KINDS[kind].factor for kind in ("length", "flow", "pressure", "kinematic viscosity"))
+CELSIUS = -KINDS["temperature"].offset
 # The same for what is no column of a kind but a number with its SI unit, often a difference (so K, not degC).
 _OF_SI = {
     "m": KINDS["length"],

@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 
 from thermohyd.identify.bench.columns import column_unit
 from thermohyd.identify.bench.record import TestRecord
-from thermohyd.identify.bench.shown_units import significant
+from thermohyd.identify.bench.shown_units import UM, significant
 from thermohyd.identify.fitting.result import ChannelFit, FitResult
 from thermohyd.identify.report import style as look
 from thermohyd.identify.report.style import TITLES, pressure_groups, run_label, temperature_groups
@@ -271,7 +271,7 @@ def _label(axes: Axes, found: _Map, model: str, first: bool) -> None:
 
 def _map(fits: list[ChannelFit], run_names: tuple[str, ...]) -> _Map:
     group, labels, same = _conditions(fits[0], run_names)
-    position = fits[0].position * 1e6
+    position = fits[0].position * UM
     edges = _edges(position, group)
     bins = np.clip(np.searchsorted(edges, position, side="right") - 1, 0, len(edges) - 2)
     shape = (len(labels), len(edges) - 1)

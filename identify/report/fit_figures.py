@@ -14,7 +14,7 @@ from matplotlib.ticker import LogLocator
 
 from thermohyd.identify.bench.columns import column_unit
 from thermohyd.identify.bench.record import is_dynamic, kind_of_test
-from thermohyd.identify.bench.shown_units import display_unit
+from thermohyd.identify.bench.shown_units import UM, display_unit
 from thermohyd.identify.fitting.result import ChannelFit, FitResult
 
 from . import style as look
@@ -140,7 +140,7 @@ def run_names_of(result: FitResult, test: str) -> tuple[str, ...]:
 
 def _null(result: FitResult) -> float:
     estimate = result.parameters.get("null_bias")
-    return 0.0 if estimate is None else estimate.value * 1e6
+    return 0.0 if estimate is None else estimate.value * UM
 
 
 def _test_figure(test: str, fits: list[ChannelFit], null: float, run_names: tuple[str, ...]) -> Figure:

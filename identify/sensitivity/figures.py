@@ -17,7 +17,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from thermohyd.identify.bench.columns import unit_of_test
-from thermohyd.identify.bench.shown_units import figure_unit
+from thermohyd.identify.bench.shown_units import BAR, CELSIUS, figure_unit
 from thermohyd.identify.report import style as look
 
 from .curves import TESTS
@@ -89,7 +89,7 @@ def curve_figure(result: SensitivityResult, test: str) -> Figure:
     with look.style():
         figure = sheet(
             f"{TITLES[test]}: what moves it",
-            f"{s.name}, supply {s.supply_pressure * 1e-5:.0f} bar. Sensitivities relative to {relative}, per relative change "
+            f"{s.name}, supply {s.supply_pressure * BAR:.0f} bar. Sensitivities relative to {relative}, per relative change "
             "of the factor; dagger: per tolerance",
             12.0,
             4.6,
@@ -107,7 +107,7 @@ def curve_figure(result: SensitivityResult, test: str) -> Figure:
             for i in shown:
                 name = c.factors[i].name
                 panel.plot(x, normalised[i, rows], color=COLOURS[name], linestyle=dashes(name), linewidth=1.4)
-            panel.set_title(f"sensitivities at {temperature - 273.15:.0f} °C", loc="left", color=look.FAINT)
+            panel.set_title(f"sensitivities at {temperature - CELSIUS:.0f} °C", loc="left", color=look.FAINT)
             panel.axhline(0.0, color=look.FAINT, linewidth=0.7)
             panel.set_ylim(-largest, largest)
             position_axis(panel, stroke)
@@ -135,7 +135,7 @@ def _draw_curve(axes: Axes, result: SensitivityResult, test: str) -> None:
             stretched(c.position[rows], s.model.valve.stroke),
             c.value[test][rows] * unit.factor,
             color=colour,
-            label=f"{temperature - 273.15:.0f} °C",
+            label=f"{temperature - CELSIUS:.0f} °C",
         )
     if test == "leakage":
         axes.set_yscale("log")
@@ -169,7 +169,7 @@ def drift_figure(result: SensitivityResult) -> Figure:
         s = result.subject
         figure = sheet(
             "Drift with temperature, and its causes",
-            f"{s.name}, supply {s.supply_pressure * 1e-5:.0f} bar. Areas add up to the drift (black)",
+            f"{s.name}, supply {s.supply_pressure * BAR:.0f} bar. Areas add up to the drift (black)",
             12.0,
             height,
         )
@@ -178,7 +178,7 @@ def drift_figure(result: SensitivityResult) -> Figure:
             left=0.055, right=0.945, top=1.0 - 1.0 / height, bottom=0.85 / height, wspace=0.42, hspace=0.36
         )
         for panel, drift in zip(grid.flat, drifts, strict=False):
-            t = drift.temperature - 273.15
+            t = drift.temperature - CELSIUS
             parts = 100.0 * drift.parts / drift.value
             up, down = np.zeros(len(t)), np.zeros(len(t))
             for cause, part in zip(CAUSES, parts, strict=True):

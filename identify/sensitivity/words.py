@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from thermohyd.identify.bench.shown_units import figure_unit, significant
+from thermohyd.identify.bench.shown_units import BAR, CELSIUS, KINDS, figure_unit, significant
 
 from .drift import CAUSES
 from .factors import Factor
@@ -20,7 +20,7 @@ def with_unit(value: float, si_unit: str, digits: int = 4) -> str:
 def factor_value(factor: Factor) -> str:
     """ "15.00 um", "40.0 degC", "table"."""
     if factor.name == "temperature":
-        return f"{factor.value - 273.15:.1f} degC"
+        return f"{factor.value - CELSIUS:.1f} degC"
     if factor.name in ("viscosity", "density"):
         return "table" if factor.value == 1.0 else f"{significant(factor.value)} x table"
     return with_unit(factor.value, factor.unit)
@@ -67,8 +67,8 @@ NEGLIGIBLE = 0.005  # a total index below is left out of tables
 
 def conditions_in_words(result: SensitivityResult) -> str:
     s = result.subject
-    back = f", return {s.return_pressure * 1e-5:.3g} bar" if s.return_pressure else ""
-    return f"{s.temperature - 273.15:.0f} degC, supply {s.supply_pressure * 1e-5:.0f} bar{back}"
+    back = f", return {KINDS['pressure'].words(s.return_pressure, 3)}" if s.return_pressure else ""
+    return f"{s.temperature - CELSIUS:.0f} degC, supply {s.supply_pressure * BAR:.0f} bar{back}"
 
 
 def ranking_rows(result: SensitivityResult) -> list[list[str]]:
@@ -151,7 +151,7 @@ def actuator_sentence(result: SensitivityResult) -> str:
 
 
 def test_in_words(choice: TestChoice) -> str:
-    t, p = choice.temperature - 273.15, choice.supply_pressure * 1e-5
+    t, p = choice.temperature - CELSIUS, choice.supply_pressure * BAR
     return f"{TEST_WORDS[choice.test]} at {round(t)} degC and {p:.0f} bar"
 
 
