@@ -1,11 +1,10 @@
 """Fit the seed paper's Eq. 6, X = X0 tanh(Q/Q0) + k Q, to flow curves: each temperature alone, then all with smooth laws.
 
-Where the literal Eq. 6 is too coarse: X = X0 tanh(Q/Q0) + X1 tanh(Q/Q1) + k Q, fitted to one flow curve.
+Where the literal Eq. 6 is too coarse, a second term is fitted to one flow curve: X = X0 tanh(Q/Q0) + X1 tanh(Q/Q1) + k Q. Cold oil
+is laminar over the whole stroke: Q grows as the square of the gap, so X as sqrt(Q), without an asymptote. A second bend at a
+larger flow follows that; the curve stays explicit in Q and becomes Eq. 6 where X1 = 0.
 
-Cold oil is laminar over the whole stroke: Q grows as the square of the gap, so X as sqrt(Q), without an asymptote. A second
-bend at a larger flow follows that; the curve stays explicit in Q and becomes Eq. 6 where X1 = 0.
-
-Eq. 6 for other programs: JSON in SI units, and plain formulas that any system-level tool can evaluate.
+For other programs the model is written as JSON in SI units, and as plain formulas that any system-level tool can evaluate.
 """
 
 from collections.abc import Sequence

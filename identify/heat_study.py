@@ -1,9 +1,7 @@
-"""From which measurement the share eta of kept heat can be told: test, position, temperature, supply pressure.
+"""From which measurement the share eta of kept heat can be told: standard error of eta by test, position, temperature, supply pressure.
 
-Fisher information: a sweep says of eta what its readings change per unit of it, in units of their noise, less what the six
-geometric parameters could imitate.
-
-What the wall takes of the heat, and from which measurement that can be told: two figures.
+By Fisher information: a sweep says of eta what its readings change per unit of it, in units of their noise, less what the six
+geometric parameters could imitate. Two figures: what the wall takes of the heat, and these standard errors.
 """
 
 from collections.abc import Mapping, Sequence
@@ -71,17 +69,17 @@ def _readings_and_slopes(
 
 
 def standard_error(columns: np.ndarray) -> float:
-    """Of the parameter in column 0 of (rows, parameters), derivatives in units of noise, with all others unknown.
+    """Standard error of the parameter in column 0 of (rows, parameters), derivatives in units of noise, with all others unknown.
 
     1/|g|, g what is left of its column when the best combination of the others is taken off.
     """
-    own, others = columns[:, 0], columns[:, 1:]
-    size = float(np.linalg.norm(own))
+    wanted, others = columns[:, 0], columns[:, 1:]
+    size = float(np.linalg.norm(wanted))
     if others.size:
         lengths = np.linalg.norm(others, axis=0)
         scaled = others[:, lengths > 0.0] / lengths[lengths > 0.0]
-        own = own - scaled @ np.linalg.lstsq(scaled, own, rcond=1e-12)[0]
-    left = float(np.linalg.norm(own))
+        wanted = wanted - scaled @ np.linalg.lstsq(scaled, wanted, rcond=1e-12)[0]
+    left = float(np.linalg.norm(wanted))
     return 1.0 / left if left > ROUNDING * size else float("inf")
 
 

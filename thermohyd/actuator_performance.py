@@ -1,9 +1,8 @@
 """How good an actuator is at null: stability, rapidity, accuracy, consumption, from the valve's static gains.
 
 The seed paper's Eqs. 1 to 4 and its appendix, in the corrected form of docs/physics.md section 11. The gains are derivatives of the
-static model at the hydraulic null, under zero load.
-
-The loop gain at which a position loop starts to oscillate, spool dynamics included, in closed form.
+static model at the hydraulic null, under zero load. The loop gain at which a position loop starts to oscillate is in closed
+form, spool dynamics included.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""Is what a caller handed over what it should be? One sentence on the host where a unit, a sign or a type is wrong.
+"""Check the arguments of public functions on the host: one sentence where a unit, a sign, a shape or a type is wrong.
 
 Only values that are known are looked at: a tracer (inside jit, vmap, grad) passes untouched, and nothing is computed for it.
 """

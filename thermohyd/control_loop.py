@@ -26,7 +26,7 @@ class Loop(NamedTuple):
 
 
 class Margins(NamedTuple):
-    """Arrays of shape (points,): gain_margin [-], phase_margin [deg], and where they are read [rad/s].
+    """Margins of the open loop, arrays of shape (points,): gain_margin [-], phase_margin [deg], and where they are read [rad/s].
 
     phase_margin is the smallest over all crossings of gain 1; crossings that do not exist are infinite or NaN.
     """
@@ -38,7 +38,7 @@ class Margins(NamedTuple):
 
 
 class FrequencyResponse(NamedTuple):
-    """pulsation (frequencies,) [rad/s]; magnitude [-] and phase [deg, continuous from low pulsations], (points, frequencies)."""
+    """Bode data: pulsation (frequencies,) [rad/s]; magnitude [-] and phase [deg, continuous from low pulsations], (points, frequencies)."""
 
     pulsation: np.ndarray
     magnitude: np.ndarray
@@ -133,11 +133,11 @@ def loop_frequency_response(
     closed: bool = False,
 ) -> FrequencyResponse:
     """Bode data of the open loop, or of the closed one, at every operating point of `performance(...)`; pulsation [rad/s]."""
-    at = np.asarray(pulsation, dtype=float)
+    given = np.asarray(pulsation, dtype=float)
     of = closed_loop if closed else open_loop
     systems = [of(loop, spool=spool) for loop in loops(found, actuator)]
-    magnitude = np.array([np.abs(np.atleast_1d(system(1j * at))) for system in systems])
-    return FrequencyResponse(at, magnitude, np.array([_phase(system.poles(), at) for system in systems]))
+    magnitude = np.array([np.abs(np.atleast_1d(system(1j * given))) for system in systems])
+    return FrequencyResponse(given, magnitude, np.array([_phase(system.poles(), given) for system in systems]))
 
 
 def _phase(poles: np.ndarray, pulsation: np.ndarray) -> np.ndarray:

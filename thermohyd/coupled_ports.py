@@ -1,9 +1,8 @@
-"""Port balances that lines or a path between the ports tie together: closed and connected use ports (docs/physics.md section 5).
+"""Balances of ports that lines or a path between them tie together: closed, connected and loaded use ports (docs/physics.md section 5).
 
 Lines between the gauges and the edges add two unknowns per row, the pressures that the edges see; they are counted as
-shares of the gauges' difference. The pressures *inside* come back as conditions beside the ports.
-
-The balance under an imposed load pressure when lines or a path between the ports tie it together (load-flow test).
+shares of the gauges' difference. The pressures *inside* come back as conditions beside the ports. Under an imposed load
+pressure the temperatures of the ports are unknowns too where the oil keeps heat.
 """
 
 from collections.abc import Callable
@@ -55,19 +54,19 @@ def solve_with_lines(
     Flows through the lines are volumes at the gauges, the return's at `warm_return`. The pressure difference inside,
     plus `spare_room` (as a share of the gauges'), stays positive.
     """
-    own = start.shape[0]
+    count = start.shape[0]
     span = gauges.supply_pressure - gauges.return_pressure
 
     def inside(z: Float[Array, "unknowns rows"]) -> Conditions:
         if not lines:
             return gauges
         return with_pressures(
-            gauges, gauges.supply_pressure - z[own] * span, gauges.return_pressure + z[own + 1] * span
+            gauges, gauges.supply_pressure - z[count] * span, gauges.return_pressure + z[count + 1] * span
         )
 
     def imbalance(z: Float[Array, "unknowns rows"]) -> Float[Array, "unknowns rows"]:
         within = inside(z)
-        residual, ports = balance(z[:own], within)
+        residual, ports = balance(z[:count], within)
         if not lines:
             return residual
         supply_flow = jnp.sum(ports.inflow, axis=0) / density(oil, gauges.supply_pressure, gauges.temperature)
@@ -75,16 +74,16 @@ def solve_with_lines(
         return_flow = jnp.sum(ports.outflow, axis=0) / density(oil, gauges.return_pressure, warm)
         losses = [line.losses(supply_flow, return_flow) for line in lines]
         lost, gained = (sum(parts, start=jnp.zeros(())) for parts in zip(*losses, strict=True))
-        return jnp.concatenate([residual, jnp.stack([z[own] - lost / span, z[own + 1] - gained / span])])
+        return jnp.concatenate([residual, jnp.stack([z[count] - lost / span, z[count + 1] - gained / span])])
 
     def room(z: Float[Array, "unknowns rows"]) -> Float[Array, " rows"]:
-        return 1.0 - z[own] - z[own + 1] + spare_room
+        return 1.0 - z[count] - z[count + 1] + spare_room
 
     extra = jnp.zeros((2 if lines else 0, *start.shape[1:]))
     first = jax.lax.stop_gradient(jnp.concatenate([start, extra]))
     z = coupled_root(imbalance, first, room if lines else None)
     within = inside(z)
-    return balance(z[:own], within)[1], within
+    return balance(z[:count], within)[1], within
 
 
 def crossing_conductance(
@@ -140,8 +139,8 @@ def _drawn_together(
 
     one = between(falling_root(joint, jnp.zeros(conditions.position.shape), CONNECTED_STEPS), conditions)
     two, ports = between(q, conditions), ports_at(flows, one)
-    made = ports.inflow - ports.outflow
-    exchanged = 0.5 * jnp.abs(made[0] - made[1])
+    surplus = ports.inflow - ports.outflow
+    exchanged = 0.5 * jnp.abs(surplus[0] - surplus[1])
     apart = jnp.abs(two.return_drop[0] - two.return_drop[1])
     crossing = conductance * density(flows.oil, conditions.return_pressure, conditions.temperature) * apart
     share = jnp.where(crossing > 0.0, exchanged / jnp.where(crossing > 0.0, exchanged + crossing, 1.0), 1.0)

@@ -100,7 +100,7 @@ def at_opening(edge: MeteringEdge, opening: Float[Array, "..."]) -> OpenEdge:
 
 
 def mass_flow(
-    at: OpenEdge, oil: OilAtTemperature, drop: Float[Array, "..."], mean_pressure: Float[Array, "..."]
+    opened: OpenEdge, oil: OilAtTemperature, drop: Float[Array, "..."], mean_pressure: Float[Array, "..."]
 ) -> Float[Array, "..."]:
     """Mass flow through an edge [kg/s], positive along a positive drop dp [Pa]; `oil` at the upstream temperature.
 
@@ -110,10 +110,12 @@ def mass_flow(
     y = (2 lambda/lambda_c)^2 = 32 h^2 rho |dp| / (mu lambda_c)^2, as nu = mu/rho.
     """
     rho, mu = density_at(oil, mean_pressure), viscosity_at(oil, mean_pressure)
-    through = at.fixed
+    through = opened.fixed
     if through is None:
-        assert at.edge.clearance_per_pressure is not None
-        through = _restriction(at.edge, at.opening, at.edge.clearance + at.edge.clearance_per_pressure * mean_pressure)
+        assert opened.edge.clearance_per_pressure is not None
+        through = _restriction(
+            opened.edge, opened.opening, opened.edge.clearance + opened.edge.clearance_per_pressure * mean_pressure
+        )
     y = through.turbulence * rho * jnp.abs(drop) / jnp.square(mu)
     orifice = through.orifice * tanhc(y)
     total = orifice / (1.0 + orifice * through.land)  # G mu

@@ -1,6 +1,6 @@
-"""Roots of monotone scalar balances, elementwise: bracketed Newton of fixed cost, differentiated implicitly.
+"""Roots of flow balances of fixed cost, differentiated implicitly: one monotone scalar per element, or a few coupled per row.
 
-Roots of a few coupled balances per row: damped Newton of fixed cost, differentiated implicitly.
+Scalars by bracketed Newton, coupled balances by damped Newton.
 """
 
 from collections.abc import Callable

@@ -107,7 +107,7 @@ class _Wall(eqx.Module):
         rise = throttling_rise(self.oil, drop, c.return_pressure + 0.5 * drop, c.temperature)
         return jax.lax.stop_gradient(rise + jnp.abs(self.air()))
 
-    def at(self, z: Float[Array, "unknowns rows"]) -> tuple[Float[Array, "unknowns rows"], WallState]:
+    def balance(self, z: Float[Array, "unknowns rows"]) -> tuple[Float[Array, "unknowns rows"], WallState]:
         """z: q of port A and of port B (closed) or of both (joined), then the wall's excess in its unit."""
         c = self.flows.conditions
         shape = (2, *c.position.shape)
@@ -173,5 +173,5 @@ def wall_state(valve: Valve, oil: Oil, exchange: HeatExchange, true: Conditions,
         return jnp.log(into / out)
 
     begin = jnp.concatenate([falling_root(isothermal, start), jnp.zeros((1, *true.position.shape))])
-    z = coupled_root(lambda z: wall.at(z)[0], jax.lax.stop_gradient(begin))
-    return wall.at(z)[1]
+    z = coupled_root(lambda z: wall.balance(z)[0], jax.lax.stop_gradient(begin))
+    return wall.balance(z)[1]

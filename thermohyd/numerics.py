@@ -1,8 +1,7 @@
-"""How programs are compiled: with options of XLA that this release knows, and large ones quickly.
+"""Numerics that every part shares: compiling with XLA options that this release knows, double precision, linear recursions.
 
-The refusal of single precision, which gives wrong fits without any sign of it.
-
-Linear recursions along the rows of a sweep, as a few doublings: cheap to compile, cheap to run, differentiable.
+Single precision is refused, because it gives wrong fits without any sign of it. A linear recursion along the rows of a sweep is
+done in a few doublings: cheap to compile, cheap to run, differentiable.
 """
 
 import functools

@@ -27,9 +27,10 @@ Named = dict[str, Array]
 
 
 class PerformanceDerivatives(eqx.Module):
-    """value: the figures. parameter: {name: value, SI}. slopes: every figure's derivatives per SI unit, in the order of
-    `parameter` along a leading axis; `derivative(name)` picks one parameter's.
+    """Performance figures with their derivatives.
 
+    value: the figures. parameter: {name: value, SI}. slopes: every figure's derivatives per SI unit, in the order of `parameter`
+    along a leading axis; `derivative(name)` picks one parameter's.
     Names: "temperature", "supply_pressure", "return_pressure", "valve.edge_radius", "valve.heat_retention" (where heat is
     computed), "valve.effects.eccentricity", "oil.viscosity_a", "actuator.piston_area" and so on, one per scalar field.
     """

@@ -1,9 +1,7 @@
 """The steady balance of the two port volumes: blocked, connected to each other, or under an imposed load pressure.
 
 Arrays carry a leading axis of length 2, port A then port B: the edges of B meet the spool mirrored, so both ports are
-one computation with openings U + s x and U - s x, s = +1, -1.
-
-The steady balance of both ports with a load between them: p_A - p_B is imposed (the load-flow test).
+one computation with openings U + s x and U - s x, s = +1, -1. In the load-flow test p_A - p_B is imposed.
 """
 
 import equinox as eqx

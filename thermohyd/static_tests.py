@@ -2,11 +2,9 @@
 
 All of them take a `Valve` and `Conditions` of shape (rows,) and return arrays of shape (rows,), SI units. They are
 compiled once per shape, and can be jitted, vmapped and differentiated, forward and reverse, in every field of the valve
-and of the conditions.
+and of the conditions. The ports obey the plain balance, or the coupled one where the valve's effects tie the balances together.
 
-The static gains of a valve by differentiation: K_QX, K_PX, K_QP and their non-dimensional forms (docs/physics.md section 6).
-
-Which balance a valve's ports obey: the plain one, or the coupled one where its effects tie the balances together.
+The static gains K_QX, K_PX, K_QP and their non-dimensional forms are derivatives of these tests.
 """
 
 import equinox as eqx

@@ -1,0 +1,1 @@
+"""A bench record: a folder on a disk, or arrays, read and checked into SI units. No JAX here."""

@@ -106,13 +106,13 @@ def _described(
     """What a bench.toml with these values says. Raises BenchInputError."""
     tables: dict[str, dict[str, Any]] = {name: {"file": str(name)} for name in _tables(tests, "tests")}
     for what, given in (("noise", noise), ("options", options)):
-        for name, said in _tables(given or {}, what).items():
+        for name, entry in _tables(given or {}, what).items():
             if name not in tables:
                 raise BenchInputError(f"unknown test {quoted(name)}; {suggestion(str(name), tables)}", key=what)
             if what == "noise":
-                tables[name]["noise"] = said
+                tables[name]["noise"] = entry
                 continue
-            for key, value in _tables(said, f"options {name}").items():
+            for key, value in _tables(entry, f"options {name}").items():
                 if key not in OPTIONS:
                     raise BenchInputError(f"unknown key {quoted(key)}; {suggestion(str(key), OPTIONS)}", key=what)
                 tables[name][key] = value
@@ -121,8 +121,8 @@ def _described(
         root["oil"] = {"preset": oil} if isinstance(oil, str) else oil
     if actuator is not None:
         root["actuator"] = _actuator(actuator)
-    told = {key: _plain(value, key) for key, value in root.items() if value is not None}
-    return read_description(Arguments(told), "valve", oil if isinstance(oil, OilDefinition) else None)
+    plain = {key: _plain(value, key) for key, value in root.items() if value is not None}
+    return read_description(Arguments(plain), "valve", oil if isinstance(oil, OilDefinition) else None)
 
 
 def _tables(value: object, what: str) -> dict[str, Any]:
@@ -217,26 +217,26 @@ def _column(value: Any, test: StaticTest, name: str) -> np.ndarray:
     if isinstance(values, np.ma.MaskedArray):
         values = np.ma.filled(values.astype(float), np.nan)
     try:
-        found = np.asarray(values)
+        array = np.asarray(values)
     except Exception:  # lists of lists of different lengths, objects of other packages
         raise _of_test(test.name, "is no array; expected one value per row", name) from None
-    if found.ndim > 1 or found.dtype.kind in "cV":
-        what = "complex numbers" if found.dtype.kind == "c" else f"the shape {found.shape}"
+    if array.ndim > 1 or array.dtype.kind in "cV":
+        what = "complex numbers" if array.dtype.kind == "c" else f"the shape {array.shape}"
         raise _of_test(test.name, f"has {what}; expected one number per row", name)
-    if found.dtype.kind == "U":
-        found = found.astype(object)
-    return found
+    if array.dtype.kind == "U":
+        array = array.astype(object)
+    return array
 
 
 def _header(name: str, value: Any, values: np.ndarray, test: StaticTest) -> str:
     """The header that a CSV would have: the unit is that of the quantity, else the one in the name, else the SI one."""
-    own = split_header(name)[1]
+    unit_in_name = split_header(name)[1]
     if _is_quantity(value):
-        if own is not None:
+        if unit_in_name is not None:
             raise _of_test(test.name, "has a unit in its name and one of its own; keep one of them", name)
         return f"{name} [{_unit(value)}]"
     kinds = test.kinds.get(plain_name(name))
-    if own is not None or kinds is None or values.dtype.kind in "mM":
+    if unit_in_name is not None or kinds is None or values.dtype.kind in "mM":
         return name
     unit = KINDS[kinds[0]]
     return f"{name} [{unit.si or unit.label}]"

@@ -1,8 +1,8 @@
-"""The cells of a test's file, whatever its format, as columns of numbers; which of them are missing, and which are none.
+"""The cells of a test's file, whatever its format, as columns of numbers, dates and texts, with every cell that cannot be read.
 
-All cells of a record that cannot be read, in one message: how many, the first of them, and what to do.
-
-Dates and times of day in a log as seconds since its first row: ISO 8601, 31.12.2026, 12/31/2026, or a time alone.
+A missing cell (empty, "n/a") is told from a bad one, which holds something that is no number. The bad cells of all tests of a
+record are refused in one message: how many, the first of them, what to do. Dates and times of day become seconds since the
+first row: ISO 8601, 31.12.2026, 12/31/2026, or a time alone. Numbers are checked only in the columns that are asked for.
 """
 
 import re

@@ -1,6 +1,7 @@
-"""Which columns each bench test has: its readings, its conditions, the kind of quantity of every one, the unit it is shown in.
+"""Which columns each bench test has, of which kind of quantity and shown in which unit each is, and which sizes no bench has.
 
-What no bench has: sizes, readings and conditions that give away a wrong unit or a broken sensor, and the unit that they betray.
+The second half judges a value by itself: sizes, readings and conditions that give away a wrong unit or a broken sensor, and the
+unit that they betray. `plausibility` judges one column beside another.
 """
 
 from .shown_units import KINDS, DisplayUnit

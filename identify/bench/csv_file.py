@@ -1,6 +1,7 @@
-"""A logger's CSV file as lines: decoded, comments set aside, separator found, line numbers kept.
+"""Read a logger's CSV file: decoded, comments set aside, separator found, every line with its number; then its cells as a table.
 
-The lines of a CSV file as a table: split fast where nothing is quoted; rows of another length are set aside.
+Lines are split fast where nothing is quoted. Rows with another number of cells than there are headers
+are set aside as bad rows. Line numbers count comments, so that a message names the line that an editor shows.
 """
 
 import csv
@@ -52,7 +53,10 @@ class CsvLines(Source):
 
 
 def read_csv_lines(path: Path, skip_rows: int = 0) -> CsvLines:
-    """`skip_rows`: lines above the headers. Raises BenchInputError where the file cannot be read or is empty."""
+    """Read a CSV file as headers and lines. `skip_rows`: lines above the headers.
+
+    Raises BenchInputError where the file cannot be read or is empty.
+    """
     text = decode(read_bytes(path), path)
     every = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     if skip_rows and skip_rows >= len(every):
@@ -144,7 +148,10 @@ def _separator(header: str) -> str:
 
 
 def csv_cells(source: CsvLines, texts: tuple[int, ...] = ()) -> Cells:
-    """`texts`: columns that stay as they are written (run names). Raises BenchInputError where most rows are uneven."""
+    """The cells of a CSV file as a table. `texts`: columns that stay as they are written (run names).
+
+    Raises BenchInputError where most rows are uneven.
+    """
     source, bad_rows = _even_rows(source)
     width = len(source.header)
     body = "\n".join(source.lines)

@@ -1,4 +1,8 @@
-"""Which column of a file is which standard column: letter case and blanks forgiven, `columns` and `ignore` of bench.toml heard."""
+"""Find which column of a file is which standard column.
+
+Letter case and blanks are forgiven; `columns` and `ignore` of bench.toml are obeyed. An unknown header is answered with the
+standard column that it most likely means, ready to be copied into bench.toml.
+"""
 
 import difflib
 import re

@@ -1,4 +1,4 @@
-"""Is what a record says physically possible (else an error), and is it usual (else a warning)? Columns against each other."""
+"""Check a record's columns against each other: what is physically impossible is an error, what is unusual a warning."""
 
 import numpy as np
 

@@ -1,8 +1,7 @@
-"""Read a bench record: a folder with bench.toml and one CSV per test, checked, in SI units. No JAX here.
+"""Read a bench record: a folder with bench.toml and one file per test, checked, in SI units. No JAX here.
 
-Read the step and frequency tests of a record: columns checked against what an actuator can be told and can do.
-
-Parts of a test's table that static and dynamic tests share: file, conditions, readings, runs.
+Static and dynamic tests share the first part (file, conditions, readings, runs). Step and frequency tests are then checked
+against what an actuator can be commanded and can do. `record_of` makes the record from tables that are already in memory.
 """
 
 import os

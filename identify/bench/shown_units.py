@@ -1,6 +1,6 @@
-"""Which bench unit each kind of quantity is shown in, how many of its digits mean something, an effect's amount in words.
+"""The bench unit in which a quantity or an effect's amount is shown, how many of its digits mean something, and both as text.
 
-No JAX, no units library.
+No JAX and no units library: reports must not wait for either.
 """
 
 import math

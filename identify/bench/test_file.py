@@ -143,17 +143,17 @@ def _units(
         below = _row_of_units(test, source, {name: columns[name] for name, t in texts.items() if t is None}, valve)
     units, kinds = {}, {}
     for name, text in texts.items():
-        told = _written_unit(test, name, test.columns[name], valve) if name in test.columns else None
+        stated = _written_unit(test, name, test.columns[name], valve) if name in test.columns else None
         try:
-            if told is not None:
-                units[name], kinds[name] = _unit(test, name, told, valve)
+            if stated is not None:
+                units[name], kinds[name] = _unit(test, name, stated, valve)
             elif text is not None and not (name == "time" and _is_clock_column(source, columns[name])):
                 units[name], kinds[name] = _unit(test, name, text, valve)
             if name in below:
                 unit, kind = _unit(test, name, below[name], valve)
                 if name in units and unit.to_si(np.ones(1)) != units[name].to_si(np.ones(1)):
                     raise UnitError(
-                        f"{quoted(below[name])} stands below the header, but bench.toml says {quoted(told)}"
+                        f"{quoted(below[name])} stands below the header, but bench.toml says {quoted(stated)}"
                     )
                 units[name], kinds[name] = unit, kind
         except UnitError as error:

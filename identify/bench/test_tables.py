@@ -1,8 +1,7 @@
-"""The `[tests.<name>]` tables of a bench.toml: which file, what noise, and which kind of quantity each column holds.
+"""Read the `[tests.<name>]` tables of a bench.toml (file, columns, noise) and its `[actuator]` table.
 
-The `noise` of a test in bench.toml: what the user knows of its readings' scatter.
-
-The `[actuator]` table: the jack, its load and its loop, with the defaults that docs/bench_format.md section 2.5 states.
+A test's table says where its rows are, of which kind each column is, and what the user knows of the scatter of its readings.
+The actuator's table holds the jack, its load and its loop, with the defaults that docs/bench_format.md section 2.5 states.
 """
 
 import re
@@ -54,7 +53,7 @@ HEAT = ("adiabatic", "isothermal")
 
 
 def read_actuator(table: TomlTable, valve: ValveData) -> ActuatorData:
-    """The table in SI. Raises BenchInputError where it says something that an actuator cannot be."""
+    """Read the `[actuator]` table, SI. Raises BenchInputError where it says something that an actuator cannot be."""
     table.refuse_unknown((*ACTUATOR, "controller", "heat"))
     value = {}
     for key, (kind, sign, default) in ACTUATOR.items():
@@ -210,12 +209,12 @@ def _dynamic(name: str, path: Path, test: TomlTable, closed: bool) -> DynamicTes
             "the controller that closes the loop",
             "output" if "output" in test else None,
         )
-    told: dict[str, Any] = {"closed_loop": closed, "output": output, "absolute": absolute}
-    plain = DynamicTestTable(name, path, {}, {}, (), test, **told)
+    settings: dict[str, Any] = {"closed_loop": closed, "output": output, "absolute": absolute}
+    plain = DynamicTestTable(name, path, {}, {}, (), test, **settings)
     readings = {reading: plain.kinds[reading][0] for reading in READINGS[plain.kind]}
     columns = _mapping(test, tuple(plain.kinds))
     return DynamicTestTable(
-        name, path, read_noise(test, readings), columns, _ignored(test), test, **_layout(test), **told
+        name, path, read_noise(test, readings), columns, _ignored(test), test, **_layout(test), **settings
     )
 
 
@@ -224,14 +223,14 @@ def _mapping(test: TomlTable, columns: tuple[str, ...]) -> dict[str, str]:
     if table is None:
         return {}
     table.refuse_unknown(("run", *columns), "standard column")
-    found = {}
+    headers = {}
     for column in table.data:
         header = table.text(column)
         assert header is not None
-        if header in found.values():
+        if header in headers.values():
             raise table.error(f"{quoted(header)} stands for two columns", column)
-        found[column] = header
-    return found
+        headers[column] = header
+    return headers
 
 
 def _ignored(test: TomlTable) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""A TOML file with the line of each key, which the standard parser does not keep: messages need it.
+"""Parse a TOML file and keep the line of each key, which the standard parser does not: messages name it.
 
 The same tables may come from a caller's arguments: then there is no line, and a bare number is one in SI.
 """

@@ -1,8 +1,7 @@
-"""Read and check a record's bench.toml: everything but the CSV files.
+"""Read and check a record's bench.toml except the tables of its tests: valve, oil, conditions and starting values, in SI.
 
-The `[oil]` table of a bench.toml as an OilDefinition: a preset or viscosity points, and further properties.
-
-The `[start]` table: where each parameter starts, what is held, what is known beforehand.
+The oil is a preset or viscosity points, with further properties; `[start]` says where each parameter starts, what is held, and
+what is known beforehand (a prior).
 """
 
 from dataclasses import dataclass, field, replace
@@ -167,7 +166,7 @@ class BenchFile:
 
 
 def read_bench_toml(path: Path) -> BenchFile:
-    """Raises BenchInputError with file, line and key."""
+    """Read a bench.toml. Raises BenchInputError with file, line and key."""
     return read_description(TomlSource(path), path.absolute().parent.name)
 
 

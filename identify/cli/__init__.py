@@ -1,0 +1,1 @@
+"""The commands of `thermohyd`: read, compute, show."""

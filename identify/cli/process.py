@@ -1,6 +1,6 @@
-"""How a command ends: what its user reads and the exit status, for every failure. No tracebacks unless asked for.
+"""How a command ends and where its words go: one line and an exit status for every failure, results apart from progress.
 
-Where a command's words go: results to stdout, progress and warnings to stderr; with --json all readable ones to stderr.
+Results go to stdout, progress and warnings to stderr; with --json all readable words go to stderr. No tracebacks unless asked for.
 """
 
 import os

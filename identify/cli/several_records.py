@@ -1,6 +1,6 @@
-"""Compute the records of one command: all are read before any is computed, and one that fails does not lose the others.
+"""Run one command on several records: all are read before any is computed, and one that fails does not lose the others.
 
-What a command tells its user while it works: a live line on a terminal, a few plain lines elsewhere.
+While it works the command shows a live line on a terminal, a few plain lines elsewhere.
 """
 
 import time

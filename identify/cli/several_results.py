@@ -1,14 +1,8 @@
-"""Several fits in a terminal: one line for each record, and what the command has to confess at its end.
-
-Several diagnoses in a terminal: one line for each record.
-
-What a `diagnose` of one or several records has to confess at its end.
-"""
+"""Print several fits or diagnoses in a terminal, one line or column for each record, and what the command must own up to at its end."""
 
 from collections.abc import Mapping
 from typing import Any
 
-from rich import box
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
@@ -19,6 +13,7 @@ from thermohyd.identify.fitting.result import FitResult, ParameterEstimate
 from thermohyd.identify.report.diagnosis_report import COLOURS
 from thermohyd.identify.report.diagnosis_words import changed, excess, percent, reading_words
 from thermohyd.identify.report.fit_report import chi2_band
+from thermohyd.identify.report.terminal import table
 
 from .several_records import Outcome, confession
 
@@ -27,8 +22,11 @@ CELL = 20  # characters of "-12.3456 +/- 0.0012"
 
 
 def print_summary_of_fits(results: Mapping[str, FitResult], console: Console) -> None:
-    """{name: result}, in the order given; user text is never read as markup. A parameter per row, a record per column, so that
-    any number of parameters fits; records that do not fit beside each other follow below."""
+    """Print the parameters of several fits side by side, in the order given; user text is never read as markup.
+
+    A parameter per row, a record per column, so that any number of parameters fits; records that do not fit beside each
+    other follow below.
+    """
     if not results:
         return
     widest = max(len(name) for result in results.values() for name in [*result.parameters, "reduced chi-square"])
@@ -40,17 +38,13 @@ def print_summary_of_fits(results: Mapping[str, FitResult], console: Console) ->
 
 
 def _table(results: Mapping[str, FitResult]) -> Table:
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 2, 0, 0), pad_edge=False, show_edge=False, header_style="bold")
-    table.add_column("parameter", no_wrap=True)
-    table.add_column("unit", no_wrap=True)
-    for record in results:
-        table.add_column(Text(record), justify="right", overflow="fold")
+    rows = []
     for name in dict.fromkeys(name for result in results.values() for name in result.parameters):
         estimates = [result.parameters.get(name) for result in results.values()]
         unit = next(display_unit(estimate.unit).label for estimate in estimates if estimate is not None)
-        table.add_row(Text(name), Text(unit), *[_cell(estimate) for estimate in estimates])
-    table.add_row(Text("reduced chi-square"), Text("-"), *[_chi2(result) for result in results.values()])
-    return table
+        rows.append((name, unit, *[_cell(estimate) for estimate in estimates]))
+    rows.append(("reduced chi-square", "-", *[_chi2(result) for result in results.values()]))
+    return table(("parameter", "unit", *[f">~{record}" for record in results]), rows, gap=2)
 
 
 def _cell(estimate: ParameterEstimate | None) -> Text:
@@ -94,18 +88,15 @@ def unsettled(outcome: Outcome[FitResult]) -> str:
 
 
 def print_summary_of_many(results: Mapping[str, DiagnosisResult], console: Console) -> None:
-    """{name: result}, in the order given; user text is never read as markup."""
+    """Print the verdicts of several diagnoses, one line each, in the order given; user text is never read as markup."""
     if not results:
         return
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, show_edge=False, header_style="bold")
-    columns = ("record", "verdict", "effects", "misses most", ">red. chi2", ">held out")
-    for title in columns:
-        table.add_column(title.lstrip(">"), justify="right" if title.startswith(">") else "left", overflow="fold")
+    rows = []
     for name, result in results.items():
         gap = excess(result.gap_before) + (f" -> {excess(result.gap_after)}" if changed(result) else "")
-        cells = (_added(result), _worst(result), gap, _held_out(result))
-        table.add_row(Text(name), Text(result.verdict, style=COLOURS[result.verdict]), *[Text(cell) for cell in cells])
-    console.print(table)
+        verdict = Text(result.verdict, style=COLOURS[result.verdict])
+        rows.append((name, verdict, _added(result), _worst(result), gap, _held_out(result)))
+    console.print(table(("~record", "~verdict", "~effects", "~misses most", ">~red. chi2", ">~held out"), rows))
 
 
 def _added(result: DiagnosisResult) -> str:
@@ -129,7 +120,7 @@ def _held_out(result: DiagnosisResult) -> str:
 
 
 def unsettled_diagnoses(outcome: Outcome[DiagnosisResult]) -> str:
-    """In one sentence; empty where all went well."""
+    """What a `diagnose` has to confess, in one sentence; empty where all went well."""
     return confession(
         outcome,
         (

@@ -1,6 +1,7 @@
-"""A record opened for diagnosis: its plain fit, its noise, and the ideal valve fitted with that noise.
+"""Prepare a record for diagnosis: fit the ideal valve, measure the noise, fit again by generalised least squares; then search.
 
-Which effects are missing, judged by rows that are not held out.
+A `Case` holds the plain fit, the noise and the ideal valve fitted with it. `choose` runs the forward selection of effects on the
+rows that are not held out (docs/diagnosis.md sections 1 and 9).
 """
 
 from collections.abc import Callable
@@ -15,9 +16,9 @@ from thermohyd.identify.fitting.outcome import Fitted, Key
 from thermohyd.identify.fitting.problem import Fit, Problem
 
 from .held_out import Split, split_rows
-from .record_noise import NoiseFound, Repeats, first_noise, found_noise, noise_of, repeats_of
+from .record_noise import NoiseEstimate, Repeats, estimated_noise, first_noise, noise_of, repeats_of
 from .screening import finite_steps
-from .search import FAR, LEVEL, Found, prune, search
+from .search import FAR, LEVEL, Selection, prune, search
 
 
 Progress = Callable[[str], None]
@@ -30,7 +31,7 @@ class Case:
     fitted: Fitted
     problem: Problem
     repeats: dict[Key, Repeats | None]
-    noise: dict[Key, NoiseFound]
+    noise: dict[Key, NoiseEstimate]
     base: Fit
     steps: dict[str, np.ndarray]  # finite-step signatures of every effect beside `base`
 
@@ -49,16 +50,16 @@ def open_case(record: BenchRecord, say: Progress = lambda _: None) -> Case:
     base = problem.fit(start=start)
     if base.chi2 > FAR * len(base.residual):
         # A valve bent by what it misses: the plain fit's valley need not be the deepest one.
-        other = problem.fit(start={"null_bias": start.get("null_bias", base.values["null_bias"])}, hops=True)
+        other = problem.fit(start={"null_bias": start.get("null_bias", base.values["null_bias"])}, hop_basins=True)
         base = min(base, other, key=lambda fit: fit.chi2)
     return with_noise_around(Case(fitted, problem, repeats, {}, base, {}), base)
 
 
 def with_noise_around(case: Case, fit: Fit) -> Case:
     """The case with its noise measured beside `fit`, and the ideal valve fitted with it."""
-    noise = found_noise(case.problem, fit, case.fitted.noise, case.repeats)
+    noise = estimated_noise(case.problem, fit, case.fitted.noise, case.repeats)
     problem = case.problem.with_noise(noise_of(noise))
-    base = problem.fit(start=case.base.values, hops=True)
+    base = problem.fit(start=case.base.values, hop_basins=True)
     steps = finite_steps(problem, problem.with_all_columns(base), problem.library.names)
     return replace(case, problem=problem, noise=noise, base=base, steps=steps)
 
@@ -68,8 +69,8 @@ STILL_THERE = 12.0  # chi-square that an effect of the first search must be wort
 LEVEL_OF_CHOICE, LEVEL_OF_ALL_ROWS = 0.6 * LEVEL, 0.4 * LEVEL
 
 
-def choose(case: Case, say: Progress = lambda _: None) -> tuple[Case, Found, Split]:
-    """Search on the rows that are not held out.
+def choose(case: Case, say: Progress = lambda _: None) -> tuple[Case, Selection, Split]:
+    """Choose the missing effects by forward selection on the rows that are not held out.
 
     Twice: noise that no repeats measured is measured again beside the model that the first search found. Noise in motion was
     taken for white so far: it is measured where nothing was found, too.
@@ -83,12 +84,15 @@ def choose(case: Case, say: Progress = lambda _: None) -> tuple[Case, Found, Spl
         begin = None
         if before is not None:
             begin = prune(chosen, chosen.fit(before.effects, before.values), before.effects, STILL_THERE)[0]
-        found = search(chosen, base, case.steps, begin=begin, level=LEVEL_OF_CHOICE, say=say)
-        found = replace(found, p_values={n: {**p_values, **found.p_values}.get(n, 1.0) for n in found.effects})
-        measured = not found.effects and not case.problem.in_motion
+        selection = search(chosen, base, case.steps, begin=begin, level=LEVEL_OF_CHOICE, say=say)
+        selection = replace(
+            selection, p_values={n: {**p_values, **selection.p_values}.get(n, 1.0) for n in selection.effects}
+        )
+        measured = not selection.effects and not case.problem.in_motion
         if last or measured or all(r is not None for r in case.repeats.values()):
-            return case, found, split
-        if found.effects:
-            before, p_values = case.problem.fit(found.effects, found.final.values), found.p_values
+            return case, selection, split
+        if selection.effects:
+            before = case.problem.fit(selection.effects, selection.final.values)
+            p_values = selection.p_values
         case = with_noise_around(case, before or case.base)
     raise AssertionError

@@ -1,6 +1,7 @@
-"""From the final model to a `DiagnosisResult`: verdict, figures on rows held out, and words.
+"""Turn the final model of a diagnosis into a `DiagnosisResult`: verdict, figures on held-out rows, parameter shifts, next test.
 
-A `FitResult` of a diagnosis's fit: the plain fit's words and figures, with effects among the parameters.
+Before and after are each reported as a plain fit is (`result_of`), with the amounts of effects among the parameters and error
+bars by generalised least squares.
 """
 
 from dataclasses import replace
@@ -24,7 +25,7 @@ from .final_model import FinalModel, exchange_fits, held_out_result
 from .held_out import Split
 from .left_over import lack_of_fit, learn as learn_term, smooth_block, variations_of
 from .next_test import next_test
-from .record_noise import NoiseFound, first_noise
+from .record_noise import NoiseEstimate, first_noise
 from .result import (
     Alternative,
     ChannelNoiseFound,
@@ -38,7 +39,7 @@ from .result import (
 )
 from .rivals import Rivals
 from .screening import Screen, candidates, screen
-from .search import LEVEL, Found
+from .search import LEVEL, Selection
 from .where import regions
 
 
@@ -65,10 +66,10 @@ def result_of(
     problem: Problem,
     fit: Fit,
     fitted: Fitted,
-    noise: dict[Key, NoiseFound],
+    noise: dict[Key, NoiseEstimate],
     scale: float,
 ) -> FitResult:
-    """Everything that a plain fit reports, for `fit`; error bars by generalised least squares with the noise found."""
+    """Everything that a plain fit reports, for `fit`; error bars by generalised least squares with the noise estimated."""
     white = problem.with_noise(first_noise(as_channel_noise(noise)))
     solution = solution_of(problem, fit, white.evaluate(fit.values, fit.effects))
     plans = {name: plan for name, plan in fitted.plans.items()} | {name: effect_plan(name) for name in fit.effects}
@@ -76,12 +77,12 @@ def result_of(
     return fit_result(whole, gls_covariance(fit, scale, len(problem.parameters)))
 
 
-def as_channel_noise(noise: dict[Key, NoiseFound]) -> dict[Key, ChannelNoise]:
+def as_channel_noise(noise: dict[Key, NoiseEstimate]) -> dict[Key, ChannelNoise]:
     return {key: ChannelNoise(n.std, n.source, n.known, False, n.std) for key, n in noise.items()}
 
 
 def conclude(
-    case: Case, found: Found, split: Split, model: FinalModel, *, learn: bool, say: Progress = lambda _: None
+    case: Case, selection: Selection, split: Split, model: FinalModel, *, learn: bool, say: Progress = lambda _: None
 ) -> DiagnosisResult:
     """Confirm on the rows held out, and put everything into figures and words."""
     case = replace(case, base=model.base)
@@ -106,8 +107,9 @@ def conclude(
     where = regions(before.channels, case.fitted.tests) if verdict != "consistent" else ()
     shifts = parameter_shifts(before, after) if effects or term else ()
     # A search that began from effects of an earlier one refitted its candidates beside them: not what one does alone.
-    singles = {name: single for name, single in found.steps[0].singles.items() if single.effects == (name,)}
-    table = candidates(case.problem.library, first, found.base, singles, found.base.chi2 - int(found.base.used.sum()))
+    singles = {name: single for name, single in selection.steps[0].singles.items() if single.effects == (name,)}
+    excess = selection.base.chi2 - int(selection.base.used.sum())
+    table = candidates(case.problem.library, first, selection.base, singles, excess)
     gaps = (before.reduced_chi2, after.reduced_chi2)
     return DiagnosisResult(
         record=case.fitted.record,
@@ -165,8 +167,8 @@ def _held_out(
     exchanged = exchange_fits(chosen, final, [s.name for s in first.ranked], spared, say)
     judge: Problem = case.problem
     if term is not None:
-        chosen, final, own = learn_term(chosen, final, smooth[0])
-        judge = case.problem.with_terms(own)
+        chosen, final, learned = learn_term(chosen, final, smooth[0])
+        judge = case.problem.with_terms(learned)
     words = f"{split.what} (the choice needed all rows, the values did not)"
     return held_out_result(
         case.problem, judge, split, base, final, exchanged, split.what if model.seen_apart else words
@@ -209,27 +211,27 @@ def parameter_shifts(before: FitResult, after: FitResult) -> tuple[ParameterShif
 
 def _evidence(case: Case, rivals: dict[str, Rivals]) -> tuple[Evidence, ...]:
     """z of each named effect as a sum over rows, beside the model without it."""
-    found = []
+    evidence = []
     for name, rival in rivals.items():
-        at = case.problem.with_all_columns(rival.without)
-        own = screen(at, [name], case.steps, level=LEVEL).best(name)
-        if own is None:
+        without = case.problem.with_all_columns(rival.without)
+        signature = screen(without, [name], case.steps, level=LEVEL).best(name)
+        if signature is None:
             continue
-        share = -own.direction * at.residual[at.used]
+        share = -signature.direction * without.residual[without.used]
         for key, rows in case.problem.rows().items():
             test = case.fitted.tests[key[0]]
-            found.append(Evidence(name, *key, test.place, test.direction, test.temperature, share[rows]))
-    return tuple(found)
+            evidence.append(Evidence(name, *key, test.place, test.direction, test.temperature, share[rows]))
+    return tuple(evidence)
 
 
 def _noise(case: Case) -> tuple[ChannelNoiseFound, ...]:
-    found = []
+    channels = []
     for key, n in case.noise.items():
         rows = case.fitted.tests[key[0]].rows
-        found.append(
+        channels.append(
             ChannelNoiseFound(
                 *key, float(np.sqrt(np.mean(n.std**2))), n.source, n.correlation.share * n.correlation.phi,
                 n.correlation_source, rows / n.correlation.inflation, rows,
             )
         )  # fmt: skip
-    return tuple(found)
+    return tuple(channels)

@@ -1,4 +1,4 @@
-"""The whole diagnosis of one record: fit, find where, name, confirm on rows held out, say what remains.
+"""Diagnose one record: fit, find where it misses, name missing effects, confirm on held-out rows, say what remains.
 
 Static tests are searched first, then the dynamic ones with what the static ones gave held: a search over both libraries at
 once would integrate every run with the columns of effects that no run can show. What both searches found is then fitted to
@@ -22,7 +22,7 @@ from thermohyd.numerics import require_float64
 from .case import Case, Progress, choose, open_case
 from .conclusion import as_channel_noise, conclude, parameter_shifts, result_of, unconverged
 from .final_model import FinalModel, final_model
-from .record_noise import NoiseFound, first_noise, noise_of, repeats_in
+from .record_noise import NoiseEstimate, first_noise, noise_of, repeats_in
 from .result import DiagnosisResult, NamedEffect, Verdict
 from .screening import finite_steps
 
@@ -44,7 +44,7 @@ def open_motion(
 
     data = record.dynamic
     assert data is not None
-    known = None if static is None else {name: found.value for name, found in static.parameters.items()}
+    known = None if static is None else {name: estimate.value for name, estimate in static.parameters.items()}
     known = None if known is None else {name: v for name, v in known.items() if name not in (effects or {})}
     also = () if static is None else static.free
     fitted = run_fit_motion(record, say, known, also)
@@ -64,13 +64,13 @@ def open_motion(
             size = float(np.sqrt(np.mean(fitted.noise[name, channel.name].std ** 2)))
             repeats[name, channel.name] = repeats_in([piece / size for piece in pieces])
     noise = {
-        key: NoiseFound(n.std, problem.noise.correlation[key], n.source, "taken for white", n.known)
+        key: NoiseEstimate(n.std, problem.noise.correlation[key], n.source, "taken for white", n.known)
         for key, n in fitted.noise.items()
     }
     correlation = {key: r.correlation for key, r in repeats.items() if r is not None}
     problem = problem.with_noise(Noise(problem.noise.std, {**problem.noise.correlation, **correlation}))
     say("the plain model with its null free")
-    base = problem.fit(start=fitted.values, hops=True)
+    base = problem.fit(start=fitted.values, hop_basins=True)
     say("what each effect would do")
     steps = finite_steps(problem, problem.with_all_columns(base), problem.library.names)  # pyright: ignore
     return Case(fitted, problem, repeats, noise, base, steps)
@@ -81,8 +81,8 @@ def _null(record: BenchRecord, plan: ParameterPlan, static: FitResult | None) ->
     chosen = record.start.get("null_bias")
     if chosen is not None and chosen.fixed:
         return {}
-    found = None if static is None else static.parameters.get("null_bias")
-    prior = Prior(plan.start, found.std) if found is not None and found.std else plan.prior
+    estimate = None if static is None else static.parameters.get("null_bias")
+    prior = Prior(plan.start, estimate.std) if estimate is not None and estimate.std else plan.prior
     return {"null_bias": replace(plan, fixed=False, prior=prior)}
 
 
@@ -99,7 +99,7 @@ class Stage:
 
 
 def in_words_of_motion(result: DiagnosisResult) -> DiagnosisResult:
-    """The headline speaks of the actuator."""
+    """The answer of a search over dynamic tests, with a headline that speaks of the actuator."""
     return replace(
         result, headline=result.headline.replace("The ideal valve explains", "The actuator's model explains")
     )
@@ -171,8 +171,8 @@ def in_one(record: BenchRecord, static: Stage, motion: Stage, say: Progress = la
 
 
 def _as_fitted(effect: NamedEffect, after: FitResult) -> NamedEffect:
-    found = after.parameters[effect.name]
-    return replace(effect, value=found.value, std=found.std, ci95=found.ci95, at_bound=found.at_bound)
+    joint = after.parameters[effect.name]
+    return replace(effect, value=joint.value, std=joint.std, ci95=joint.ci95, at_bound=joint.at_bound)
 
 
 def diagnose(record: BenchRecord, *, learn: bool = False, progress: Progress | None = None) -> DiagnosisResult:
@@ -192,8 +192,8 @@ def diagnose(record: BenchRecord, *, learn: bool = False, progress: Progress | N
         result = in_words_of_motion(stage(open_motion(record, say)).result)
     else:
         static = stage(open_case(replace(record, dynamic=None), say))
-        found = {effect.name: effect.value for effect in static.result.effects}
-        motion = stage(open_motion(record, say, static.result.after, found))
+        amounts = {effect.name: effect.value for effect in static.result.effects}
+        motion = stage(open_motion(record, say, static.result.after, amounts))
         motion = replace(motion, result=in_words_of_motion(motion.result))
         result = in_one(record, static, motion, say)
     return replace(result, seconds=time.perf_counter() - began)
@@ -201,9 +201,9 @@ def diagnose(record: BenchRecord, *, learn: bool = False, progress: Progress | N
 
 def diagnose_stage(case: Case, *, learn: bool = False, say: Progress = lambda _: None) -> Stage:
     """What follows `open_case`; `seconds` of the result is left at 0."""
-    case, found, split = choose(case, say)
-    model = final_model(case, found, split, say)
-    return Stage(case, model, conclude(case, found, split, model, learn=learn, say=say))
+    case, selection, split = choose(case, say)
+    model = final_model(case, selection, split, say)
+    return Stage(case, model, conclude(case, selection, split, model, learn=learn, say=say))
 
 
 def diagnose_case(case: Case, *, learn: bool = False, say: Progress = lambda _: None) -> DiagnosisResult:

@@ -1,6 +1,8 @@
-"""The final model: what was chosen, refitted to all rows, its rivals, and whether it leaves a misfit.
+"""Refit the chosen effects to all rows, settle their rivals, test what is left, and judge the model on held-out rows.
 
-Does the gap close on rows that took no part, and would another effect in the named one's place have done as well?
+Two judgements use rows that took no part in the choice: how far the gap closes there, and how far it would with another effect
+in the named one's place (the exchange test). While a misfit of unknown cause remains, effects that close too little of the gap
+are dropped again.
 """
 
 from collections.abc import Callable
@@ -15,7 +17,7 @@ from .held_out import Split
 from .left_over import LackOfFit, lack_of_fit, smooth_block
 from .result import HeldOut
 from .rivals import Rivals, settle_rivals
-from .search import Found, search
+from .search import Selection, search
 
 
 SEED = 20110913
@@ -47,8 +49,8 @@ def held_out_result(
 
 def mean_square(whole: Problem, fit: Fit, split: Split) -> float:
     """Mean squared whitened misfit of the rows kept back: 1 where a model is right."""
-    at = whole.evaluate(fit.values, fit.effects)
-    return float(np.mean(at.residual[: len(split.held)][split.held] ** 2))
+    judged = whole.evaluate(fit.values, fit.effects)
+    return float(np.mean(judged.residual[: len(split.held)][split.held] ** 2))
 
 
 def closed(before: float, after: float) -> float:
@@ -91,21 +93,23 @@ A_GAP = 0.2  # reduced chi-square beyond 1 from which a channel has a gap to spe
 MISFIT, MISFIT_SCORE = 1.08, 5.0
 
 
-def worth_naming(problem: Problem, base: Fit, without: Fit, fit: Fit) -> float:
-    """At least 1 where an effect closes a good part of the gap: of all of it, or of what one channel shows.
+def relative_closure(problem: Problem, base: Fit, without: Fit, fit: Fit) -> float:
+    """Share of the gap that an effect closes, over the least share for which it may be named: 1 or more where it may.
+
+    Of the whole gap, of what is left without the effect, or of what one channel shows, whichever is best.
 
     One channel with little noise has most of the chi-square, but a gap in another is a gap as well.
     """
     loss, count = without.chi2 - fit.chi2, len(base.residual)
-    worth = 0.0
+    closure = 0.0
     for gap, share in ((base.chi2 - count, OF_THE_GAP), (without.chi2 - count, OF_WHAT_IS_LEFT)):
         if gap > 0.0:
-            worth = max(worth, loss / gap / share)
+            closure = max(closure, loss / gap / share)
     shares = _channel_shares(problem, base, without, fit)
-    return max([worth, *(share / OF_A_CHANNEL for share in shares)])
+    return max([closure, *(share / OF_A_CHANNEL for share in shares)])
 
 
-def _together_worth_naming(problem: Problem, base: Fit, fit: Fit) -> bool:
+def _enough_together(problem: Problem, base: Fit, fit: Fit) -> bool:
     gap = base.chi2 - len(base.residual)
     if gap > 0.0 and (base.chi2 - fit.chi2) / gap >= TOGETHER:
         return True
@@ -133,8 +137,9 @@ def _channel_shares(problem: Problem, base: Fit, without: Fit, fit: Fit) -> list
 
 @dataclass(frozen=True)
 class FinalModel:
-    """excess: chi-square of the ideal valve beyond noise. scale: reduced chi-square of `fit`, at least 1.
+    """The model that a diagnosis ends with, fitted to all rows, and what speaks for and against it.
 
+    excess: chi-square of the ideal valve beyond noise. scale: reduced chi-square of `fit`, at least 1.
     left: what smooth curves still find beside `fit`. disagrees: a misfit beyond noise remains.
     seen_apart: every effect was found without the rows held out.
     """
@@ -155,17 +160,17 @@ class FinalModel:
         return float(np.clip(loss / max(self.excess, loss, 1e-300), 0.0, 1.0))
 
 
-def final_model(case: Case, found: Found, split: Split, say: Progress = lambda _: None) -> FinalModel:
+def final_model(case: Case, selection: Selection, split: Split, say: Progress = lambda _: None) -> FinalModel:
     """Refit what the search found to all rows, ask all rows for more, settle rivals, test what is left.
 
     The rows held out have a say only where a misfit remains: effects that close nothing of it there are not named.
     """
     problem, base = case.problem, case.base
     say("refitting with all rows")
-    begin = problem.fit(found.effects, found.final.values) if found.effects else None
+    begin = problem.fit(selection.effects, selection.final.values) if selection.effects else None
     whole = search(problem, base, case.steps, begin=begin, level=LEVEL_OF_ALL_ROWS, say=say)
     rows = len(base.residual) - len(problem.plans)
-    freedom = max(rows - len(base.free), 1)
+    degrees_of_freedom = max(rows - len(base.free), 1)
     scale = lambda fit: max(fit.chi2 / max(rows - len(fit.free), 1), 1.0)
     fit, rivals = settle_rivals(problem, whole.final, case.steps, scale=scale(whole.final))
 
@@ -173,28 +178,28 @@ def final_model(case: Case, found: Found, split: Split, say: Progress = lambda _
     base = min([base, *(r.without for r in rivals.values() if not r.without.effects)], key=lambda f: f.chi2)
     say("looking at what is left")
     block = smooth_block(problem, len(base.residual))
-    excess = base.chi2 - freedom
+    excess = base.chi2 - degrees_of_freedom
     left = lack_of_fit(problem, fit, block)
     dropped = False
     without = {name: rival.without for name, rival in rivals.items()}
     while left.p_value < LEVEL_OF_LEFT_OVER and fit.effects:
         # Beside a misfit of unknown cause small gains are found everywhere: only what closes a good part may be named.
-        worth = {name: worth_naming(problem, base, without[name], fit) for name in fit.effects}
-        weakest = min(worth, key=lambda name: worth[name])
-        if worth[weakest] >= 1.0:
+        closures = {name: relative_closure(problem, base, without[name], fit) for name in fit.effects}
+        weakest = min(closures, key=lambda name: closures[name])
+        if closures[weakest] >= 1.0:
             break
-        fit = problem.fit(without[weakest].effects, without[weakest].values, hops=True)
+        fit = problem.fit(without[weakest].effects, without[weakest].values, hop_basins=True)
         without = {name: problem.fit([n for n in fit.effects if n != name], fit.values) for name in fit.effects}
         left, dropped = lack_of_fit(problem, fit, block), True
     misfit = left.p_value < LEVEL_OF_LEFT_OVER and bool(fit.effects)
-    if misfit and not (_together_worth_naming(problem, base, fit) and _holds_up(problem, base, fit, split)):
+    if misfit and not (_enough_together(problem, base, fit) and _holds_up(problem, base, fit, split)):
         fit, dropped = base, True
     if dropped:
         fit, rivals = settle_rivals(problem, fit, case.steps, scale=scale(fit))
         left = lack_of_fit(problem, fit, block)
     known = all(n.known for n in case.noise.values())
-    rough = known and scale(fit) > MISFIT and (scale(fit) - 1.0) * np.sqrt(freedom / 2.0) > MISFIT_SCORE
-    p_values = {**whole.p_values, **found.p_values}
+    rough = known and scale(fit) > MISFIT and (scale(fit) - 1.0) * np.sqrt(degrees_of_freedom / 2.0) > MISFIT_SCORE
+    p_values = {**whole.p_values, **selection.p_values}
     worst = max(p_values.values(), default=1.0)  # of one that took a rival's place
     return FinalModel(
         base=base,
@@ -205,5 +210,5 @@ def final_model(case: Case, found: Found, split: Split, say: Progress = lambda _
         excess=excess,
         scale=scale(fit),
         disagrees=bool(left.p_value < LEVEL_OF_LEFT_OVER or rough),
-        seen_apart=len(fit.effects) <= len(found.effects),
+        seen_apart=len(fit.effects) <= len(selection.effects),
     )

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from thermohyd.identify.bench.record import TestRecord
-from thermohyd.identify.reduction.legs import piece_bounds, sweep_ids
+from thermohyd.identify.reduction.monotone_pieces import piece_bounds, sweep_ids
 
 
 SHARE = 0.25  # of each test's rows, about

@@ -1,12 +1,10 @@
-"""Smooth curves over a record's conditions: what a misfit of no known cause would look like, and a test for it.
+"""Test what a diagnosed model still misses: smooth curves over a record's conditions, by an F test, and what they would mean.
 
-Second tier: which model quantity would have to vary smoothly with which variable for the rest of the gap to close.
-
-A quantity's own column times Legendre polynomials of a variable: after Kristensen, Madsen and Jørgensen (Computers and
-Chemical Engineering 28, 2004), who let suspect parameters drift to see where a model is deficient. Empirical: it says
-where to look, not why.
-
-Add a smooth variation to the model at the user's word: its coefficients fitted together with everything else.
+Three steps. Legendre polynomials over the conditions stand for a misfit of no known cause (`lack_of_fit`). A quantity's own
+column times Legendre polynomials of a variable asks which quantity of the model would have to vary with what for the gap to
+close (`variations_of`): after Kristensen, Madsen and Jørgensen (Computers and Chemical Engineering 28, 2004), who let suspect
+parameters drift to see where a model is deficient. Where the user asks for it, `learn` adds the leading variation to the model
+and fits its coefficients with everything else. All of it is empirical: it says where to look, not why.
 """
 
 from collections.abc import Iterator
@@ -106,7 +104,7 @@ class LackOfFit:
 
     p_value: float
     chi2: float  # that the curves would take off
-    freedom: int
+    degrees_of_freedom: int
 
 
 def lack_of_fit(problem: Problem, fit: Fit, block: np.ndarray, scale: float = 1.0) -> LackOfFit:
@@ -117,11 +115,11 @@ def lack_of_fit(problem: Problem, fit: Fit, block: np.ndarray, scale: float = 1.
     more = Projection.beside(base(block[used]))
     taken = float(np.sum((more.q.T @ residual) ** 2))
     rest = float(np.sum(residual**2)) - taken
-    freedom = len(residual) - base.rank - more.rank
-    if more.rank == 0 or freedom < 10:
+    degrees_of_freedom = len(residual) - base.rank - more.rank
+    if more.rank == 0 or degrees_of_freedom < 10:
         return LackOfFit(1.0, taken, more.rank)
-    noise = max(rest / freedom, scale**2 * 0.5)
-    return LackOfFit(float(fdtrc(more.rank, freedom, taken / more.rank / noise)), taken, more.rank)
+    noise = max(rest / degrees_of_freedom, scale**2 * 0.5)
+    return LackOfFit(float(fdtrc(more.rank, degrees_of_freedom, taken / more.rank / noise)), taken, more.rank)
 
 
 QUANTITIES = (

@@ -1,7 +1,7 @@
-"""The largest of many correlated scores: its p-value, one-sided where the sign of an effect is known.
+"""The p-value of the largest of many correlated scores, by Westfall and Young's single-step max-T.
 
-Westfall and Young's single-step max-T: the directions of all candidates are known, so the joint law of their scores
-under "no effect" is normal with a known correlation and is simulated, not bounded.
+The directions of all candidates are known, so the joint law of their scores under "no effect" is normal with a known
+correlation and is simulated, not bounded. It is one-sided where the sign of an effect is known.
 """
 
 from dataclasses import dataclass
@@ -55,9 +55,9 @@ class MaxT:
         return float(self.draws[min(max(place, 0), len(self.draws) - 1)])
 
 
-def normal_score(t: float, freedom: float) -> float:
+def normal_score(t: float, degrees_of_freedom: float) -> float:
     """The normal score as rare as Student's t of some degrees of freedom: noise that was estimated is not known."""
-    if not np.isfinite(freedom) or freedom > 1e4:
+    if not np.isfinite(degrees_of_freedom) or degrees_of_freedom > 1e4:
         return t
-    tail = float(stdtr(freedom, -abs(t)))
+    tail = float(stdtr(degrees_of_freedom, -abs(t)))
     return float(np.sign(t) * (-ndtri(max(tail, 1e-300))))

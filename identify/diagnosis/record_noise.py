@@ -1,4 +1,4 @@
-"""How large a record's noise is and how long it remembers: from repeated sweeps, or from what no effect can explain."""
+"""Estimate how large a record's noise is and how it correlates: from repeated sweeps, else from what no effect can explain."""
 
 from dataclasses import dataclass
 
@@ -21,7 +21,7 @@ EXCESS, CHANCE = 1.2, 0.01
 
 
 @dataclass(frozen=True)
-class NoiseFound:
+class NoiseEstimate:
     """The noise of one channel: rows' standard deviation (SI), correlation, and where both come from, in words."""
 
     std: np.ndarray
@@ -61,64 +61,64 @@ def first_noise(noise: dict[Key, ChannelNoise]) -> Noise:
     return Noise({key: n.std for key, n in noise.items()}, dict.fromkeys(noise, NoiseCorrelation()))
 
 
-def found_noise(
+def estimated_noise(
     problem: Problem, fit: Fit, stated: dict[Key, ChannelNoise], repeats: dict[Key, Repeats | None]
-) -> dict[Key, NoiseFound]:
-    """The noise that tests around `fit` should believe.
+) -> dict[Key, NoiseEstimate]:
+    """The noise of each channel beside `fit`: repeated sweeps first, else what no effect can explain.
 
     What neither the parameters, nor any effect of the library, nor smooth curves over the conditions explain is noise:
     its size where none is known, its correlation where no repeats measured it. A missing effect thus is not taken for
     noise, as it would be if the residuals of the fit were used.
     """
     plain = problem.with_noise(first_noise(stated))
-    at = plain.with_all_columns(plain.evaluate(fit.values, fit.effects))
-    every = np.isfinite(at.columns).all(axis=0)
-    columns = np.concatenate([at.columns[:, every], smooth_block(plain, len(at.residual))], axis=1)
+    beside = plain.with_all_columns(plain.evaluate(fit.values, fit.effects))
+    every = np.isfinite(beside.columns).all(axis=0)
+    columns = np.concatenate([beside.columns[:, every], smooth_block(plain, len(beside.residual))], axis=1)
     saturated = Projection.beside(columns)
-    rest = saturated(at.residual)
+    rest = saturated(beside.residual)
     where = problem.rows()
     stretches = np.arange(len(rest))  # no two rows of a prior remember each other
     for key, rows in where.items():
         stretches[rows] = len(rest) + len(rest) * rows.start + problem.sweeps(key[0])
     projected = ProjectedNoise(saturated.q, stretches)
-    found = {}
+    noise = {}
     for key, rows in where.items():
-        freedom = max(projected.freedom(rows), 1.0)
-        variance = float(np.sum(rest[rows] ** 2)) / freedom
-        size = variance if _excessive(variance, freedom) else 1.0
+        degrees_of_freedom = max(projected.degrees_of_freedom(rows), 1.0)
+        variance = float(np.sum(rest[rows] ** 2)) / degrees_of_freedom
+        size = variance if _excessive(variance, degrees_of_freedom) else 1.0
         left = projected.remembered(rest, rows, size if stated[key].known else None)
-        found[key] = _channel(stated[key], repeats[key], variance, freedom, left)
-    return found
+        noise[key] = _channel(stated[key], repeats[key], variance, degrees_of_freedom, left)
+    return noise
 
 
-def _excessive(variance: float, freedom: float) -> bool:
+def _excessive(variance: float, degrees_of_freedom: float) -> bool:
     """Whether readings scatter by more than the stated noise, whose variance is 1."""
-    return variance > max(EXCESS, float(chdtri(freedom, CHANCE)) / freedom)
+    return variance > max(EXCESS, float(chdtri(degrees_of_freedom, CHANCE)) / degrees_of_freedom)
 
 
 def _channel(
     stated: ChannelNoise,
     repeats: Repeats | None,
     variance: float,
-    freedom: float,
+    degrees_of_freedom: float,
     left: Remembered,
-) -> NoiseFound:
+) -> NoiseEstimate:
     if repeats is not None:
         correlation, source = repeats.correlation, f"differences between repeated sweeps ({repeats.rows} pairs of rows)"
-        variance, freedom = repeats.variance, float(repeats.rows)
+        variance, degrees_of_freedom = repeats.variance, float(repeats.rows)
     else:
         correlation, source = left.correlation, "what neither effects nor smooth curves explain"
     if not stated.known:
         size = variance if repeats is not None else left.variance
-        return NoiseFound(stated.std * np.sqrt(size), correlation, source, source, repeats is not None)
+        return NoiseEstimate(stated.std * np.sqrt(size), correlation, source, source, repeats is not None)
     warning = ""
     std = stated.std
-    if _excessive(variance, freedom):
+    if _excessive(variance, degrees_of_freedom):
         std = stated.std * np.sqrt(variance)
         what = "repeated sweeps differ" if repeats is not None else "the readings scatter beyond any smooth curve"
         warning = f"{what} by {np.sqrt(variance):.2f} times the stated noise; tests allow for that"
-    return NoiseFound(std, correlation, stated.source, source, True, warning)
+    return NoiseEstimate(std, correlation, stated.source, source, True, warning)
 
 
-def noise_of(found: dict[Key, NoiseFound]) -> Noise:
-    return Noise({key: n.std for key, n in found.items()}, {key: n.correlation for key, n in found.items()})
+def noise_of(estimates: dict[Key, NoiseEstimate]) -> Noise:
+    return Noise({key: n.std for key, n in estimates.items()}, {key: n.correlation for key, n in estimates.items()})

@@ -1,10 +1,10 @@
-"""Effects that could stand in a named one's place: refits, and who fits about as well."""
+"""Find effects that could stand in a named one's place: refit with each of them, and keep those that do about as well."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from thermohyd.identify.fitting.library import dear
+from thermohyd.identify.fitting.library import expensive_to_compile
 from thermohyd.identify.fitting.problem import Fit, Problem
 
 from .screening import screen
@@ -45,29 +45,38 @@ class Rivals:
 
 
 def rivals_of(problem: Problem, final: Fit, name: str, steps: dict, *, scale: float = 1.0) -> Rivals:
-    """Who else explains what `name` explains, beside the other effects of `final`. scale: of chi-square (1: noise known)."""
+    """Effects that explain what the named one explains, each refitted in its place beside the other effects of `final`.
+
+    scale: of chi-square (1: noise known).
+    """
     others = tuple(n for n in final.effects if n != name)
     without = problem.fit(others, {**final.values, name: 0.0})
     gain = without.chi2 - final.chi2
     candidates = [n for n in problem.library.names if n not in final.effects]
     scores = screen(problem.with_all_columns(without), [*candidates, name], steps, level=LEVEL)
-    own, ranked = scores.best(name), [s for s in scores.ranked if s.name != name]
+    named, ranked = scores.best(name), [s for s in scores.ranked if s.name != name]
     within = gain - max(REACH * scale, RELATIVE_REACH * gain)
-    twin = lambda s: own is not None and abs(float(s.direction @ own.direction)) > SAME_SHAPE
-    worth = sorted([s for s in ranked if s.strength**2 > within or twin(s)], key=lambda s: not twin(s))
-    if len(worth) < 2:
-        worth = ranked[:2]
+    twin = lambda s: named is not None and abs(float(s.direction @ named.direction)) > SAME_SHAPE
+    likely = sorted([s for s in ranked if s.strength**2 > within or twin(s)], key=lambda s: not twin(s))
+    if len(likely) < 2:
+        likely = ranked[:2]
     # Heat beside a coupled effect compiles for long: only where the linear score says that it could be an equal.
-    worth = [s for s in worth if not dear((*others, s.name)) or dear(final.effects) or s.strength**2 > gain - ALIKE]
+    likely = [
+        s
+        for s in likely
+        if not expensive_to_compile((*others, s.name))
+        or expensive_to_compile(final.effects)
+        or s.strength**2 > gain - ALIKE
+    ]
     tried = []
-    for s in worth[:MOST_REFITS]:
+    for s in likely[:MOST_REFITS]:
         start = {**without.values, s.name: s.estimate}
-        if own is not None and twin(s):  # the same curve by another name: start where the named one ended
-            same = final.values[name] * own.size / s.size * float(np.sign(s.direction @ own.direction))
+        if named is not None and twin(s):  # the same curve by another name: start where the named one ended
+            same = final.values[name] * named.size / s.size * float(np.sign(s.direction @ named.direction))
             start = {**final.values, s.name: same}
         fit = problem.fit((*others, s.name), start)
         if 0.5 * ALIKE < _more(fit, final, scale) < REACH:
-            fit = problem.fit((*others, s.name), fit.values, hops=True)
+            fit = problem.fit((*others, s.name), fit.values, hop_basins=True)
         if fit.values[s.name] == 0.0 or s.name in fit.active:
             continue
         tried.append(Rival(s.name, name, fit, _more(fit, final, scale)))
@@ -91,7 +100,7 @@ def settle_rivals(problem: Problem, final: Fit, steps: dict, *, scale: float = 1
         best = min((r for rival in rivals.values() for r in rival.tried), key=lambda r: r.chi2_more, default=None)
         if best is None or best.chi2_more >= -BETTER:
             return final, rivals
-        final = problem.fit(best.fit.effects, best.fit.values, hops=True)
+        final = problem.fit(best.fit.effects, best.fit.values, hop_basins=True)
     return final, all_rivals(problem, final, steps, scale)
 
 

@@ -1,14 +1,13 @@
-"""Every effect of the library beside a fitted model, by its derivative and by a finite step: score, size, visibility.
+"""Score every effect of the library beside a fitted model by Rao's score test, from its derivative and from a finite step.
 
-Rao's score test projected off what the model already adjusts; see also Sörbom's modification index.
+An effect's signature is the change of the whitened residuals per unit of its amount. It is projected off the columns of what
+the model already adjusts, and the score is the residual's component along what is left; see also Sörbom's modification index.
+What is left also says which amounts this record could show at all, and which effects the parameters absorb.
 
-The library beside the ideal valve: what this record could show, what it shows, and what the parameters swallow.
+The projection is by Gram-Schmidt, never by normal equations; not by LAPACK, whose threads wait for one another where other
+threads run (see `gram_schmidt` in `thermohyd.identify.fitting.trust_region`).
 
-What the free parameters leave of a signature: least-squares projection by orthogonal columns, never normal equations.
-
-Gram-Schmidt and not LAPACK, whose threads wait for one another where other threads run (see `orthogonal`).
-
-What reading the pressure of each port, and not only their difference, would tell of two rivals.
+Also here: how far apart two rivals would lie if the pressure of each port were read, and not only their difference.
 """
 
 from collections.abc import Iterable, Mapping
@@ -118,8 +117,8 @@ class Screen:
 
     def best(self, name: str) -> Signature | None:
         """The stronger of an effect's directions; None where nothing is left of it."""
-        own = [s for s in self.signatures if s.name == name]
-        return max(own, key=lambda s: s.strength, default=None)
+        directions = [s for s in self.signatures if s.name == name]
+        return max(directions, key=lambda s: s.strength, default=None)
 
     def p_value(self, signature: Signature) -> float:
         return self.law.p_value(signature.strength, two_sided=not signature.one_sided)
@@ -138,7 +137,7 @@ def screen(
     steps: dict[str, np.ndarray],
     *,
     level: float,
-    freedom: float = np.inf,
+    degrees_of_freedom: float = np.inf,
     scale: float = 1.0,
 ) -> Screen:
     """Score the named effects beside `fit`. steps: finite-step signatures per unit amount, {name: (rows,)}.
@@ -148,7 +147,7 @@ def screen(
     used = fit.used
     projection = Projection.beside(fit.nuisance[used])
     residual = projection(fit.residual[used])
-    found: list[Signature] = []
+    signatures: list[Signature] = []
     for name in names:
         mine: list[Signature] = []
         for raw in (fit.column(name)[used], steps[name][used] if name in steps else None):
@@ -164,12 +163,12 @@ def screen(
             unit = left / size
             if mine and abs(float(unit @ mine[0].direction)) > SAME_DIRECTION:
                 continue
-            score = normal_score(-float(unit @ residual) / scale, freedom)
+            score = normal_score(-float(unit @ residual) / scale, degrees_of_freedom)
             mine.append(Signature(name, unit, size / scale, score, size / length))
-        found += mine
-    directions = np.stack([s.direction for s in found], axis=1) if found else np.zeros((len(residual), 0))
-    law = MaxT.of(directions, np.array([s.one_sided for s in found], dtype=bool))
-    return Screen(tuple(found), law, law.critical(level), residual, projection)
+        signatures += mine
+    directions = np.stack([s.direction for s in signatures], axis=1) if signatures else np.zeros((len(residual), 0))
+    law = MaxT.of(directions, np.array([s.one_sided for s in signatures], dtype=bool))
+    return Screen(tuple(signatures), law, law.critical(level), residual, projection)
 
 
 def is_effect(name: str) -> bool:
@@ -259,18 +258,18 @@ def can_measure_ports(problem: Problem) -> bool:
 def ports_apart(problem: Problem, true: Fit, other: Fit) -> float:
     """Chi-square by which `other`, refitted, would miss both ports' pressures of a valve that follows `true`."""
     std = np.tile(problem.noise.std[TEST, "load_pressure"], 2)
-    made, claimed = _ports(problem, true.values, true), _ports(problem, other.values, other)
+    expected, claimed = _ports(problem, true.values, true), _ports(problem, other.values, other)
     columns = []
     for name in other.free:
         step = STEP * _scale(problem, name)
         columns.append((_ports(problem, {**other.values, name: other.values[name] + step}, other) - claimed) / step)
     known = problem.evaluate(other.values, other.effects)
     old = known.columns[:, [known.order.index(name) for name in other.free]]
-    at = np.concatenate([old, np.stack(columns, axis=1) / std[:, None]])
-    difference = np.concatenate([np.zeros(len(old)), (claimed - made) / std])
-    if not (np.isfinite(at).all() and np.isfinite(difference).all()):
+    columns_of_all = np.concatenate([old, np.stack(columns, axis=1) / std[:, None]])
+    difference = np.concatenate([np.zeros(len(old)), (claimed - expected) / std])
+    if not (np.isfinite(columns_of_all).all() and np.isfinite(difference).all()):
         return 0.0
-    left = Projection.beside(at)(difference)
+    left = Projection.beside(columns_of_all)(difference)
     return float(left @ left)
 
 

@@ -1,4 +1,4 @@
-"""Which effects are missing: score tests over the library, refits of the leading singles and pairs, and when to stop."""
+"""Choose the missing effects by forward selection: score tests over the library, then refits of the leading singles and pairs."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from scipy.optimize import nnls
 from scipy.special import chdtrc
 
 from thermohyd.effects.library import effect_info
-from thermohyd.identify.fitting.library import dear
+from thermohyd.identify.fitting.library import expensive_to_compile
 from thermohyd.identify.fitting.problem import Fit, Problem
 
 from .screening import Screen, Signature, screen
@@ -20,7 +20,7 @@ MOST_EFFECTS = 6
 SINGLES, PAIRS = 10, 6  # refits of each step
 FAR = 3.0  # reduced chi-square from which a model counts as bent by what it misses
 EXPLAINED = 1.1  # reduced chi-square of a refit that leaves nothing to look for elsewhere
-HOPPED = 3
+MOST_HOPPING = 3  # refits that go on by basin hopping
 GLANCE = 15  # steps of a refit that only has to show which candidate is worth more
 # A pair must beat the best single effect by this much chi-square beyond the search's own critical value.
 PAIR_PENALTY = 4.0
@@ -38,8 +38,8 @@ class Step:
 
 
 @dataclass(frozen=True)
-class Found:
-    """The end of a search. `base`: the ideal valve; `final`: with the effects that were added, in that order."""
+class Selection:
+    """The effects that a forward selection added, in that order. `base`: the ideal valve; `final`: with these effects."""
 
     base: Fit
     final: Fit
@@ -59,7 +59,7 @@ def implausible(fit: Fit) -> float:
 
 
 def merit(fit: Fit) -> float:
-    """What the search minimises."""
+    """What the search minimises: chi-square and the penalty of implausible amounts."""
     return fit.chi2 + implausible(fit) if np.isfinite(fit.chi2) else np.inf
 
 
@@ -68,8 +68,8 @@ def needed_beside(fit: Fit) -> float:
 
     What nothing explains is systematic: any effect closes a bit of it, the more the larger it is.
     """
-    freedom = max(int(fit.used.sum()) - len(fit.free), 1)
-    return 2.0 * (fit.chi2 / freedom - 1.0)
+    degrees_of_freedom = max(int(fit.used.sum()) - len(fit.free), 1)
+    return 2.0 * (fit.chi2 / degrees_of_freedom - 1.0)
 
 
 def search(
@@ -80,9 +80,9 @@ def search(
     begin: Fit | None = None,
     level: float = LEVEL,
     most: int = MOST_EFFECTS,
-    freedom: float = np.inf,
+    degrees_of_freedom: float = np.inf,
     say: Callable[[str], None] = lambda _: None,
-) -> Found:
+) -> Selection:
     """Add effects to the ideal valve `base` while the strongest score is beyond what chance gives the whole library.
 
     steps_of: finite-step signatures (see `screening`). begin: a fit of effects to start from instead of none.
@@ -91,9 +91,9 @@ def search(
     current, chosen, p_values, steps = begin or base, begin.effects if begin else (), {}, []
     seen = {frozenset(chosen)}
     while True:
-        at = problem.with_all_columns(current)
+        screened = problem.with_all_columns(current)
         candidates = [name for name in names if name not in chosen]
-        scores = screen(at, candidates, steps_of, level=level, freedom=freedom)
+        scores = screen(screened, candidates, steps_of, level=level, degrees_of_freedom=degrees_of_freedom)
         ranked = scores.ranked
         pairs = best_pairs(scores, ranked)
         p_single = scores.p_value(ranked[0]) if ranked else 1.0
@@ -115,14 +115,15 @@ def search(
             break
         chosen += added
         for name in added:
-            own = scores.best(name)
-            p_values[name] = min(p_single, p_pair) if own is None else min(scores.p_value(own), p_pair)
-        current = problem.fit(chosen, best.values, hops=True)
+            signature = scores.best(name)
+            p_alone = p_single if signature is None else scores.p_value(signature)
+            p_values[name] = min(p_alone, p_pair)
+        current = problem.fit(chosen, best.values, hop_basins=True)
         current, chosen = prune(problem, current, chosen, scores.critical**2 * max(1.0, needed_beside(current)))
         if frozenset(chosen) in seen:  # what was added replaced what was pruned before: going round in a circle
             break
         seen.add(frozenset(chosen))
-    return Found(base, current, chosen, {name: p_values[name] for name in chosen if name in p_values}, tuple(steps))
+    return Selection(base, current, chosen, {name: p_values[name] for name in chosen if name in p_values}, tuple(steps))
 
 
 def _singles(
@@ -135,29 +136,29 @@ def _singles(
     """Refits of the leading candidates, each beside the effects chosen so far.
 
     A model that misses by far has bent its parameters to the misfit: scores beside it say little, and refits that start
-    from it end in local minima. Then every candidate is tried, from the nominal valve too, and the best ones hop.
+    from it end in local minima. Then every candidate is tried, from the nominal valve too, and the best ones go on by basin hopping.
     """
-    found = {}
+    fits = {}
     for s in leading(ranked):
-        if dear((*chosen, s.name)) and not dear(chosen) and s.strength < critical:
+        if expensive_to_compile((*chosen, s.name)) and not expensive_to_compile(chosen) and s.strength < critical:
             continue
         start = {**current.values, s.name: s.estimate}
-        found[s.name] = problem.fit((*chosen, s.name), start, most_steps=GLANCE)
+        fits[s.name] = problem.fit((*chosen, s.name), start, most_steps=GLANCE)
     rows = max(int(current.used.sum()), 1)
-    explained = any(fit.chi2 <= EXPLAINED * rows for fit in found.values())
+    explained = any(fit.chi2 <= EXPLAINED * rows for fit in fits.values())
     if chosen or explained or current.chi2 <= FAR * rows:
-        return found
+        return fits
     null = {n: current.values[n] for n in ("null_bias",) if n in current.values}
-    for name in dict.fromkeys([*found, *problem.library.names]):
-        if name in chosen or (dear((*chosen, name)) and not dear(chosen)):
+    for name in dict.fromkeys([*fits, *problem.library.names]):
+        if name in chosen or (expensive_to_compile((*chosen, name)) and not expensive_to_compile(chosen)):
             continue
         start = {**{n: current.values[n] for n in chosen}, **null, name: effect_info(name).scale}
         fit = problem.fit((*chosen, name), start, most_steps=GLANCE)
-        if name not in found or merit(fit) < merit(found[name]):
-            found[name] = fit
-    for name in sorted(found, key=lambda n: merit(found[n]))[:HOPPED]:
-        found[name] = problem.fit(found[name].effects, found[name].values, hops=True)
-    return found
+        if name not in fits or merit(fit) < merit(fits[name]):
+            fits[name] = fit
+    for name in sorted(fits, key=lambda n: merit(fits[n]))[:MOST_HOPPING]:
+        fits[name] = problem.fit(fits[name].effects, fits[name].values, hop_basins=True)
+    return fits
 
 
 def leading(ranked: list[Signature]) -> list[Signature]:
@@ -167,12 +168,12 @@ def leading(ranked: list[Signature]) -> list[Signature]:
 
 def best_pairs(scores: Screen, ranked: list[Signature]) -> list[tuple[tuple[Signature, Signature], float]]:
     """Pairs of effects by the chi-square that both together take off, linearly and with their signs; best first."""
-    found = []
+    pairs = []
     for a, b in combinations(ranked, 2):
         gain = pair_gain(a, b, scores.residual)
         if gain > max(a.strength, b.strength) ** 2 + PAIR_PENALTY:
-            found.append(((a, b), gain))
-    return sorted(found, key=lambda pair: -pair[1])
+            pairs.append(((a, b), gain))
+    return sorted(pairs, key=lambda pair: -pair[1])
 
 
 def pair_gain(a: Signature, b: Signature, residual: np.ndarray) -> float:
@@ -197,8 +198,10 @@ def _best_pair(
 ) -> Fit | None:
     """The best nonlinear refit among the leading pairs; partners of the best single effect are tried too."""
     lead = next((name for name in best.effects if name not in chosen), None)
-    too_dear = lambda pair: dear((*chosen, pair[0][0].name, pair[0][1].name)) and not dear(chosen)
-    cheap = [pair for pair in pairs if not too_dear(pair) or (pair is pairs[0] and not _nearly(pairs))]
+    too_expensive = lambda pair: (
+        expensive_to_compile((*chosen, pair[0][0].name, pair[0][1].name)) and not expensive_to_compile(chosen)
+    )
+    cheap = [pair for pair in pairs if not too_expensive(pair) or (pair is pairs[0] and not _nearly(pairs))]
     partners = [pair for pair in cheap if lead in (pair[0][0].name, pair[0][1].name)][:3]
     fits = []
     chosen_pairs = {(a.name, b.name): (a, b) for (a, b), _ in [*cheap[:PAIRS], *partners]}

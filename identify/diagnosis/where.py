@@ -1,11 +1,8 @@
-"""Where a fitted model misses the bench: boxes of conditions that hold the most misfit beyond noise.
+"""Find where a fitted model misses the bench: boxes of conditions that hold the most misfit beyond noise; in words and as a map.
 
 A scan over boxes for the one whose residual variance most exceeds the rest's (Kulldorff's scan statistic for a variance:
-Communications in Statistics 26, 1997); found, set aside, and again.
-
-Figure of where the models miss: residuals in noise units over the position, one row per condition and direction.
-
-Conditions as an engineer says them: "-12 to 35 um, 60 to 71 degC, falling".
+Communications in Statistics 26, 1997); found, set aside, and again. Words are an engineer's: "-12 to 35 um, 60 to 71 degC,
+falling". The map shows residuals in units of the noise over the position, one row per condition and direction.
 """
 
 from collections.abc import Iterator, Mapping

@@ -1,4 +1,4 @@
-"""The fit: parameters of a valve from its bench record, with error bars that allow for what the noise really is."""
+"""Fit the parameters of a record's valve and actuator to all its tests, with error bars that allow for correlated noise."""
 
 import time
 from collections.abc import Callable, Mapping
@@ -17,7 +17,7 @@ from .outcome import Fitted, Key, fit_result, uncertainty_of
 from .parameters import ParameterPlan, free_parameters, plan_parameters, readings_of
 from .profile_intervals import covariance_holds, profile_intervals
 from .result import FitResult, StartOutcome
-from .starts import hop, null_position, reversed_channels, warning_of, with_signs_turned
+from .starts import basin_hopping, null_position, reversed_channels, warning_of, with_signs_turned
 from .static_readings import FitArgs, base_valve, box_of, channel_slices, prior_rows, residual_of, static_data
 from .uncertainty import largest_change, settled_noise
 
@@ -26,7 +26,7 @@ from .uncertainty import largest_change, settled_noise
 MOST_ROUNDS = 8
 SETTLED = 0.01  # relative change of every channel's noise
 STARTS = 4
-# Two unscreened candidates: a screening is a second program to compile, and hopping finds what they do not.
+# Two unscreened candidates: a screening is a second program to compile, and basin hopping finds what they do not.
 CANDIDATES = 2
 # A search stops a hundred-thousandth of a standard error from its optimum: one step earlier than the solver's default.
 CLOSE_ENOUGH = 1e-5
@@ -73,7 +73,7 @@ def _asked_for(name: str, plan: ParameterPlan) -> bool:
 
 
 def run_fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | None = None) -> Fitted:
-    """Reduce, start, solve, and settle the noise; everything but the words."""
+    """Fit a record's static tests: reduce raw logs, search from several starts, settle the noise. `fit_result` says it in words."""
     say = progress or (lambda _: None)
     tests: dict[str, TestRecord] = {}
     warnings = list(record.warnings)
@@ -102,9 +102,12 @@ def run_fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | N
         progress=say,
     )
     say("restarts beside the best of them")
-    solution = problem.hop(outcomes[0], noise)
+    solution = problem.basin_hopping(outcomes[0], noise)
     lower = solution.cost < outcomes[0].cost
-    told = [problem.outcome(solution, restart=lower), *map(problem.outcome, outcomes if lower else outcomes[1:])]
+    starts_tried = [
+        problem.outcome(solution, restart=lower),
+        *map(problem.outcome, outcomes if lower else outcomes[1:]),
+    ]
     for _ in range(MOST_ROUNDS):
         settled = problem.settle(noise, solution)
         change = largest_change(noise, settled)
@@ -113,8 +116,8 @@ def run_fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | N
             break
         solution = problem.solve(problem.args(noise), solution.p)
     if solution.relative_offset > SLOPES:
-        solution = problem.hop(solution, noise)
-    return Fitted(record, tests, plans, free, noise, solution, tuple(told), tuple(warnings))
+        solution = problem.basin_hopping(solution, noise)
+    return Fitted(record, tests, plans, free, noise, solution, tuple(starts_tried), tuple(warnings))
 
 
 def _with_intervals(fitted: Fitted, progress: Progress | None) -> FitResult:
@@ -132,14 +135,16 @@ def _with_intervals(fitted: Fitted, progress: Progress | None) -> FitResult:
             break
         say("intervals by profiles of chi-square")
         std = np.sqrt(np.diag(matrix))
-        found = profile_intervals(best, problem.boxes, std, reach**2 * known.inflation, hold, say)
-        if found.better is None:
-            return fit_result(fitted, uncertainty=known, intervals=found.intervals)
+        profiles = profile_intervals(best, problem.boxes, std, reach**2 * known.inflation, hold, say)
+        if profiles.better is None:
+            return fit_result(fitted, uncertainty=known, intervals=profiles.intervals)
         say("a profile found a better optimum")
-        better = problem.hop(problem.solve(args, found.better.p), noise)
+        better = problem.basin_hopping(problem.solve(args, profiles.better.p), noise)
         noise = problem.settle(noise, better)
         better = problem.solve(problem.args(noise), better.p)
-        fitted = replace(fitted, noise=noise, solution=better if better.converged else problem.hop(better, noise))
+        fitted = replace(
+            fitted, noise=noise, solution=better if better.converged else problem.basin_hopping(better, noise)
+        )
     return fit_result(fitted)
 
 
@@ -186,9 +191,9 @@ class StaticSearch:
         tolerance = PROFILE_CLOSE_ENOUGH if held else CLOSE_ENOUGH
         return solve(residual_of(self.free), boxes, args, start, tolerance=tolerance, believe=BELIEVE_BELOW)
 
-    def hop(self, best: LeastSquaresResult, noise: dict[Key, ChannelNoise]) -> LeastSquaresResult:
+    def basin_hopping(self, best: LeastSquaresResult, noise: dict[Key, ChannelNoise]) -> LeastSquaresResult:
         args = self.args(noise)
-        return hop(best, self.free, lambda start: self.solve(args, start))
+        return basin_hopping(best, self.free, lambda start: self.solve(args, start))
 
     def outcome(self, result: LeastSquaresResult, restart: bool = False) -> StartOutcome:
         start = dict(zip(self.free, (float(v) for v in result.start), strict=True))

@@ -1,4 +1,4 @@
-"""Fits of a record with dynamic tests: the parameters of motion first, then everything together with the static tests."""
+"""Fit a record with dynamic tests: first the parameters of motion alone, then everything together with the static tests."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -36,7 +36,7 @@ def run_fit_motion(
     known: Mapping[str, float] | None = None,
     also: tuple[str, ...] = (),
 ) -> Fitted:
-    """The dynamic tests alone: start, lengthen the horizon, solve, and settle the noise.
+    """Fit the parameters of motion to the dynamic tests alone: start, lengthen the horizon, solve, and settle the noise.
 
     known: static values to hold (see `plan_motion`). also: of these, what a fit of all tests will free.
     Raises BenchInputError where the record determines nothing.
@@ -60,14 +60,14 @@ def run_fit_motion(
             }
             ends.append(_grown(problem, begin, lambda _: None))
     ends.sort(key=lambda end: (not np.isfinite(end.chi2), end.chi2))
-    told = tuple(_outcome(problem, end) for end in ends)
+    starts = tuple(_outcome(problem, end) for end in ends)
     return _settled(
-        problem, ends[0], noise, Fitted(record, tests, plans, free, noise, ends[0].solution, told, record.warnings)
+        problem, ends[0], noise, Fitted(record, tests, plans, free, noise, ends[0].solution, starts, record.warnings)
     )
 
 
 def fit_together(record: BenchRecord, static: Fitted, motion: Fitted, progress: Progress | None = None) -> Fitted:
-    """All tests of a record at once, from where the static ones and the dynamic ones ended: every error bar is a joint one.
+    """Fit all tests of a record at once, from where the static ones and the dynamic ones ended: every error bar is a joint one.
 
     A parameter that both kinds of tests see is one parameter; what `[start]` holds or knows beforehand holds for both.
     """
@@ -98,7 +98,7 @@ def jointly_fitted(
 
 def _settled(problem: Problem, fit: Fit, noise: dict[Key, ChannelNoise], fitted: Fitted) -> Fitted:
     """Rounds of re-estimating the noise that is not known, each from the last optimum."""
-    at = fit
+    settled_fit = fit
     for _ in range(MOST_ROUNDS):
         settled = noise_settled_by(problem, fit, noise)
         change, noise = largest_change(noise, settled), settled
@@ -106,25 +106,25 @@ def _settled(problem: Problem, fit: Fit, noise: dict[Key, ChannelNoise], fitted:
             break
         problem = problem.with_noise(white_noise(noise))
         if change < SETTLED:
-            at = problem.evaluate(fit.values)
+            settled_fit = problem.evaluate(fit.values)
             break
-        at = fit = problem.fit(start=fit.values)
-    return replace(fitted, noise=noise, solution=solution_of(problem, fit, at))
+        settled_fit = fit = problem.fit(start=fit.values)
+    return replace(fitted, noise=noise, solution=solution_of(problem, fit, settled_fit))
 
 
 def _grown(problem: Problem, start: Mapping[str, float], say: Progress) -> Fit:
     """The first part of every run, then more of it, then all."""
     moving = problem.tests.values()
-    values, found = dict(start), None
+    values, fit = dict(start), None
     for horizon in HORIZONS if any(test.axis == "time" for test in moving) else (1.0,):
         say(f"fitting the first {100 * horizon:.0f} % of every run" if horizon < 1.0 else "fitting all rows")
         masks = [within(test, horizon) for test in moving for _ in test.channels]
         part = problem.with_rows(None if horizon == 1.0 else np.concatenate(masks))
-        found = part.fit(start=values, most_steps=MOST_STEPS if horizon == 1.0 else GLANCE)
-        if np.isfinite(found.chi2):
-            values = found.values
-    assert found is not None
-    return found
+        fit = part.fit(start=values, most_steps=MOST_STEPS if horizon == 1.0 else GLANCE)
+        if np.isfinite(fit.chi2):
+            values = fit.values
+    assert fit is not None
+    return fit
 
 
 def _outcome(problem: Problem, fit: Fit) -> StartOutcome:
@@ -137,9 +137,9 @@ def within(test: TestRecord, horizon: float) -> np.ndarray:
     """True in the first share of every run's span (rows,); a frequency test counts from the start."""
     if test.axis == "frequency" or test.time is None or horizon >= 1.0:
         return np.ones(test.rows, dtype=bool)
-    found = np.zeros(test.rows, dtype=bool)
+    inside = np.zeros(test.rows, dtype=bool)
     for code in np.unique(test.run):
         rows = test.run == code
         time = test.time[rows]
-        found[rows] = time <= time[0] + horizon * (time[-1] - time[0])
-    return found
+        inside[rows] = time <= time[0] + horizon * (time[-1] - time[0])
+    return inside

@@ -1,11 +1,9 @@
-"""Least squares inside a box: one compiled solve per residual, and a verdict on the host that trusts no flag.
+"""Minimise a sum of squares inside a box, from one or several starts, and judge on the host whether the end is an optimum.
 
-Whether the end of a solve is an optimum: judged on the host in double precision, whatever the solver says.
-
-Bates and Watts, "A relative offset orthogonality convergence criterion for nonlinear least squares",
-Technometrics 23, 1981.
-
-Where else a fit may start: a screened Latin hypercube around the nominal values.
+The search is `trust_region`'s, compiled once per residual; a problem that takes long to compile is driven step by step. No flag
+of a solver is trusted: the end is judged in double precision by the relative offset of residual and Jacobian, in standard
+errors (Bates and Watts, "A relative offset orthogonality convergence criterion for nonlinear least squares", Technometrics 23,
+1981). Further starts are a Latin hypercube around the nominal values, screened by their cost.
 """
 
 from collections.abc import Callable, Sequence
@@ -164,7 +162,7 @@ def _compiled(residual: Residual, boxes: Boxes, z: Any, args: Any, tolerance: An
     state = solution.state
     physical, slope = boxes.physical(solution.value), boxes.slope(solution.value)
     small = jnp.stack([solution.value, physical, slope, state.size])
-    return small, state.at.residual, state.at.columns, state.evaluations, state.done
+    return small, state.linearised.residual, state.linearised.columns, state.evaluations, state.done
 
 
 @eqx.filter_jit
@@ -194,7 +192,7 @@ def _step_by_step(both: Both, boxes: Boxes, z: Any, args: Any, tolerance: Any, m
         if bool(state.done):
             break
     small = jnp.stack([jnp.asarray(z), boxes.physical(jnp.asarray(z)), boxes.slope(jnp.asarray(z)), state.size])
-    return small, state.at.residual, state.at.columns, state.evaluations, state.done
+    return small, state.linearised.residual, state.linearised.columns, state.evaluations, state.done
 
 
 def solve(

@@ -28,7 +28,7 @@ class Library:
 
     @property
     def cold(self) -> tuple[str, ...]:
-        """Those that need no heat computed, coupled ones included: half as dear as all together."""
+        """Those that need no heat computed, coupled ones included: half as expensive to compile and run as all together."""
         return tuple(name for name in self.names if not effect_info(name).computes_heat)
 
 
@@ -45,7 +45,7 @@ def with_heat(names: Iterable[str]) -> bool:
     return any(effect_info(name).computes_heat for name in names)
 
 
-def dear(names: Iterable[str]) -> bool:
+def expensive_to_compile(names: Iterable[str]) -> bool:
     """Whether effects need heat and a coupled balance together: a program of its own, which takes long to compile."""
     names = tuple(names)
     return with_heat(names) and any(coupled(name) for name in names)

@@ -1,4 +1,4 @@
-"""The tests of a record with every effect of a library present at its own amount: one program for any set of effects.
+"""Residuals and derivatives of a record's static tests with every effect of a library present: one program for any set of effects.
 
 A fit of some effects holds the others at 0 (an effect at its neutral value changes nothing), so that all refits of a
 search share one compiled solve, and every solve returns the derivatives to all effects, the absent ones included.

@@ -1,6 +1,6 @@
-"""How well the fitted valve meets each test, and where it misses worst: in plain words with figures. NumPy only.
+"""Say how well the fitted model meets each test, and where it misses worst: one verdict, then a sentence per channel. NumPy only.
 
-What a fit of motion says first: does the actuator meet its tests, and if not, in which channel and when. NumPy only.
+Static tests are judged over position, direction and temperature; dynamic ones over time.
 """
 
 from collections.abc import Mapping
@@ -174,7 +174,7 @@ def verdict_of_motion(fits: tuple[ChannelFit, ...], converged: bool, message: st
 
 
 def sentence_of_motion(fit: ChannelFit) -> str:
-    """One sentence_of_motion on one channel: RMS beside the noise, and when they disagree most."""
+    """One sentence on one channel of a dynamic test: RMS beside the noise, and when they disagree most."""
     shown = column_unit(fit.channel)
     unit, factor = "" if shown.label == "-" else f" {shown.label}", shown.factor
     what = f"{fit.test}: {fit.channel} is met to {fit.residual_rms * factor:.3g}{unit} RMS"

@@ -1,12 +1,8 @@
 """A record's dynamic tests as one function of named parameters and amounts: readings and derivatives at its rows.
 
-Residuals and their columns from a simulator's readings: weighted, masked, whitened if need be, priors last.
-
-Step tests with derivatives: the runs of a record in one program, its readings and their slopes in a vector of names.
-
-Frequency tests with derivatives: the small-signal response at each operating point, by forward mode.
-
-A record's valve and actuator as the simulator's modules, with some of their parameters and effects as a vector.
+The valve and the actuator are built from a vector of parameters and effects. The runs of step tests are integrated with their
+derivatives in one program; frequency tests are the small-signal response at each operating point, by forward mode. Readings
+then become residuals and columns: weighted, masked, whitened where the noise correlates.
 """
 
 from collections.abc import Callable, Mapping
@@ -38,27 +34,27 @@ from .static_readings import base_valve
 
 def actuator_of(data: ActuatorData, rated_current: float | None, values: Mapping[str, float] | None = None) -> Actuator:
     """The simulator's actuator of an `[actuator]` table, with the identified `values` in the place of its own."""
-    own = {
+    fields = {
         name: getattr(data, name)
         for name in ActuatorData.__dataclass_fields__
         if name != "heat" and getattr(data, name) is not None
     }
     if rated_current is not None:
-        own["rated_current"] = rated_current
-    own |= {name: value for name, value in (values or {}).items() if name in IN_MOTION}
-    return Actuator(**own)
+        fields["rated_current"] = rated_current
+    fields |= {name: value for name, value in (values or {}).items() if name in IN_MOTION}
+    return Actuator(**fields)
 
 
 def valve_of(record: BenchRecord, values: Mapping[str, float], effects: Mapping[str, float] | None = None) -> Valve:
     """The record's valve with parameters and held effects."""
-    own = {name: value for name, value in values.items() if name not in IN_MOTION}
-    return with_effects(base_valve(record, own), dict(effects or {}))
+    static = {name: value for name, value in values.items() if name not in IN_MOTION}
+    return with_effects(base_valve(record, static), dict(effects or {}))
 
 
 def machine(
     valve: Valve, actuator: Actuator, names: tuple[str, ...], effects: tuple[str, ...], p: Float[Array, " all"]
 ) -> tuple[Valve, Actuator]:
-    """Both with the parameters `names` and the amounts of `effects`, in this order, taken from `p` (all,)."""
+    """The valve and the actuator with the parameters `names` and the amounts of `effects`, in this order, taken from `p` (all,)."""
     given = {name: p[i] for i, name in enumerate(names)}
     moving = {name: value for name, value in given.items() if name in IN_MOTION}
     still = {name: value for name, value in given.items() if name not in IN_MOTION}
@@ -108,7 +104,7 @@ def _read(state: State, valve: Valve) -> Float[Array, " readings"]:
 def readings_and_slopes(
     plan: Plan, p: Float[Array, " all"], given: Given, inputs: StepInputs
 ) -> tuple[Float[Array, "runs rows readings"], Float[Array, "runs rows readings all"], Int[Array, " runs"]]:
-    """(readings in the order of STEP_READINGS, SI; their derivatives to the vector; an index into `integrate.FAILURES`)."""
+    """A step run: (readings in the order of STEP_READINGS, SI; their derivatives to the vector; an index into `integrate.FAILURES`)."""
 
     def read(q: Array, inputs: StepInputs) -> tuple[Array, tuple[Array, Array]]:
         plant = plan.plant(q, given, inputs)
@@ -140,7 +136,7 @@ def responses_all(
     absolute: bool,
     polarity: int,
 ) -> tuple[Float[Array, "runs frequencies 2"], Float[Array, "runs frequencies 2 all"], Bool[Array, " runs"]]:
-    """(amplitude ratio and phase [rad], their derivatives to the vector, whether there is an equilibrium)."""
+    """A frequency test: (amplitude ratio and phase [rad], their derivatives to the vector, whether there is an equilibrium)."""
     seen = tuple(name for name in plan.effects if effect_info(name).small_signal)
     entries = [i for i, name in enumerate((*plan.names, *plan.effects)) if name in (*plan.names, *seen)]
 
@@ -241,8 +237,9 @@ Whiten = Callable[[Key, np.ndarray], np.ndarray]
 
 @dataclass(frozen=True)
 class Weighing:
-    """weight {key: (rows,)}, 1/standard deviation and 0 where a row is masked out; pad: rows that a channel is padded to.
+    """How each row of a dynamic test counts in a fit.
 
+    weight {key: (rows,)}, 1/standard deviation and 0 where a row is masked out; pad: rows that a channel is padded to.
     whiten(key, (entries, rows)): makes correlated noise white along the last axis; None where it is taken for white.
     """
 

@@ -1,4 +1,4 @@
-"""The runs of a dynamic test as inputs of the simulator: stacked and padded."""
+"""Turn the runs of a dynamic test into inputs of the simulator, stacked and padded to one length."""
 
 from dataclasses import dataclass
 
@@ -39,28 +39,28 @@ def _places(test: DynamicTest) -> tuple[list[np.ndarray], np.ndarray, np.ndarray
     """(rows of each run, number of each row's run, its place in that run)"""
     rows = [np.flatnonzero(test.run == code) for code in np.unique(test.run)]
     run, place = np.zeros(test.rows, dtype=int), np.zeros(test.rows, dtype=int)
-    for number, own in enumerate(rows):
-        run[own], place[own] = number, np.arange(len(own))
+    for number, of_run in enumerate(rows):
+        run[of_run], place[of_run] = number, np.arange(len(of_run))
     return rows, run, place
 
 
 def step_runs(test: DynamicTest) -> StepRuns:
-    """The runs of a step test, each with its own clock kept."""
+    """The runs of a step test, each with its of_run clock kept."""
     assert test.time is not None
     rows, run, place = _places(test)
-    longest = padded_size(max(len(own) for own in rows))
-    inputs = [_inputs(test, own, test.time[own]) for own in rows]
-    return StepRuns(_stacked(inputs, [_padded(test.time[own], longest) for own in rows]), run, place)
+    longest = padded_size(max(len(of_run) for of_run in rows))
+    inputs = [_inputs(test, of_run, test.time[of_run]) for of_run in rows]
+    return StepRuns(_stacked(inputs, [_padded(test.time[of_run], longest) for of_run in rows]), run, place)
 
 
 def frequency_runs(test: DynamicTest) -> FrequencyRuns:
     """The operating points of a frequency test: the first row of each run."""
     assert test.frequency is not None
     rows, run, place = _places(test)
-    longest = padded_size(max(len(own) for own in rows))
+    longest = padded_size(max(len(of_run) for of_run in rows))
     # Two equal rows: the operating point stands still.
-    inputs = [_inputs(test, own[[0, 0]], np.array([0.0, 1.0])) for own in rows]
-    frequency = np.stack([np.pad(test.frequency[own], (0, longest - len(own)), mode="edge") for own in rows])
+    inputs = [_inputs(test, of_run[[0, 0]], np.array([0.0, 1.0])) for of_run in rows]
+    frequency = np.stack([np.pad(test.frequency[of_run], (0, longest - len(of_run)), mode="edge") for of_run in rows])
     return FrequencyRuns(_stacked(inputs, [np.array([0.0, 1.0])] * len(rows)), jnp.asarray(frequency), run, place)
 
 

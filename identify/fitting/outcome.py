@@ -1,6 +1,6 @@
-"""From the end of a solve to a `FitResult`: error bars, channels beside the model, identifiability and the verdict.
+"""Turn the end of a solve into a `FitResult`: error bars, readings beside the model, identifiability and the verdict.
 
-A fit before it is put into words: what was fitted, with which noise, and where the solver ended.
+`Fitted` is what a fit hands over: what was fitted, with which noise, and where the solver ended.
 """
 
 from collections.abc import Mapping
@@ -12,7 +12,7 @@ from scipy.special import stdtrit
 from thermohyd.identify.bench.record import BenchRecord, Channel, TestRecord
 from thermohyd.identify.noise.correlation import NoiseCorrelation, noise_correlation
 from thermohyd.identify.noise.level import ChannelNoise
-from thermohyd.identify.reduction.legs import sweep_ids
+from thermohyd.identify.reduction.monotone_pieces import sweep_ids
 
 from .least_squares import LeastSquaresResult
 from .misfit import verdict, verdict_of_motion
@@ -25,7 +25,10 @@ from .uncertainty import Block, Covariance, Key, covariance_of, identifiability
 
 @dataclass(frozen=True)
 class Fitted:
-    """The end of `run_fit`; `tests` are the reduced ones, `free` the fitted parameters in the order of the solution."""
+    """A fit before its error bars: what was fitted, with which noise, and where the search ended.
+
+    `tests` are the reduced ones, `free` the fitted parameters in the order of the solution.
+    """
 
     record: BenchRecord
     tests: dict[str, TestRecord]
@@ -62,23 +65,26 @@ class Uncertainty:
 
 
 def uncertainty_of(fitted: Fitted, covariance: Covariance | None = None) -> Uncertainty:
-    """covariance: where the fit already weighed its rows by the correlation of their noise."""
+    """The covariance of a fit's parameters with the correlation of the noise, and what that adds to each variance.
+
+    covariance: where the fit already weighed its rows by the correlation of their noise; else a sandwich is made here.
+    """
     slices = channel_slices(fitted.tests)
     blocks = {key: _block(fitted, key, rows) for key, rows in slices.items()}
     solution = fitted.solution
     priors = slice(len(solution.residual) - len(fitted.free), len(solution.residual))
     independent = sum((rows.stop - rows.start) / blocks[key].correlation.inflation for key, rows in slices.items())
-    made = covariance is None
+    sandwich = covariance is None
     if covariance is None:
         covariance = covariance_of(solution.jacobian, fitted.free, solution.active, list(blocks.values()), priors)
     inflation = np.ones(len(fitted.free))
-    if made:
+    if sandwich:
         white = [Block(b.rows, b.sweeps, NoiseCorrelation(), 1.0) for b in blocks.values()]
         plain = covariance_of(solution.jacobian, fitted.free, solution.active, white, priors)
-        own, bare = np.diag(covariance.matrix), np.diag(plain.matrix)
-        known = (own > 0.0) & (bare > 0.0)
+        allowed, white_alone = np.diag(covariance.matrix), np.diag(plain.matrix)
+        known = (allowed > 0.0) & (white_alone > 0.0)
         usual = max((b.variance * b.correlation.inflation for b in blocks.values()), default=1.0)
-        inflation[known] = own[known] / bare[known]
+        inflation[known] = allowed[known] / white_alone[known]
         inflation[~known] = np.median(inflation[known]) if known.any() else usual
     return Uncertainty(covariance, blocks, float(independent), inflation)
 
@@ -101,7 +107,7 @@ def fit_result(
     channels = tuple(_channel_fit(fitted, key, slices[key], known.blocks[key], covariance) for key in slices)
     chi2 = sum(float(np.sum(((c.measured - c.predicted) / _noise(fitted, c).std) ** 2)) for c in channels)
     points = sum(len(c.measured) for c in channels)
-    freedom = float(max(points - len(fitted.free), 1))
+    degrees_of_freedom = float(max(points - len(fitted.free), 1))
     correlation = _correlation(covariance.matrix)
     solution = fitted.solution
     scales = np.array([fitted.plans[name].info.scale for name in fitted.free])
@@ -114,9 +120,9 @@ def fit_result(
         free=fitted.free,
         covariance=covariance.matrix,
         correlation=correlation,
-        reduced_chi2=chi2 / freedom,
+        reduced_chi2=chi2 / degrees_of_freedom,
         chi2=chi2,
-        degrees_of_freedom=freedom,
+        degrees_of_freedom=degrees_of_freedom,
         noise_freedom=_noise_freedom(fitted, points),
         channels=channels,
         identifiability=words,
@@ -150,7 +156,7 @@ def _noise_freedom(fitted: Fitted, points: int) -> float:
     spread = 0.0
     for test in fitted.tests.values():
         for channel in test.channels:
-            spread += (len(channel.value) / points) ** 2 / fitted.noise[test.name, channel.name].freedom
+            spread += (len(channel.value) / points) ** 2 / fitted.noise[test.name, channel.name].degrees_of_freedom
     return 1.0 / spread if spread > 0.0 else np.inf
 
 
@@ -170,9 +176,9 @@ def _block(fitted: Fitted, key: Key, rows: slice) -> Block:
     sweeps = sweep_ids(test)
     share = len(fitted.free) * len(residual) / max(sum(t.rows * len(t.channels) for t in fitted.tests.values()), 1)
     correlation = noise_correlation(residual, sweeps, share)
-    freedom = max(len(residual) - share, 1.0)
+    degrees_of_freedom = max(len(residual) - share, 1.0)
     # Residuals larger than the noise are the model's misfit: it widens the error bars. Smaller ones are luck.
-    return Block(rows, sweeps, correlation, max(float(np.sum(residual**2)) / freedom, 1.0))
+    return Block(rows, sweeps, correlation, max(float(np.sum(residual**2)) / degrees_of_freedom, 1.0))
 
 
 def _channel_fit(fitted: Fitted, key: Key, rows: slice, block: Block, covariance: Covariance) -> ChannelFit:
@@ -229,7 +235,7 @@ def _estimates(fitted: Fitted, known: Uncertainty, intervals: Mapping[int, Inter
     """
     covariance, reach = known.covariance, known.reach(len(fitted.free))
     pressed = tuple(name for name, side in zip(fitted.free, fitted.solution.active, strict=True) if side)
-    found: dict[str, ParameterEstimate] = {}
+    estimates: dict[str, ParameterEstimate] = {}
     for name, plan in fitted.plans.items():
         if plan.fixed and name == "heat_retention" and not plan.given:
             continue  # nobody asked for it
@@ -243,12 +249,15 @@ def _estimates(fitted: Fitted, known: Uncertainty, intervals: Mapping[int, Inter
             if not fitted.solution.converged:
                 why = why or "the fit did not converge"
             elif i in intervals:
-                own, by_profile = intervals[i], True
+                profile, by_profile = intervals[i], True
                 # Between two kinks chi-square is steep on a scale of its own: never narrower than the covariance's interval.
                 wide = 0.0 if why else reach * float(np.sqrt(covariance.matrix[i, i]))
-                low, high = min(own.low, max(value - wide, plan.lower)), max(own.high, min(value + wide, plan.upper))
+                low, high = (
+                    min(profile.low, max(value - wide, plan.lower)),
+                    max(profile.high, min(value + wide, plan.upper)),
+                )
                 interval = (low, high)
-                if own.open_low and own.open_high:
+                if profile.open_low and profile.open_high:
                     why = "the data allow every value within its limits"
                 elif not at_bound:
                     std, why = _of_two_sides(value - low, high - value) / reach, ""
@@ -256,7 +265,7 @@ def _estimates(fitted: Fitted, known: Uncertainty, intervals: Mapping[int, Inter
                 std = float(np.sqrt(covariance.matrix[i, i]))
                 # What lies beyond a bound is known to be false, so the interval ends there.
                 interval = (max(value - reach * std, plan.lower), min(value + reach * std, plan.upper))
-        found[name] = ParameterEstimate(
+        estimates[name] = ParameterEstimate(
             name=name,
             value=value,
             unit=plan.info.unit,
@@ -272,4 +281,4 @@ def _estimates(fitted: Fitted, known: Uncertainty, intervals: Mapping[int, Inter
             by_profile=by_profile,
             conditional_on=() if by_profile or std is None else pressed,
         )
-    return found
+    return estimates

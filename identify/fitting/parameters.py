@@ -1,6 +1,6 @@
-"""The parameters that a fit can free: their names, units, nominal values and the box in which they make sense.
+"""The parameters that a fit can free: names, units, nominal values, limits; and from a record's `[start]` which are free or held.
 
-What a dynamic fit frees and what it holds: the four parameters of motion, and static ones only at the user's word.
+Static tests free six parameters of the valve. Dynamic tests free four of motion, and static ones only at the user's word.
 """
 
 from collections.abc import Mapping

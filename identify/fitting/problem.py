@@ -19,14 +19,14 @@ from thermohyd.identify.model.learned_terms import ABSOLUTE, LearnedTerm, term_v
 from thermohyd.identify.noise.correlation import NoiseCorrelation
 from thermohyd.identify.noise.level import ChannelNoise
 from thermohyd.identify.noise.whitening import whiten_on_host, whitening_of
-from thermohyd.identify.reduction.legs import piece_bounds
+from thermohyd.identify.reduction.monotone_pieces import piece_bounds
 
 from .boxes import Box
 from .least_squares import LeastSquaresResult, solve
 from .library import Library, coupled, library_for, with_heat
 from .library_program import LibraryArgs, RowTerms, library_program, order_of
 from .parameters import IN_MOTION, PARAMETERS, SEEN_IN_MOTION, ParameterPlan
-from .starts import hop
+from .starts import basin_hopping
 from .static_readings import (
     StaticData,
     base_valve,
@@ -54,13 +54,13 @@ CLOSE_IN_MOTION = 1e-2
 SMALL_START = 0.05  # of the effect's scale
 START_WITHIN = 3.0  # times the largest usual amount
 MOST_STEPS, PATIENCE = 40, 5  # a refit that crawls is no candidate; one that is to stay may go on
-# A search starts beside an optimum that has been hopped over already: fewer and shorter hops than a first fit's.
-HOPS, ROUNDS_OF_HOPS = (2.0, 0.7), 2
+# A search starts beside an optimum that basin hopping has been through: fewer and shorter moves [um] than a first fit's.
+MOVES, ROUNDS_OF_MOVES = (2.0, 0.7), 2
 
 
 @dataclass(frozen=True)
 class Noise:
-    """What the diagnosis believes of the noise of each channel: standard deviation per row (SI) and correlation."""
+    """The noise of each channel as a problem weighs it: standard deviation per row (SI) and correlation."""
 
     std: dict[Key, np.ndarray]
     correlation: dict[Key, NoiseCorrelation]
@@ -68,10 +68,11 @@ class Noise:
 
 @dataclass(frozen=True)
 class Fit:
-    """The end of a fit with the effects `effects` free. Rows: the real ones of every channel in turn, then the priors.
+    """A fit of a problem with the effects `effects` free: values, residual, columns.
 
-    residual (rows,): whitened, model - reading. columns (rows, entries): its derivatives to every parameter and effect of
-    `order`, free or not. values: every entry of `order`. used (rows,): rows that the fit saw.
+    Rows: the real ones of every channel in turn, then the priors. residual (rows,): whitened, model - reading. columns (rows,
+    entries): its derivatives to every parameter and effect of `order`, free or not. values: every entry of `order`. used
+    (rows,): rows that the fit saw.
     """
 
     effects: tuple[str, ...]
@@ -128,7 +129,7 @@ class Readings(Protocol):
         """Rows that a channel of so many is padded to."""
         ...
 
-    def at(self, program: tuple[str, ...]) -> Evaluation:
+    def evaluation(self, program: tuple[str, ...]) -> Evaluation:
         """Whitened residuals and columns of a program, all channels of the tests behind one another."""
         ...
 
@@ -160,7 +161,7 @@ class StaticReadings:
     def size(self, rows: int) -> int:
         return coarse_size(rows)
 
-    def at(self, program: tuple[str, ...]) -> Evaluation:
+    def evaluation(self, program: tuple[str, ...]) -> Evaluation:
         both, args = library_program(program), self._arguments(program)
         return lambda p: both(jnp.asarray(p), args)
 
@@ -192,9 +193,9 @@ class StaticReadings:
         return LibraryArgs(base_valve(self.record, values, heat=True), data, tuple(whitening), self._row_terms(data))
 
     def _row_terms(self, data: StaticData) -> dict[str, RowTerms]:
-        found = {}
+        terms = {}
         for group, tests in groups_of(data.conditions).items():
-            nodes = [1 if (own := self.tests[name].nodes) is None else own.count for name in tests]
+            nodes = [1 if (points := self.tests[name].nodes) is None else points.count for name in tests]
             sizes = [coarse_size(self.tests[name].rows) * k for name, k in zip(tests, nodes, strict=True)]
             factor, shift = np.ones((len(PARAMETERS), sum(sizes))), np.zeros((len(PARAMETERS), sum(sizes)))
             viscosity = np.ones(sum(sizes))
@@ -210,8 +211,8 @@ class StaticReadings:
                     else:
                         factor[PARAMETERS.index(term.quantity), rows] *= 1.0 + change
                 first += size
-            found[group] = RowTerms(factor, shift, viscosity)
-        return found
+            terms[group] = RowTerms(factor, shift, viscosity)
+        return terms
 
 
 @dataclass(frozen=True)
@@ -243,7 +244,7 @@ class MotionReadings:
     def size(self, rows: int) -> int:
         return rows
 
-    def at(self, program: tuple[str, ...]) -> Evaluation:
+    def evaluation(self, program: tuple[str, ...]) -> Evaluation:
         # Here, not above: a static problem does not wait for the solvers of motion.
         from .motion_readings import Weighing, rows_of_readings
 
@@ -352,12 +353,12 @@ class Problem:
         start: Mapping[str, float] | None = None,
         *,
         patient: bool = False,
-        hops: bool = False,
+        hop_basins: bool = False,
         most_steps: int = MOST_STEPS,
     ) -> Fit:
         """Fit the free parameters and the amounts of `effects`, from `start` (missing entries: nominal, neutral).
 
-        patient: goes on where it crawls, for a fit that is to stay. hops: patient, and over the kinks of the underlap.
+        patient: goes on where it crawls, for a fit that is to stay. hop_basins: patient, and over the kinks of the underlap.
         """
         chosen = tuple(name for name in self.library.names if name in set(effects))
         programs = [part.program(chosen) for part in self.readings]
@@ -373,12 +374,12 @@ class Problem:
             )
 
         best = from_point(np.array(begin))
-        for _ in range(PATIENCE if patient or hops else 0):
+        for _ in range(PATIENCE if patient or hop_basins else 0):
             if best.converged or best.exhausted:
                 break
             best = from_point(best.p)
-        if hops:
-            best = hop(best, order, from_point, hops=HOPS, rounds=ROUNDS_OF_HOPS)
+        if hop_basins:
+            best = basin_hopping(best, order, from_point, moves=MOVES, rounds=ROUNDS_OF_MOVES)
         return self._result(chosen, order, free, best)
 
     def evaluate(self, values: Mapping[str, float], effects: Iterable[str] = ()) -> Fit:
@@ -408,9 +409,9 @@ class Problem:
         present = [name for name in fit.order if name not in self.parameters and fit.values[name] != 0.0]
         other = part.program(() if with_heat(missing) else (*present, *missing))
         held = {name: value for name, value in fit.values.items() if name in self.parameters or name in other}
-        at = self._evaluate(held, [other])
+        beside = self._evaluate(held, [other])
         order = part.order(self.library.names)
-        columns = [(fit if name in fit.order else at).column(name) for name in order]
+        columns = [(fit if name in fit.order else beside).column(name) for name in order]
         values = {name: fit.values.get(name, 0.0) for name in order}
         return replace(fit, order=order, values=values, columns=np.stack(columns, axis=1))
 
@@ -422,7 +423,7 @@ class Problem:
     def _both(self, programs: list[tuple[str, ...]], order: tuple[str, ...]) -> Callable[[Any, Any], tuple[Any, Any]]:
         """(p, args) -> residuals and columns (entries, rows) of all readings, then of the priors, as `solve` takes it."""
         parts = [
-            (part.at(program), [order.index(name) for name in part.order(program)])
+            (part.evaluation(program), [order.index(name) for name in part.order(program)])
             for part, program in zip(self.readings, programs, strict=True)
         ]
         value, weight = (np.asarray(part) for part in prior_rows([self.plans[name] for name in self.parameters]))
@@ -434,8 +435,8 @@ class Problem:
             del args
             vector = np.asarray(p, dtype=float)
             residuals, blocks = [], []
-            for at, places in parts:
-                residual, columns = at(vector[places])
+            for evaluate, places in parts:
+                residual, columns = evaluate(vector[places])
                 residuals.append(np.asarray(residual))
                 block = np.zeros((len(order), len(residual)))
                 block[places] = np.asarray(columns)
@@ -505,24 +506,24 @@ def noise_sweeps(test: TestRecord) -> np.ndarray:
     return ids
 
 
-def solution_of(problem: Problem, fit: Fit, at: Fit | None = None) -> LeastSquaresResult:
+def solution_of(problem: Problem, fit: Fit, seen: Fit | None = None) -> LeastSquaresResult:
     """`fit` over its free entries alone, rows as `channel_slices` lays them out, the free entries' priors behind them.
 
-    at: residual and columns to take instead, of the same point seen with other noise.
+    seen: residual and columns to take instead, of the same point seen with other noise.
     """
-    at = fit if at is None else at
+    seen = fit if seen is None else seen
     slices = channel_slices(problem.tests)
     count = max(s.stop for s in slices.values()) + len(fit.free)
-    columns = [at.order.index(name) for name in fit.free]
+    columns = [seen.order.index(name) for name in fit.free]
     residual, jacobian = np.zeros(count), np.zeros((count, len(fit.free)))
     for key, rows in problem.rows().items():
-        residual[slices[key]] = at.residual[rows]
-        jacobian[slices[key]] = at.columns[rows][:, columns]
-    priors = len(at.residual) - len(problem.parameters)
+        residual[slices[key]] = seen.residual[rows]
+        jacobian[slices[key]] = seen.columns[rows][:, columns]
+    priors = len(seen.residual) - len(problem.parameters)
     for i, name in enumerate(fit.free, start=count - len(fit.free)):
         if name in problem.parameters:
             k = priors + problem.parameters.index(name)
-            residual[i], jacobian[i] = at.residual[k], at.columns[k, columns]
+            residual[i], jacobian[i] = seen.residual[k], seen.columns[k, columns]
     pick = [fit.order.index(name) for name in fit.free]
     whole = fit.solution
     return replace(

@@ -19,7 +19,7 @@ from .least_squares import LeastSquaresResult
 HOLDS = 0.25
 MOST_STEPS, GROWTH = 14, 1.7
 REFINEMENTS, CLOSE = 5, 0.03  # of the bracket that holds an end; of the rise asked for
-HOPS = (1.0e-6, 4.0e-6)  # m of underlap, over the kinks that hold a search back
+MOVES = (1.0e-6, 4.0e-6)  # m of underlap, over the kinks that hold a search back
 LOWER = 1e-3  # fall of chi-square that makes another optimum
 
 # solve(start, {index: value}) -> the fit with these parameters held there.
@@ -82,7 +82,7 @@ def profile_intervals(
 
     std (p,): a first idea of the distance, NaN where there is none.
     """
-    found: dict[int, Interval] = {}
+    intervals: dict[int, Interval] = {}
     for i, box in enumerate(boxes):
         say(f"profile of {box.name}")
         ends: list[tuple[float, bool]] = []
@@ -94,8 +94,8 @@ def profile_intervals(
                 return Profiles({}, walk.better)
             ends.append(end)
         (low, open_low), (high, open_high) = ends
-        found[i] = Interval(low, high, open_low, open_high)
-    return Profiles(found)
+        intervals[i] = Interval(low, high, open_low, open_high)
+    return Profiles(intervals)
 
 
 @dataclass
@@ -121,36 +121,36 @@ class _Walk:
             value = float(limit if at_limit else value)
             if value == inner:
                 return value, True
-            found = self.at(value, inner_p)
-            risen = found.cost - self.best.cost
+            end = self.best_beside(value, inner_p)
+            risen = end.cost - self.best.cost
             if risen < -LOWER * max(1.0, 1e-3 * self.best.cost):
-                self.better = found
+                self.better = end
                 return None
             if risen >= self.rise:
                 return self.between(inner, inner_rise, inner_p, value, risen), False
-            inner, inner_rise, inner_p = value, max(risen, 0.0), found.p
+            inner, inner_rise, inner_p = value, max(risen, 0.0), end.p
             if at_limit:
                 return value, True
             step *= GROWTH
         return inner, True
 
-    def at(self, value: float, start: np.ndarray) -> LeastSquaresResult:
+    def best_beside(self, value: float, start: np.ndarray) -> LeastSquaresResult:
         """The other parameters' best beside this value: from the neighbouring one's, and from across the kinks."""
         moved = start.copy()
         moved[self.i] = value
-        found = self.solve(moved, {self.i: value})
+        best = self.solve(moved, {self.i: value})
         names = [box.name for box in self.boxes]
-        if found.cost - self.best.cost < self.rise or "underlap" not in names or names[self.i] == "underlap":
-            return found
+        if best.cost - self.best.cost < self.rise or "underlap" not in names or names[self.i] == "underlap":
+            return best
         u = names.index("underlap")
-        for hop in HOPS:
-            for way in (hop, -hop):
-                other = found.p.copy()
+        for move in MOVES:
+            for way in (move, -move):
+                other = best.p.copy()
                 other[u] = np.clip(other[u] + way, self.boxes[u].lower, self.boxes[u].upper)
                 tried = self.solve(other, {self.i: value})
-                if tried.cost < found.cost:
-                    found = tried
-        return found
+                if tried.cost < best.cost:
+                    best = tried
+        return best
 
     def between(self, inner: float, inner_rise: float, inner_p: np.ndarray, outer: float, outer_rise: float) -> float:
         """The value between two at which chi-square has risen enough: secants of its root, which is nearly straight."""
@@ -158,12 +158,12 @@ class _Walk:
             low, high, aim = np.sqrt(inner_rise), np.sqrt(outer_rise), np.sqrt(self.rise)
             share = (aim - low) / (high - low) if high > low else 0.5
             value = inner + float(np.clip(share, 0.1, 0.9)) * (outer - inner)
-            found = self.at(value, inner_p)
-            risen = max(found.cost - self.best.cost, 0.0)
+            end = self.best_beside(value, inner_p)
+            risen = max(end.cost - self.best.cost, 0.0)
             if abs(risen - self.rise) <= CLOSE * self.rise:
                 return value
             if risen < self.rise:
-                inner, inner_rise, inner_p = value, risen, found.p
+                inner, inner_rise, inner_p = value, risen, end.p
             else:
                 outer, outer_rise = value, risen
         low, high, aim = np.sqrt(inner_rise), np.sqrt(outer_rise), np.sqrt(self.rise)

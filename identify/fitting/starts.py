@@ -1,11 +1,11 @@
-"""Where the hydraulic null lies, read off the curves: a start that spares the fit a search for it. NumPy only.
+"""Where a fit starts: the hydraulic null and the wiring read off the curves, and basin hopping out of local minima. NumPy only.
 
-Out of the wrong valley: an edge that closes exactly at a measured position makes a kink, and between kinks lie local minima.
+A load pressure or flow that falls as the spool opens is read with its sign turned. The null is where a curve crosses zero or
+peaks, which spares the fit a search for it.
 
-Where an opening passes zero the overlapped land starts at once, so every row near null puts a kink into the chi-square
-as a function of the underlap. A search that slid into a valley between two kinks is set down on the other side of them.
-
-Which way round a channel was wired: a load pressure or flow that falls as the spool opens is read with its sign turned.
+Local minima come from kinks: where an opening passes zero the overlapped land starts at once, so every row near null puts a
+kink into the chi-square as a function of the underlap. A search that slid into a valley between two kinks is set down on the
+other side of them.
 """
 
 from collections.abc import Callable
@@ -70,25 +70,25 @@ def null_position(tests: dict[str, TestRecord]) -> float | None:
 
 MICRON = 1e-6
 # Tried on both sides, nearest last: rows near null lie a fraction of a micron to some microns apart.
-HOPS = (6.0, 3.0, 1.5, 0.75, 0.35)
+MOVES = (6.0, 3.0, 1.5, 0.75, 0.35)
 MOST_ROUNDS = 6
 BETTER = 1e-6  # relative fall of the cost that counts
 # A minimum on a kink has slopes on both sides, of this many standard errors at most; beyond it something else is wrong.
 STEEPEST_KINK = 1.0
 
 
-def hop(
+def basin_hopping(
     best: LeastSquaresResult,
     names: tuple[str, ...],
     solve_from: Callable[[np.ndarray], LeastSquaresResult],
     *,
-    hops: tuple[float, ...] = HOPS,
+    moves: tuple[float, ...] = MOVES,  # of the underlap, um
     rounds: int = MOST_ROUNDS,
 ) -> LeastSquaresResult:
-    """Restart from `best` with the underlap moved, take what is lower, until no move helps. Few, warm, cheap solves.
+    """Basin hopping in the underlap: restart from `best` with it moved, take what is lower, until no move helps.
 
-    Where the search from every side ends at the same place and finds no way down, that place is a minimum although its
-    slope does not vanish: it lies on a kink, and the result says so.
+    Few, warm, cheap solves. Where the search from every side ends at the same place and finds no way down, that place is a
+    minimum although its slope does not vanish: it lies on a kink, and the result says so.
     """
     if "underlap" not in names:
         return best
@@ -96,7 +96,7 @@ def hop(
     start = None
     for _ in range(rounds):
         start = best
-        for step in hops:
+        for step in moves:
             for side in (step, -step):
                 moved = start.p.copy()
                 moved[i] += side * MICRON
@@ -107,7 +107,7 @@ def hop(
             break
     if best.converged:
         return best
-    # A search that creeps along a kink for ever has ended too, once no hop from there leads lower.
+    # A search that creeps along a kink for ever has ended too, once no move from there leads lower.
     return on_a_kink(replace(best, exhausted=True) if best is start else best)
 
 

@@ -1,9 +1,8 @@
-"""The static tests of a record as one differentiable function of the parameters: what the solver calls.
+"""The static tests of a record as one differentiable function of the parameters, and the whitened residuals that a fit minimises.
 
 Rows are padded to a few sizes (pads weigh nothing), so that records of similar length share one compiled program.
-Leakage and pressure gain are the same balance of blocked ports: their rows run through it together.
-
-The least-squares problem of a fit: whitened residuals of every channel, then the priors.
+Leakage and pressure gain are the same balance of blocked ports: their rows run through it together. Residuals of every
+channel come first, then the priors.
 """
 
 import functools

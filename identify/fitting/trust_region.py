@@ -5,16 +5,13 @@ on small steps only. What a fit of weakly determined parameters needs instead: a
 variables, so that the weak directions take full Gauss-Newton steps at once; bounds that are reached exactly and left
 again when the gradient says so; an end that is judged by orthogonality of residual and Jacobian.
 
-Moré, "The Levenberg-Marquardt algorithm: implementation and theory", 1978 (scaling, trust region, update rules).
+Each linearisation is kept as the triangle of a QR of [J r], by modified Gram-Schmidt without LAPACK; from it come the damped
+step, the step inside the box and the full Gauss-Newton step.
+
+Moré, "The Levenberg-Marquardt algorithm: implementation and theory", 1978 (scaling, trust region, damping, update rules).
 Bates and Watts, "A relative offset orthogonality convergence criterion for nonlinear least squares",
 Technometrics 23, 1981.
-
-One linearisation of a least-squares problem, and the steps it offers: damped, inside a box, full Gauss-Newton.
-
 Björck, "Solving linear least squares problems by Gram-Schmidt orthogonalization", BIT 7, 1967: of [J r] it is stable.
-Moré, "The Levenberg-Marquardt algorithm: implementation and theory", 1978, for the damping.
-
-QR of a tall Jacobian without LAPACK.
 """
 
 from collections.abc import Callable
@@ -77,7 +74,7 @@ def damped_step(triangle: Array, projection: Array, size: Array, radius: Array) 
 
 
 def boxed_step(
-    z: Array, at: Linearisation, size: Array, radius: Array, lower: Array, upper: Array, held: Array
+    z: Array, linearised: Linearisation, size: Array, radius: Array, lower: Array, upper: Array, held: Array
 ) -> Array:
     """A damped step; a variable that would leave the box stops on its wall and the others are solved again."""
     fixed = jnp.where(held, 0.0, jnp.nan)
@@ -86,7 +83,12 @@ def boxed_step(
         fixed, _, _ = state
         still = ~jnp.isnan(fixed)
         known = jnp.where(still, fixed, 0.0)
-        step = damped_step(jnp.where(still, 0.0, at.triangle), at.projection + at.triangle @ known, size, radius)
+        step = damped_step(
+            jnp.where(still, 0.0, linearised.triangle),
+            linearised.projection + linearised.triangle @ known,
+            size,
+            radius,
+        )
         step = jnp.where(still, known, step)
         wall = jnp.clip(z + step, lower, upper) - z
         out = ~still & ((z + step < lower) | (z + step > upper))
@@ -96,17 +98,17 @@ def boxed_step(
     return step
 
 
-def offset_and_step(at: Linearisation, held: Array, size: Array) -> tuple[Array, Array]:
+def offset_and_step(linearised: Linearisation, held: Array, size: Array) -> tuple[Array, Array]:
     """Bates and Watts' relative offset of the free variables, and their full Gauss-Newton step."""
-    triangle = jnp.where(held, 0.0, at.triangle)
+    triangle = jnp.where(held, 0.0, linearised.triangle)
     # Held columns leave a triangle of lower rank in which only part of c belongs to the free ones: that part is U'c.
     left, values, right = jnp.linalg.svd(triangle / size)
     alive = values > len(size) * jnp.finfo(values.dtype).eps * values[0]
-    loads = jnp.where(alive, left.T @ at.projection, 0.0)
+    loads = jnp.where(alive, left.T @ linearised.projection, 0.0)
     step = -(right.T @ (loads / jnp.where(alive, values, 1.0))) / size
     count = jnp.maximum(jnp.sum(alive.astype(values.dtype)), 1.0)
     explained = jnp.sum(loads**2)
-    rest = jnp.maximum(at.cost - explained, 0.0) / jnp.maximum(at.residual.size - count, 1.0)
+    rest = jnp.maximum(linearised.cost - explained, 0.0) / jnp.maximum(linearised.residual.size - count, 1.0)
     tiny = jnp.finfo(values.dtype).tiny
     return jnp.sqrt(explained / count / jnp.maximum(rest, tiny)), step
 
@@ -123,7 +125,7 @@ class State(eqx.Module):
     first: Bool[Array, ""]
     trial: Float[Array, " n"]
     predicted: Float[Array, ""]  # decrease of the cost that the linearisation promises for `trial`
-    at: Linearisation
+    linearised: Linearisation
     size: Float[Array, " n"]  # Marquardt's scaling: largest column norms so far
     radius: Float[Array, ""]
     offset: Float[Array, ""]
@@ -153,7 +155,7 @@ class BoxedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
             first=jnp.array(True),
             trial=y,
             predicted=zero,
-            at=Linearisation(
+            linearised=Linearisation(
                 jnp.zeros(m, kind), jnp.zeros((n, m), kind), jnp.zeros((n, n), kind), jnp.zeros(n, kind), zero
             ),
             size=jnp.zeros(n, kind),
@@ -178,10 +180,10 @@ class BoxedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         cost = jnp.sum(residual**2)
         finite = jnp.isfinite(cost) & jnp.all(jnp.isfinite(columns))
         # (r - s)(r + s) loses less than r^2 - s^2 when the two are nearly equal.
-        gained = jnp.sum((state.at.residual - residual) * (state.at.residual + residual))
+        gained = jnp.sum((state.linearised.residual - residual) * (state.linearised.residual + residual))
         # Below this the costs cannot tell the points apart any more, and the linearisation is the better judge.
-        hush = 1e-12 * state.at.cost
-        blind = (state.predicted <= hush) & (jnp.abs(gained) <= 100.0 * hush)
+        resolution = 1e-12 * state.linearised.cost
+        blind = (state.predicted <= resolution) & (jnp.abs(gained) <= 100.0 * resolution)
         ratio = jnp.where(blind, 1.0, gained / jnp.where(state.predicted > 0.0, state.predicted, 1.0))
         accept = state.first | (finite & (state.predicted > 0.0) & (ratio > 1e-4))
         ratio = jnp.where(finite, ratio, -1.0)
@@ -192,9 +194,9 @@ class BoxedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
             sound = lambda values: jnp.where(finite, values, 0.0)
             return Linearisation(residual, columns, sound(triangle), sound(projection), cost)
 
-        at = jax.lax.cond(accept, take, lambda: state.at)
+        linearised = jax.lax.cond(accept, take, lambda: state.linearised)
         z = jnp.where(accept, state.trial, y)
-        norms = jnp.sqrt(jnp.sum(at.triangle**2, axis=0))
+        norms = jnp.sqrt(jnp.sum(linearised.triangle**2, axis=0))
         size = jnp.maximum(state.size, norms)
         used = jnp.where(size > 0.0, size, 1.0)
 
@@ -206,21 +208,21 @@ class BoxedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         radius = jnp.where(state.first, start_radius, radius)
 
         lower, upper = options["lower"], options["upper"]
-        gradient = at.triangle.T @ at.projection
+        gradient = linearised.triangle.T @ linearised.projection
         held = ((z <= lower) & (gradient >= 0.0)) | ((z >= upper) & (gradient <= 0.0))
-        offset, newton = offset_and_step(at, held, used)
+        offset, newton = offset_and_step(linearised, held, used)
         small = jnp.all(jnp.abs(newton) <= self.atol + self.rtol * jnp.abs(z))
         # Once the costs are blind, an offset that no longer falls is all that rounding allows.
         stuck = accept & blind & ~state.first & (offset >= state.offset)
         lost = radius <= 1e-14 * reach
-        step = boxed_step(z, at, used, radius, lower, upper, held)
-        after = at.triangle @ step + at.projection
+        step = boxed_step(z, linearised, used, radius, lower, upper, held)
+        after = linearised.triangle @ step + linearised.projection
         failed = state.first & ~finite
         new = State(
             first=jnp.array(False),
             trial=jnp.clip(z + step, lower, upper),
-            predicted=jnp.sum((at.projection - after) * (at.projection + after)),
-            at=at,
+            predicted=jnp.sum((linearised.projection - after) * (linearised.projection + after)),
+            linearised=linearised,
             size=size,
             radius=radius,
             offset=offset,

@@ -1,6 +1,8 @@
-"""Covariance of fitted parameters by QR of the scaled Jacobian, with correlated noise, and who gets no error bar and why.
+"""Covariance of fitted parameters from the scaled Jacobian (QR), with correlated noise, and how well the data tell them apart.
 
-How well the data tell the parameters apart, in figures and in words.
+A sandwich (J'J)^-1 J' S J (J'J)^-1 where the noise correlates. A parameter that the data do not determine gets no error bar, and
+the reason why. Condition number and weak directions are of the Jacobian with columns of unit length. Noise that is not known is
+settled here too, from the residuals, as each channel pays its share of the parameters.
 """
 
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""Which rows of a record lie outside what a model was fitted to, beyond the stroke, or beyond what is known of the oil? No JAX."""
+"""Which rows of a record lie outside what a model was fitted to, beyond the stroke, or beyond what is known of the oil. No JAX."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ import numpy as np
 from thermohyd.identify.bench.columns import column_unit
 from thermohyd.identify.bench.record import BenchRecord, DynamicTest, TestRecord, is_dynamic
 from thermohyd.identify.bench.shown_units import DisplayUnit, significant
-from thermohyd.identify.reduction.legs import PRESSURE_STEP, TEMPERATURE_STEP
+from thermohyd.identify.reduction.monotone_pieces import PRESSURE_STEP, TEMPERATURE_STEP
 
 from .model import Model, Ranges
 

@@ -1,6 +1,6 @@
-"""Learned smooth terms in a `model.json`: written so that a reader sees that they are empirical, and checked. No JAX.
+"""Learned smooth terms of a model: Legendre polynomials of a condition that change one quantity, and their form in `model.json`.
 
-Smooth empirical terms: Legendre polynomials of a record's condition, and the conditions that may stand under them. NumPy.
+They are empirical, and written so that a reader sees that. NumPy only, no JAX.
 """
 
 from collections.abc import Callable, Mapping

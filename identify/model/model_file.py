@@ -1,6 +1,6 @@
-"""`model.json`: everything that `simulate` needs, readable and editable by hand. Written and read here; no JAX.
+"""Write, read and check `model.json`: everything that `simulate` needs, readable and editable by hand. No JAX.
 
-Checks a decoded `model.json` and makes a `Model` of it; every mistake gets one line that names the key at fault.
+Whoever edits the file gets one line for every mistake, which names the key at fault.
 """
 
 import json

@@ -1,6 +1,6 @@
-"""What a model predicts at a record's operating points, with standard deviations from the parameters' covariance.
+"""Predict a record's readings from a model, with standard deviations from the covariance of its parameters.
 
-The simulator's valve for a `Model` and the rows of a test: parameters, effects, and learned terms row by row.
+The simulator's valve is built for the rows of a test: parameters, effects, and learned terms row by row.
 """
 
 from collections.abc import Callable, Iterator

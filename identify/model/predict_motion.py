@@ -1,6 +1,6 @@
-"""What a model predicts at the rows of a record's dynamic tests, with standard deviations from its covariance.
+"""Predict the rows of a record's dynamic tests from a model, with standard deviations from its covariance.
 
-What a model says of static and of dynamic tests apart, and the units of dynamic predictions: light to import.
+Light to import: what a model says of static and of dynamic tests apart, and the units of dynamic predictions.
 """
 
 from dataclasses import replace

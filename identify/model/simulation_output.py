@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from rich import box
 from rich.table import Table
 from rich.text import Text
 
 from thermohyd.identify.bench.errors import BenchInputError
 from thermohyd.identify.bench.record import BenchRecord
 from thermohyd.identify.bench.shown_units import significant
+from thermohyd.identify.report.terminal import table
 
 from .fitted_range import Outside, outside_json
 
@@ -40,20 +40,17 @@ def note_lines(notes: Iterable[str]) -> list[Text]:
 
 def simulation_table(tables: dict[str, pd.DataFrame]) -> Table:
     """The range of each prediction and its largest standard deviation."""
-    summary = Table(box=box.SIMPLE_HEAD, header_style="bold", pad_edge=False, show_edge=False)
-    for title in ("test", "reading", "unit", "rows", "least", "greatest", "std up to"):
-        side = "left" if title in ("test", "reading", "unit") else "right"
-        summary.add_column(title, justify=side, no_wrap=True)
-    for test, table in tables.items():
-        for name in (str(column) for column in table.columns):
+    rows = []
+    for test, predicted in tables.items():
+        for name in (str(column) for column in predicted.columns):
             reading, found, unit = name.partition("_predicted [")
             if found:
-                values = table[name].to_numpy(dtype=float)
-                spread = table[f"{reading}_predicted_std [{unit}"].to_numpy(dtype=float)
+                values = predicted[name].to_numpy(dtype=float)
+                spread = predicted[f"{reading}_predicted_std [{unit}"].to_numpy(dtype=float)
                 figures = ((np.min, values), (np.max, values), (np.max, spread))
                 shown = [significant(float(f(v))) if v.size else "" for f, v in figures]
-                summary.add_row(*[Text(cell) for cell in (test, reading, unit.rstrip("]"), f"{len(table):,}", *shown)])
-    return summary
+                rows.append((test, reading, unit.rstrip("]"), f"{len(predicted):,}", *shown))
+    return table(("test", "reading", "unit", ">rows", ">least", ">greatest", ">std up to"), rows, gap=2)
 
 
 def spare_the_record(record: BenchRecord, folder: Path | None) -> None:

@@ -1,9 +1,9 @@
-"""How the noise of neighbouring readings hangs together, from residuals along the sweeps, and what that does to error bars.
+"""How the noise of neighbouring readings correlates, estimated from residuals along the sweeps, and what that does to error bars.
 
-The memory of noise of which only what a projection leaves is seen: moments of the rest against their expectation.
-
-A projection takes mostly slow parts, so what is left of white noise is correlated negatively, and of noise with a long
-memory hardly anything is left. Both are known exactly: with r = (I - P) e and cov(e) = R, cov(r) = (I - P) R (I - P).
+Two estimates. `noise_correlation` fits AR(1) plus white noise to the autocorrelation of a fit's residuals. `ProjectedNoise` does
+so where only what a projection leaves of the noise is seen: moments of the rest against their expectation. A projection takes
+mostly slow parts, so what is left of white noise is correlated negatively, and of noise with a long memory hardly anything is
+left. Both are known exactly: with r = (I - P) e and cov(e) = R, cov(r) = (I - P) R (I - P).
 """
 
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import lfilter
 
-from thermohyd.identify.reduction.legs import piece_bounds
+from thermohyd.identify.reduction.monotone_pieces import piece_bounds
 
 
 MOST_MEMORY = 0.995  # phi: noise that remembers longer is drift, which a sweep cannot tell from the curve
@@ -112,7 +112,10 @@ class Remembered:
 
 
 class ProjectedNoise:
-    """q (rows, k): orthonormal columns that were projected out. stretches (rows,): ids of rows that remember each other."""
+    """Stationary noise of which only what a projection leaves is seen, to tell its memory from that.
+
+    q (rows, k): orthonormal columns that were projected out. stretches (rows,): ids of rows that remember each other.
+    """
 
     def __init__(self, q: np.ndarray, stretches: np.ndarray) -> None:
         self.q = q
@@ -124,10 +127,10 @@ class ProjectedNoise:
         remembered = self.q.copy()
         if phi > 0.0:
             for start, stop in self.pieces:
-                own = self.q[start:stop]
-                ahead = lfilter([1.0], [1.0, -phi], own, axis=0)
-                back = lfilter([1.0], [1.0, -phi], own[::-1], axis=0)[::-1]
-                remembered[start:stop] = ahead + back - own
+                part = self.q[start:stop]
+                ahead = lfilter([1.0], [1.0, -phi], part, axis=0)
+                back = lfilter([1.0], [1.0, -phi], part[::-1], axis=0)[::-1]
+                remembered[start:stop] = ahead + back - part
         return remembered - 0.5 * self.q @ (self.q.T @ remembered)
 
     def sums(self, phi: float, rows: slice, lags: int) -> np.ndarray:
@@ -135,15 +138,15 @@ class ProjectedNoise:
         if phi not in self._kept:
             self._kept[phi] = self._spread(phi)
         a, q = self._kept[phi], self.q
-        found = np.zeros(lags + 1)
+        expected = np.zeros(lags + 1)
         for start, stop in self._within(rows):
             for lag in range(min(lags + 1, stop - start)):
                 early, late = slice(start, stop - lag), slice(start + lag, stop)
                 whole = (stop - start - lag) * (phi**lag if phi > 0.0 else float(lag == 0))
-                found[lag] += whole - np.sum(q[early] * a[late]) - np.sum(a[early] * q[late])
-        return found
+                expected[lag] += whole - np.sum(q[early] * a[late]) - np.sum(a[early] * q[late])
+        return expected
 
-    def freedom(self, rows: slice) -> float:
+    def degrees_of_freedom(self, rows: slice) -> float:
         """Rows less what the projection took of them: the expected sum of r_t^2 of white noise."""
         return float(self.sums(0.0, rows, 0)[0])
 
@@ -176,14 +179,14 @@ class ProjectedNoise:
 
         best, least = plain, float(misfit(white[None])[0]) - SIGNIFICANT**2
         for phi in MEMORIES:
-            own = self.sums(float(phi), rows, lags)
-            if own[0] < LEAST_LEFT * white[0]:
+            remembering = self.sums(float(phi), rows, lags)
+            if remembering[0] < LEAST_LEFT * white[0]:
                 break
-            power = (1.0 - SHARES)[:, None] * white + SHARES[:, None] * own
+            power = (1.0 - SHARES)[:, None] * white + SHARES[:, None] * remembering
             left = misfit(power)
-            at = int(np.argmin(left))
-            if left[at] < least:
-                least = left[at]
-                variance = float(seen[0]) / max(power[at, 0], 1.0)
-                best = Remembered(NoiseCorrelation(float(SHARES[at]), float(phi)), variance)
+            k = int(np.argmin(left))
+            if left[k] < least:
+                least = left[k]
+                variance = float(seen[0]) / max(power[k, 0], 1.0)
+                best = Remembered(NoiseCorrelation(float(SHARES[k]), float(phi)), variance)
         return best

@@ -1,10 +1,8 @@
-"""How noisy are the readings, measured on the record itself and free of any valve model? Plain NumPy.
+"""The standard deviation of each channel's readings, before any fit and after one. NumPy only, free of any valve model.
 
-Repeated sweeps are best, then a log's own scatter (`log_noise`), then third differences of neighbouring rows.
-
-Which noise a fit believes for each channel: declared, measured on the log or on repeats, or taken from its residuals.
-
-How noisy a dynamic test's readings are before any fit: declared, from repeated runs, or from neighbours in time.
+Of static and of dynamic tests alike it is, in this order: declared by the user or measured on a raw log; taken from the
+differences between repeated sweeps or runs; guessed from third differences of neighbouring rows, which are blind to any
+parabola, until the fit's own residuals replace the guess (`reweighted`).
 """
 
 from dataclasses import dataclass, replace
@@ -12,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from thermohyd.identify.bench.record import Channel, DynamicTest, TestRecord
-from thermohyd.identify.reduction.legs import log_legs, piece_bounds, sweep_ids
+from thermohyd.identify.reduction.monotone_pieces import monotone_pieces, piece_bounds, sweep_ids
 from thermohyd.identify.reduction.rounding import local_steps
 
 
@@ -25,7 +23,7 @@ MEDIAN_OF_CHI2 = 0.4549  # one degree of freedom
 class RepeatNoise:
     """Noise from repeated sweeps. `std` of one row (SI); `correlation` of neighbouring rows; `rows` compared; `source` in words.
 
-    freedom: degrees of freedom behind `std`: a row of one sweep is compared with several of the other, which it shares.
+    degrees_of_freedom: of `std`; a row of one sweep is compared with several of the other, which it shares.
     """
 
     std: float
@@ -34,7 +32,7 @@ class RepeatNoise:
     source: str
 
     @property
-    def freedom(self) -> float:
+    def degrees_of_freedom(self) -> float:
         return self.rows / (1.0 + 2.0 * self.correlation**2)
 
 
@@ -93,7 +91,7 @@ def repeat_differences(test: TestRecord, channel: Channel, std: np.ndarray | Non
     if test.rows < LOG_ROWS:
         sweeps, direction = sweep_ids(test), test.direction
     else:
-        sweeps, direction = log_legs(test)  # a log's own directions follow its dither
+        sweeps, direction = monotone_pieces(test)  # a log's own directions follow its dither
     pieces = [slice(*bounds) for bounds in piece_bounds(sweeps) if bounds[1] - bounds[0] >= 3]
     differences: list[np.ndarray] = []
     used: set[int] = set()
@@ -119,18 +117,18 @@ def noise_from_neighbours(test: TestRecord, channel: Channel) -> NeighbourNoise:
 
     Differences of noise alternate in sign (77 % of neighbours), those of a bending curve do not: `valid` asks for 60 %.
     """
-    found, alternating = [], []
+    differences, alternating = [], []
     sweeps = sweep_ids(test)
     for start, stop in piece_bounds(sweeps):
         x, y = test.spool_position[start:stop], channel.value[start:stop]
         if stop - start < 4:
             continue
         e = _divided_third(x, y)
-        found.append(e)
+        differences.append(e)
         alternating.append(e[1:] * e[:-1] < 0)
-    if not found:
+    if not differences:
         return NeighbourNoise(0.0, False)
-    e, signs = np.concatenate(found), np.concatenate(alternating)
+    e, signs = np.concatenate(differences), np.concatenate(alternating)
     std = float(np.sqrt(np.median(e**2) / MEDIAN_OF_CHI2))
     return NeighbourNoise(std, bool(len(signs) >= 8 and np.mean(signs) > 0.6 and std > 0))
 
@@ -179,10 +177,10 @@ def _difference(position: np.ndarray, value: np.ndarray, std: np.ndarray, first:
     order = np.argsort(position[second], kind="stable")
     x, y, s = position[second][order], value[second][order], std[second][order]
     inside = (position[first] >= x[0]) & (position[first] <= x[-1])
-    at = position[first][inside]
-    right = np.clip(np.searchsorted(x, at), 1, len(x) - 1)
+    wanted = position[first][inside]
+    right = np.clip(np.searchsorted(x, wanted), 1, len(x) - 1)
     width = x[right] - x[right - 1]
-    w = np.where(width > 0, (at - x[right - 1]) / np.where(width > 0, width, 1.0), 0.5)
+    w = np.where(width > 0, (wanted - x[right - 1]) / np.where(width > 0, width, 1.0), 0.5)
     other = (1 - w) * y[right - 1] + w * y[right]
     variance = ((1 - w) * s[right - 1]) ** 2 + (w * s[right]) ** 2
     if len(x) >= 4:
@@ -192,7 +190,7 @@ def _difference(position: np.ndarray, value: np.ndarray, std: np.ndarray, first:
         even = gaps.min(axis=1) > 0.2 * gaps.max(axis=1)
         apart = near[:, :, None] - near[:, None, :]
         apart[:, np.arange(4), np.arange(4)] = 1.0
-        way = np.repeat((at[:, None] - near)[:, None, :], 4, axis=1)
+        way = np.repeat((wanted[:, None] - near)[:, None, :], 4, axis=1)
         way[:, np.arange(4), np.arange(4)] = 1.0
         weight = np.prod(way, axis=2) / np.where(even[:, None], np.prod(apart, axis=2), 1.0)
         other = np.where(even, np.sum(weight * y[places], axis=1), other)
@@ -214,7 +212,7 @@ class ChannelNoise:
     declared: bool
     # What the fit weighs with: `std`, widened where the model misses the curve by more than its noise.
     used: np.ndarray
-    freedom: float = np.inf  # degrees of freedom from which `std` was estimated
+    degrees_of_freedom: float = np.inf  # degrees of freedom from which `std` was estimated
     neighbours: float | None = None  # scatter of neighbouring rows about a smooth curve, where that says something
 
 
@@ -232,16 +230,16 @@ def initial_noise(test: TestRecord, channel: Channel) -> ChannelNoise:
     repeated = noise_from_repeats(test, channel)
     if repeated is not None:
         std = np.maximum(np.full(test.rows, repeated.std), floor)
-        return ChannelNoise(std, repeated.source, True, False, std, repeated.freedom)
-    found = noise_from_neighbours(test, channel)
-    guess = found.std
+        return ChannelNoise(std, repeated.source, True, False, std, repeated.degrees_of_freedom)
+    rough = noise_from_neighbours(test, channel)
+    guess = rough.std
     smallest = 1e-4 * max(float(np.ptp(channel.value)), float(np.max(np.abs(channel.value))), 1e-300)
     std = np.maximum(np.full(test.rows, max(guess, smallest)), floor)
-    return ChannelNoise(std, FROM_RESIDUALS, False, False, std, neighbours=guess if found.valid else None)
+    return ChannelNoise(std, FROM_RESIDUALS, False, False, std, neighbours=guess if rough.valid else None)
 
 
-def reweighted(noise: ChannelNoise, misfit: np.ndarray, freedom: float) -> ChannelNoise:
-    """The noise after a fit whose residuals (SI) are `misfit`, of which a share `freedom` (0..1] is left to chance.
+def reweighted(noise: ChannelNoise, misfit: np.ndarray, share_left: float) -> ChannelNoise:
+    """The noise after a fit whose residuals (SI) are `misfit`, of which `share_left` (0..1] is left to chance.
 
     Unknown noise becomes the residuals' own. Known noise stays what it is, but where the model misses the curve the
     weights allow for that miss as one more, equal, error of every point: else a channel with very small noise would
@@ -249,7 +247,7 @@ def reweighted(noise: ChannelNoise, misfit: np.ndarray, freedom: float) -> Chann
     """
     if noise.declared:
         return noise
-    mean_square = float(np.mean(misfit**2)) / freedom
+    mean_square = float(np.mean(misfit**2)) / share_left
     if not noise.known:
         std = np.full_like(noise.std, np.sqrt(mean_square))
         return replace(noise, std=std, used=std)
@@ -271,12 +269,12 @@ def first_noise_of(test: DynamicTest, channel: Channel) -> ChannelNoise:
         size = float(np.sqrt(sum(float(d @ d) for d in repeated) / rows))
         std = np.maximum(np.full(test.rows, size), floor)
         return ChannelNoise(std, f"differences between repeated runs ({rows} pairs of rows)", True, False, std)
-    found = [
+    differences = [
         np.convolve(channel.value[test.run == code], THIRD_DIFFERENCE, "valid") / np.sqrt(20.0)
         for code in np.unique(test.run)
         if np.sum(test.run == code) >= 4
     ]
-    guess = float(np.sqrt(np.median(np.concatenate(found) ** 2) / MEDIAN_OF_CHI2)) if found else 0.0
+    guess = float(np.sqrt(np.median(np.concatenate(differences) ** 2) / MEDIAN_OF_CHI2)) if differences else 0.0
     smallest = 1e-4 * max(float(np.ptp(channel.value)), float(np.max(np.abs(channel.value))), 1e-300)
     std = np.maximum(np.full(test.rows, max(guess, smallest)), floor)
     return ChannelNoise(std, FROM_RESIDUALS, False, False, std)
@@ -289,7 +287,7 @@ def run_differences(test: DynamicTest, channel: Channel) -> list[np.ndarray]:
     columns = [test.command, test.supply_pressure, test.return_pressure, test.temperature]
     columns += [] if test.external_force is None else [test.external_force]
     rows = [np.flatnonzero(test.run == code) for code in np.unique(test.run)]
-    found, used = [], set()
+    differences, used = [], set()
     for i, a in enumerate(rows):
         for j in range(i + 1, len(rows)):
             b = rows[j]
@@ -297,6 +295,6 @@ def run_differences(test: DynamicTest, channel: Channel) -> list[np.ndarray]:
                 continue
             same = np.allclose(test.time[a] - test.time[a[0]], test.time[b] - test.time[b[0]], rtol=0.0, atol=1e-6)
             if same and all(np.allclose(c[a], c[b], rtol=1e-3, atol=1e-9) for c in columns):
-                found.append((channel.value[a] - channel.value[b]) / np.sqrt(2.0))
+                differences.append((channel.value[a] - channel.value[b]) / np.sqrt(2.0))
                 used |= {i, j}
-    return found
+    return differences

@@ -1,4 +1,4 @@
-"""Correlated noise made white: the innovations of AR(1) plus white noise along every sweep, as data of a compiled fit.
+"""Make correlated noise white: the innovations of AR(1) plus white noise along every sweep, as data of a compiled fit.
 
 Kalman, "A new approach to linear filtering and prediction problems", 1960: y_t minus its prediction from the rows
 before, over the prediction's standard deviation, is white. Linear in y, so it acts on residuals and Jacobians alike.

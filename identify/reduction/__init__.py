@@ -1,0 +1,1 @@
+"""A raw log reduced to a few hundred points with honest noise. No JAX here."""

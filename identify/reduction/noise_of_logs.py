@@ -1,4 +1,4 @@
-"""How noisy are the rows of a raw log about a smooth curve, and how long does that noise last? Plain NumPy.
+"""Estimate the scatter of a raw log's rows about a smooth curve, and how long that noise lasts. NumPy only.
 
 Third differences along the log are blind to any parabola, so that neither slope nor bend of the curve counts as noise.
 Rows are independent unless the log says clearly otherwise: then the mean of n of them is known to 1/sqrt(n) of one,
@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.special import chdtrc, polygamma
 
-from .legs import piece_bounds
+from .monotone_pieces import piece_bounds
 
 
 Values = float | np.ndarray
@@ -66,19 +66,19 @@ class LogCorrelation:
 
 @dataclass(frozen=True)
 class RowScatter:
-    """variance (rows,): of a row about a smooth curve if rows are independent; freedom: what it was estimated from."""
+    """Scatter of a log's rows about a smooth curve, as if rows were independent: variance (rows,), and what it was estimated from."""
 
     variance: np.ndarray
-    freedom: float
+    degrees_of_freedom: float
 
 
-def row_scatter(value: np.ndarray, legs: np.ndarray) -> RowScatter:
+def row_scatter(value: np.ndarray, pieces: np.ndarray) -> RowScatter:
     """Variance of the rows from third differences of neighbours: one figure for the whole log, unless it clearly varies.
 
     By stretches of some dozens of rows, whose median no bend and no spike moves. Where the stretches differ by more than
     chance, each row takes the median of the stretches around it.
     """
-    variance, at, leg = _stretches(value, legs)
+    variance, middle, piece = _stretches(value, pieces)
     if not len(variance) or not np.median(variance) > 0.0:
         return RowScatter(np.zeros(len(value)), 1.0)
     share = STRETCH / REDUNDANT
@@ -87,45 +87,45 @@ def row_scatter(value: np.ndarray, legs: np.ndarray) -> RowScatter:
     spread = np.log(positive) - np.log(np.median(positive))
     unequal = float(np.sum(spread**2) / polygamma(1, share / 2.0))
     # One figure's error: that of a median, whose efficiency is 2/pi.
-    freedom = 2.0 / np.pi * share * len(variance)
+    degrees_of_freedom = 2.0 / np.pi * share * len(variance)
     if len(variance) < 2 * AROUND or chdtrc(len(variance), unequal) > UNEQUAL:
-        return RowScatter(np.full(len(value), level), freedom)
+        return RowScatter(np.full(len(value), level), degrees_of_freedom)
     local = np.empty(len(variance))
-    for one in np.unique(leg):
-        own = np.flatnonzero(leg == one)
-        reach = min(AROUND // 2, (len(own) - 1) // 2)
-        padded = np.pad(variance[own], reach, mode="reflect") if reach else variance[own]
-        local[own] = np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1), axis=1)
+    for one in np.unique(piece):
+        inside = np.flatnonzero(piece == one)
+        reach = min(AROUND // 2, (len(inside) - 1) // 2)
+        padded = np.pad(variance[inside], reach, mode="reflect") if reach else variance[inside]
+        local[inside] = np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1), axis=1)
     local /= _median_of_mean(share)
-    found = np.zeros(len(value))
-    for start, stop in piece_bounds(legs):
-        own = leg == legs[start]
-        if own.any():
-            found[start:stop] = np.interp(np.arange(start, stop), at[own], local[own])
-    return RowScatter(np.where(found > 0.0, found, level), freedom)
+    by_row = np.zeros(len(value))
+    for start, stop in piece_bounds(pieces):
+        inside = piece == pieces[start]
+        if inside.any():
+            by_row[start:stop] = np.interp(np.arange(start, stop), middle[inside], local[inside])
+    return RowScatter(np.where(by_row > 0.0, by_row, level), degrees_of_freedom)
 
 
-def _stretches(value: np.ndarray, legs: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(variance of a row, middle row, leg) of stretches of rows, from third differences."""
-    variance, middle, leg = [], [], []
-    for start, stop in piece_bounds(legs):
+def _stretches(value: np.ndarray, pieces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(variance of a row, middle row, piece) of stretches of rows, from third differences."""
+    variance, middle, piece = [], [], []
+    for start, stop in piece_bounds(pieces):
         square = np.diff(value[start:stop], n=3) ** 2 / 20.0
         count = len(square) // STRETCH
         if count:
             variance.append(square[: count * STRETCH].reshape(count, STRETCH).mean(axis=1))
             middle.append(start + STRETCH * (np.arange(count) + 0.5) + 1.5)
-            leg.append(np.full(count, legs[start]))
+            piece.append(np.full(count, pieces[start]))
     if not variance:
         return np.zeros(0), np.zeros(0), np.zeros(0, dtype=int)
-    return np.concatenate(variance), np.concatenate(middle), np.concatenate(leg)
+    return np.concatenate(variance), np.concatenate(middle), np.concatenate(piece)
 
 
-def _median_of_mean(freedom: float) -> float:
+def _median_of_mean(degrees_of_freedom: float) -> float:
     """Median of chi-square over its degrees of freedom (Wilson and Hilferty, PNAS 17, 1931)."""
-    return (1.0 - 2.0 / (9.0 * freedom)) ** 3
+    return (1.0 - 2.0 / (9.0 * degrees_of_freedom)) ** 3
 
 
-def independent_rows(value: np.ndarray, legs: np.ndarray, scatter: RowScatter, most: int) -> bool:
+def independent_rows(value: np.ndarray, pieces: np.ndarray, scatter: RowScatter, most: int) -> bool:
     """Whether means of 2, 4, ... up to `most` neighbouring rows scatter as those of independent rows do.
 
     Third differences of such means against what `scatter` says of one row, stretch by stretch, median over stretches. A
@@ -133,23 +133,23 @@ def independent_rows(value: np.ndarray, legs: np.ndarray, scatter: RowScatter, m
     few such means long) says nothing. What remembers longer shows between the points of a fit. Rows that do not alternate
     among themselves, such as those of a meter that is read faster than it measures, are not independent.
     """
-    single = [np.diff(value[start:stop], n=3) for start, stop in piece_bounds(legs)]
+    single = [np.diff(value[start:stop], n=3) for start, stop in piece_bounds(pieces)]
     if np.mean(np.concatenate([third[1:] * third[:-1] < 0 for third in single])) < ROWS_ALTERNATE:
         return False
     size = 2
-    most = min(most, max(2, int(np.median(np.bincount(legs - legs.min()))) // RESOLVED))
+    most = min(most, max(2, int(np.median(np.bincount(pieces - pieces.min()))) // RESOLVED))
     while size <= most:
         ratios, alternating = [], []
-        for start, stop in piece_bounds(legs):
+        for start, stop in piece_bounds(pieces):
             count = (stop - start) // size
             if count < 8:
                 continue
             rows = slice(start, start + count * size)
-            own = scatter.variance[rows].reshape(count, size).mean(axis=1) / size
+            stated = scatter.variance[rows].reshape(count, size).mean(axis=1) / size
             third = np.diff(value[rows].reshape(count, size).mean(axis=1), n=3)
-            middle = (own[:-3] + own[1:-2] + own[2:-1] + own[3:]) / 4.0
-            usable = middle > 0.0
-            ratio = (third**2 / 20.0)[usable] / middle[usable]
+            expected = (stated[:-3] + stated[1:-2] + stated[2:-1] + stated[3:]) / 4.0
+            usable = expected > 0.0
+            ratio = (third**2 / 20.0)[usable] / expected[usable]
             whole = len(ratio) // FEW * FEW
             ratios.append(ratio[:whole].reshape(-1, FEW).mean(axis=1))
             alternating.append((third[1:] * third[:-1] < 0)[usable[1:] & usable[:-1]])
@@ -159,20 +159,20 @@ def independent_rows(value: np.ndarray, legs: np.ndarray, scatter: RowScatter, m
         if np.mean(np.concatenate(alternating)) > ALTERNATES:
             share = FEW / REDUNDANT
             ratio = float(np.median(found)) / _median_of_mean(share)
-            error = np.sqrt(np.pi / (share * len(found)) + 2.0 / scatter.freedom)
+            error = np.sqrt(np.pi / (share * len(found)) + 2.0 / scatter.degrees_of_freedom)
             if abs(ratio - 1.0) > CLEARLY * error:
                 return False
         size *= 2
     return True
 
 
-def log_scatter(value: np.ndarray, legs: np.ndarray, lag: int) -> np.ndarray:
+def log_scatter(value: np.ndarray, pieces: np.ndarray, lag: int) -> np.ndarray:
     """Squared third difference per row at a lag of some rows, over 20: local variance about a local parabola; same shape.
 
-    Rows near a leg's ends repeat the nearest difference inside it.
+    Rows near a piece's ends repeat the nearest difference inside it.
     """
     scatter = np.zeros(len(value))
-    for start, stop in piece_bounds(legs):
+    for start, stop in piece_bounds(pieces):
         n = stop - start
         k = min(lag, (n - 1) // 3)
         if k == 0:
@@ -184,10 +184,10 @@ def log_scatter(value: np.ndarray, legs: np.ndarray, lag: int) -> np.ndarray:
     return scatter
 
 
-def log_correlation(value: np.ndarray, local: np.ndarray, legs: np.ndarray, bin_rows: int) -> LogCorrelation:
+def log_correlation(value: np.ndarray, local: np.ndarray, pieces: np.ndarray, bin_rows: int) -> LogCorrelation:
     """How fast means of neighbouring rows settle: third differences of means over half a bin to four bins, against `local`.
 
-    value, legs (n,); local (n,): smoothed `log_scatter`, 0 where it says nothing (constant or coarsely rounded
+    value, pieces (n,); local (n,): smoothed `log_scatter`, 0 where it says nothing (constant or coarsely rounded
     readings). Medians over the log keep bends and jumps of the curve out. A white and a forgetful share are fitted to
     the scales.
     """
@@ -195,7 +195,7 @@ def log_correlation(value: np.ndarray, local: np.ndarray, legs: np.ndarray, bin_
     rows, ratios, weights = [], [], []
     for size in sizes:
         samples, alternating = [], []
-        for start, stop in piece_bounds(legs):
+        for start, stop in piece_bounds(pieces):
             count = (stop - start) // size
             if count < 6:
                 continue
@@ -217,16 +217,16 @@ def log_correlation(value: np.ndarray, local: np.ndarray, legs: np.ndarray, bin_
     if not rows:
         return LogCorrelation()
     fitted = _fit_shares(np.array(rows, float), np.array(ratios), np.array(weights))
-    return replace(fitted, row_variance=max(_row_variance(value, local, legs, 2 * bin_rows), 1e-12))
+    return replace(fitted, row_variance=max(_row_variance(value, local, pieces, 2 * bin_rows), 1e-12))
 
 
-def _row_variance(value: np.ndarray, local: np.ndarray, legs: np.ndarray, size: int) -> float:
+def _row_variance(value: np.ndarray, local: np.ndarray, pieces: np.ndarray, size: int) -> float:
     """Variance of a row about parabolas over blocks of `size` rows, against `local`; median over the blocks."""
     size = max(size, 12)
     t = np.linspace(-1.0, 1.0, size)
     basis, _ = np.linalg.qr(np.stack([np.ones(size), t, t**2], axis=1))
     ratios = []
-    for start, stop in piece_bounds(legs):
+    for start, stop in piece_bounds(pieces):
         count = (stop - start) // size
         y = value[start : start + count * size].reshape(count, size)
         s = local[start : start + count * size].reshape(count, size)

@@ -1,4 +1,4 @@
-"""How well is the mean of a bin of log rows known? Scatter, correlation, rounding of reading and position, in one figure. NumPy."""
+"""The standard error of the mean of a bin of log rows, from scatter, correlation, and rounding of reading and position. NumPy only."""
 
 from dataclasses import dataclass
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from thermohyd.identify.bench.record import Channel
 
-from .legs import moving_mean
+from .monotone_pieces import moving_mean
 from .noise_of_logs import LogCorrelation, independent_rows, log_correlation, log_scatter, row_scatter
 from .rounding import local_steps, rounding_error, scatter_before_rounding
 from .sweep_position import Abscissa
@@ -21,14 +21,14 @@ POOLED_ROWS = 40.0  # a bin of so many rows stands half for itself, half for its
 class Points:
     """The means of one reading over bins, with standard errors; one entry per bin (SI).
 
-    value: mean of the bin's rows; std: standard error of it; freedom: what that was estimated from (infinite: stated).
+    value: mean of the bin's rows; std: standard error of it; degrees_of_freedom: what that was estimated from (infinite: stated).
     step: rounding step of the log; correlation: of the log's rows; row_std: typical scatter of one row; floored:
     where the rounding counts for more than the noise; sharing: how many neighbouring bins stand on one rounded reading.
     """
 
     value: np.ndarray
     std: np.ndarray
-    freedom: float
+    degrees_of_freedom: float
     step: np.ndarray
     correlation: LogCorrelation
     row_std: float
@@ -36,26 +36,26 @@ class Points:
     sharing: np.ndarray
 
 
-def points_of(channel: Channel, starts: np.ndarray, legs: np.ndarray, abscissa: Abscissa) -> Points:
+def points_of(channel: Channel, starts: np.ndarray, pieces: np.ndarray, abscissa: Abscissa) -> Points:
     """Means and standard errors of a channel's readings over the bins of a log that begin at rows `starts`."""
     y = channel.value
     rows = np.diff(np.append(starts, len(y)))
     mean = lambda values: np.add.reduceat(values, starts) / rows
-    value, position, leg = mean(y), mean(abscissa.position), legs[starts]
+    value, position, piece = mean(y), mean(abscissa.position), pieces[starts]
     step = _known_steps(y, starts)
-    ramp, slope = _slopes(value, position, leg)
+    ramp, slope = _slopes(value, position, piece)
     bin_rows = int(np.median(rows))
-    scatter = row_scatter(y, legs)
-    independent = independent_rows(y, legs, scatter, 2 * bin_rows)
+    scatter = row_scatter(y, pieces)
+    independent = independent_rows(y, pieces, scatter, 2 * bin_rows)
     if independent:
         seen = np.sqrt(mean(scatter.variance))
     else:
         lag = int(np.clip(np.quantile(rows, 0.1) // 3, 1, 10))
-        seen = np.sqrt(_pooled(mean(log_scatter(y, legs, lag)), rows, leg))
-    before = scatter_before_rounding(np.sqrt(np.maximum(_along(seen**2, rows, leg), 0.0)), step, ramp)
+        seen = np.sqrt(_pooled(mean(log_scatter(y, pieces, lag)), rows, piece))
+    before = scatter_before_rounding(np.sqrt(np.maximum(_along(seen**2, rows, piece), 0.0)), step, ramp)
     coarse = before < 0.3 * step  # the log shows its own rounding rather than the noise
     local = np.repeat(np.where(coarse, 0.0, seen**2), rows)
-    correlation = LogCorrelation() if independent else log_correlation(y, local, legs, bin_rows)
+    correlation = LogCorrelation() if independent else log_correlation(y, local, pieces, bin_rows)
     square = np.maximum(seen, before) ** 2 * correlation.of_mean(rows)
     if channel.std is not None:  # declared for one row
         square = mean(channel.std**2) / correlation.effective_rows(rows)
@@ -68,7 +68,7 @@ def points_of(channel: Channel, starts: np.ndarray, legs: np.ndarray, abscissa: 
     return Points(
         value=value,
         std=np.maximum(np.sqrt(total), least),
-        freedom=np.inf if channel.std is not None else scatter.freedom,
+        degrees_of_freedom=np.inf if channel.std is not None else scatter.degrees_of_freedom,
         step=step,
         correlation=correlation,
         row_std=float(np.median(typical)) if len(typical) else 0.0,
@@ -77,40 +77,40 @@ def points_of(channel: Channel, starts: np.ndarray, legs: np.ndarray, abscissa: 
     )
 
 
-def _pooled(scatter: np.ndarray, rows: np.ndarray, leg: np.ndarray) -> np.ndarray:
+def _pooled(scatter: np.ndarray, rows: np.ndarray, piece: np.ndarray) -> np.ndarray:
     """Scatter of each bin, leaning on the median of its neighbours where it has few rows."""
     neighbours = np.empty_like(scatter)
-    for one in np.unique(leg):
-        at = np.flatnonzero(leg == one)
-        reach = min(POOLED_BINS, (len(at) - 1) // 2)
-        padded = np.pad(scatter[at], reach, mode="reflect") if reach else scatter[at]
-        neighbours[at] = np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1), axis=1)
+    for one in np.unique(piece):
+        bins = np.flatnonzero(piece == one)
+        reach = min(POOLED_BINS, (len(bins) - 1) // 2)
+        padded = np.pad(scatter[bins], reach, mode="reflect") if reach else scatter[bins]
+        neighbours[bins] = np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1), axis=1)
     return (rows * scatter + POOLED_ROWS * neighbours) / (rows + POOLED_ROWS)
 
 
-def _along(square: np.ndarray, rows: np.ndarray, leg: np.ndarray) -> np.ndarray:
-    """Mean over many bins of the leg: where a reading hops between two steps of the log, the noise is no larger than elsewhere."""
+def _along(square: np.ndarray, rows: np.ndarray, piece: np.ndarray) -> np.ndarray:
+    """Mean over many bins of the piece: where a reading jumps between two steps of the log, the noise is no larger than elsewhere."""
     smooth = square.copy()
-    for one in np.unique(leg):
-        at = np.flatnonzero(leg == one)
-        reach = min(ALONG_BINS, (len(at) - 1) // 2)
-        smooth[at] = moving_mean(rows[at] * square[at], reach) / moving_mean(rows[at].astype(float), reach)
+    for one in np.unique(piece):
+        bins = np.flatnonzero(piece == one)
+        reach = min(ALONG_BINS, (len(bins) - 1) // 2)
+        smooth[bins] = moving_mean(rows[bins] * square[bins], reach) / moving_mean(rows[bins].astype(float), reach)
     return smooth
 
 
-def _slopes(value: np.ndarray, position: np.ndarray, leg: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _slopes(value: np.ndarray, position: np.ndarray, piece: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """How far the reading moves across each bin, and its slope along the position."""
-    before = np.maximum(np.arange(len(leg)) - 1, 0)
-    after = np.minimum(np.arange(len(leg)) + 1, len(leg) - 1)
-    before = np.where(leg[before] == leg, before, np.arange(len(leg)))
-    after = np.where(leg[after] == leg, after, np.arange(len(leg)))
+    before = np.maximum(np.arange(len(piece)) - 1, 0)
+    after = np.minimum(np.arange(len(piece)) + 1, len(piece) - 1)
+    before = np.where(piece[before] == piece, before, np.arange(len(piece)))
+    after = np.where(piece[after] == piece, after, np.arange(len(piece)))
     rise, run = value[after] - value[before], position[after] - position[before]
     # Over one bin the steps of a rounded reading look like a ramp that is not there; over several bins less so.
     ramp = np.abs(rise) / np.maximum(after - before, 1)
-    index = np.arange(len(leg))
+    index = np.arange(len(piece))
     for reach in (2, 4, 8):
-        low, high = np.maximum(index - reach, 0), np.minimum(index + reach, len(leg) - 1)
-        inside = (leg[low] == leg) & (leg[high] == leg)
+        low, high = np.maximum(index - reach, 0), np.minimum(index + reach, len(piece) - 1)
+        inside = (piece[low] == piece) & (piece[high] == piece)
         ramp = np.where(inside, np.minimum(ramp, np.abs(value[high] - value[low]) / np.maximum(high - low, 1)), ramp)
     return ramp, np.where(run != 0, rise / np.where(run != 0, run, 1.0), 0.0)
 

@@ -1,14 +1,11 @@
-"""Turn a raw log of tens of thousands of rows into a few hundred points with honest noise. Plain NumPy.
+"""Reduce a raw log of tens of thousands of rows to a few hundred points with honest noise. NumPy only.
 
-Bins are stretches of neighbouring rows, so that dither and rounding of the position blur nothing, within one run, one
-leg of the sweep and one set of conditions. A point is the mean of its rows, and is compared with the model's mean over
-the same rows: `Nodes` say where to evaluate it. Nothing is assumed about the curve inside a bin.
+Bins are stretches of neighbouring rows, so that dither and rounding of the position blur nothing, within one run, one monotone
+piece of the sweep and one set of conditions; narrow where the curve is steep or bends, wide where it rests. A point is the mean
+of its rows, and is compared with the model's mean over the same rows: `Nodes` say where to evaluate it. Nothing is assumed
+about the curve inside a bin.
 
-Which rows of a raw log go into one point? Narrow bins where the curve is steep or bends, wide ones where it rests. Plain NumPy.
-
-Where was the spool, how fast and which way, at each row of a raw log? The smooth sweep behind dither and rounding. Plain NumPy.
-
-A fit sees a log through bins of this sweep (`reduction`); a prediction row by row needs the sweep itself: from one dithered
+A prediction row by row needs the sweep itself (`smooth_sweep`): where the spool was, how fast and which way. From one dithered
 row to the next the position steps back and forth, and effects of direction and rate would follow every step.
 """
 
@@ -20,15 +17,15 @@ from thermohyd.identify.bench.columns import column_unit
 from thermohyd.identify.bench.record import Channel, Nodes, TestRecord
 from thermohyd.identify.bench.shown_units import significant
 
-from .legs import log_legs, piece_bounds, sweep_axis
+from .monotone_pieces import monotone_pieces, piece_bounds, sweep_axis
 from .noise_of_points import Points, points_of
 from .sweep_position import STEPS_ACROSS, Abscissa, local_line, smooth_abscissa
 
 
-CELLS = 400  # per leg: the resolution at which the curve's shape is judged
+CELLS = 400  # per piece: the resolution at which the curve's shape is judged
 SMALLEST_BIN = 2  # rows; their mean of the model is then exact
 BENT = 10.0  # scatters of a row by which a reading may bend over one row squared, where a bin of one row is wanted
-FEW_BINS, FEWEST_BINS = 8, 60  # per leg, where there are many legs and where there are few
+FEW_BINS, FEWEST_BINS = 8, 60  # per piece, where there are many pieces and where there are few
 SHARES = {
     "width": 0.35,
     "rise": 0.30,
@@ -39,12 +36,12 @@ SHARES = {
 def bin_starts(
     abscissa: Abscissa,
     readings: list[np.ndarray],
-    legs: np.ndarray,
+    pieces: np.ndarray,
     max_points: int,
     smallest: float = SMALLEST_BIN,
     scatter: list[float] | None = None,
 ) -> np.ndarray:
-    """First row of every bin, ascending, so that about `max_points` bins cover the log and none crosses a leg's end.
+    """First row of every bin, ascending, so that about `max_points` bins cover the log and none crosses a piece's end.
 
     smallest: rows of a bin, at least: some times what the noise remembers, so that points are independent readings; but for
     narrower ones where a reading bends by more than its `scatter` (of a row, as if independent; one per reading).
@@ -53,11 +50,11 @@ def bin_starts(
     curvature. How they are cut biases nothing, as means of readings are compared with means of the model: they are
     narrow where the curve tells something.
     """
-    rows = len(legs)
-    width = np.abs(_steps(abscissa.position, legs))
+    rows = len(pieces)
+    width = np.abs(_steps(abscissa.position, pieces))
     rise, bend, needed = np.zeros(rows), np.zeros(rows), np.zeros(rows)
     for reading, own in zip(readings, scatter or [np.inf] * len(readings), strict=True):
-        slope, curvature = _shape(reading, legs)
+        slope, curvature = _shape(reading, pieces)
         needed = np.maximum(needed, (np.abs(curvature) / (BENT * max(own, 1e-300))) ** 0.4)
         rise += _share(np.abs(slope))
         bend += _share(np.abs(curvature) ** 0.4)
@@ -66,9 +63,9 @@ def bin_starts(
     for name, part in parts.items():
         density += SHARES[name] * part
     density *= max_points / density.sum()
-    fewest = float(np.clip(0.5 * max_points / len(np.unique(legs)), FEW_BINS, FEWEST_BINS))
+    fewest = float(np.clip(0.5 * max_points / len(np.unique(pieces)), FEW_BINS, FEWEST_BINS))
     starts: list[np.ndarray] = []
-    for start, stop in piece_bounds(legs):
+    for start, stop in piece_bounds(pieces):
         stairs = abscissa.position[start:stop] if abscissa.staircase[start] else None
         most = np.maximum(needed[start:stop], max(1.0 / smallest, fewest / (stop - start)))
         starts.append(start + _cut(density[start:stop], fewest, np.minimum(most, 1.0 / SMALLEST_BIN), stairs))
@@ -76,7 +73,7 @@ def bin_starts(
 
 
 def _cut(density: np.ndarray, fewest: float, most: np.ndarray, stairs: np.ndarray | None) -> np.ndarray:
-    """Starts of the bins of one leg: equal parts of the density, nowhere denser than `most`, on the steps of a staircase."""
+    """Starts of the bins of one piece: equal parts of the density, nowhere denser than `most`, on the steps of a staircase."""
     bins = max(1, round(min(max(float(density.sum()), fewest), float(most.sum()))))
     for _ in range(20):  # what the cap takes goes to the rest
         density = density * (bins / density.sum())
@@ -91,10 +88,10 @@ def _cut(density: np.ndarray, fewest: float, most: np.ndarray, stairs: np.ndarra
     return starts
 
 
-def _shape(reading: np.ndarray, legs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Slope and curvature per row of the smoothed reading, leg by leg."""
+def _shape(reading: np.ndarray, pieces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Slope and curvature per row of the smoothed reading, piece by piece."""
     slope, curvature = np.zeros(len(reading)), np.zeros(len(reading))
-    for start, stop in piece_bounds(legs):
+    for start, stop in piece_bounds(pieces):
         n = stop - start
         size = max(1, n // CELLS)
         count = n // size
@@ -146,9 +143,9 @@ def _best_half(cells: np.ndarray) -> int:
     return best
 
 
-def _steps(values: np.ndarray, legs: np.ndarray) -> np.ndarray:
+def _steps(values: np.ndarray, pieces: np.ndarray) -> np.ndarray:
     change = np.diff(values, prepend=values[0])
-    change[np.append(False, legs[1:] != legs[:-1])] = 0.0
+    change[np.append(False, pieces[1:] != pieces[:-1])] = 0.0
     return change
 
 
@@ -163,7 +160,7 @@ FULL_LOG, LEAST_SHARE = (
     0.3,
 )  # rows of a log that gets all its points; fewer and more by the third root of the rows
 MEMORIES = 1.5  # rows of a bin, at least, in independent readings' worth
-ROWS_PER_LEG = 200  # fewer, and the rows are readings that somebody took one by one
+ROWS_PER_PIECE = 200  # fewer, and the rows are readings that somebody took one by one
 
 
 def reduce_test(test: TestRecord, *, max_points: int = 600, log_rows: int = LOG_ROWS) -> TestRecord:
@@ -175,26 +172,26 @@ def reduce_test(test: TestRecord, *, max_points: int = 600, log_rows: int = LOG_
     """
     if not is_raw_log(test, max_points=max_points, log_rows=log_rows):
         return test
-    legs, direction = log_legs(test)
+    pieces, direction = monotone_pieces(test)
     axis = sweep_axis(test)
     readings = [channel.value for channel in test.channels]
-    abscissa = smooth_abscissa(axis, legs, readings)
+    abscissa = smooth_abscissa(axis, pieces, readings)
     # Errors from the bins' finite width, where an edge closes within one, must not outgrow the noise of longer logs.
     max_points = round(max_points * max(test.rows / FULL_LOG, LEAST_SHARE) ** (1.0 / 3.0))
-    starts = bin_starts(abscissa, readings, legs, max_points)
-    first = [points_of(channel, starts, legs, abscissa) for channel in test.channels]
+    starts = bin_starts(abscissa, readings, pieces, max_points)
+    first = [points_of(channel, starts, pieces, abscissa) for channel in test.channels]
     remembered = max((p.correlation.rows_per_reading() for p in first if p.correlation.white < 1.0), default=0.0)
     if remembered > 0.0:
         # Of a row, were rows independent and their means as uncertain as these are.
         scatter = [p.row_std * np.sqrt(max(p.correlation.rows_per_reading(), 1.0)) for p in first]
-        starts = bin_starts(abscissa, readings, legs, max_points, MEMORIES * remembered, scatter)
+        starts = bin_starts(abscissa, readings, pieces, max_points, MEMORIES * remembered, scatter)
     rows = np.diff(np.append(starts, test.rows))
     mean = lambda values: np.add.reduceat(values.astype(float), starts) / rows
     position = mean(abscissa.position)
     held = axis is not test.spool_position
-    channels, notes = [], [_what_was_done(test, legs, starts)]
+    channels, notes = [], [_what_was_done(test, pieces, starts)]
     for channel in test.channels:
-        points = points_of(channel, starts, legs, abscissa)
+        points = points_of(channel, starts, pieces, abscissa)
         if channel.std is None and np.ptp(channel.value) == 0:
             notes.append(f"{test.name}, {channel.name}: the reading never changes, so nothing is known of its noise")
             channels.append(Channel(channel.name, points.value))
@@ -202,7 +199,7 @@ def reduce_test(test: TestRecord, *, max_points: int = 600, log_rows: int = LOG_
         notes.append(_noise_note(test, channel, points, rows))
         declared = channel.std is not None
         source = "declared noise of a row, averaged over its bin" if declared else "scatter of the log's rows"
-        channels.append(Channel(channel.name, points.value, points.std, source, points.step, points.freedom))
+        channels.append(Channel(channel.name, points.value, points.std, source, points.step, points.degrees_of_freedom))
     return replace(
         test,
         spool_position=mean(test.spool_position) if held else position,
@@ -216,7 +213,7 @@ def reduce_test(test: TestRecord, *, max_points: int = 600, log_rows: int = LOG_
         time=None if test.time is None else mean(test.time),
         rate=None
         if test.time is None
-        else _rates(test.time, abscissa.position if not held else test.spool_position, legs, starts),
+        else _rates(test.time, abscissa.position if not held else test.spool_position, pieces, starts),
         lines=None if test.lines is None else test.lines[starts],
         rows_of_log=rows,
         table=None,
@@ -253,34 +250,34 @@ def nodes_of(axis: np.ndarray, time: np.ndarray | None, starts: np.ndarray, name
 
 
 def is_raw_log(test: TestRecord, *, max_points: int = 600, log_rows: int = LOG_ROWS) -> bool:
-    """Whether the rows are a logger's, not readings taken one by one: many, and many to each leg of the sweep.
+    """Whether the rows are a logger's, not readings taken one by one: many, and many to each piece of the sweep.
 
     Below `log_rows` rows only where the position often stands still or steps back between rows, as a log's does.
     """
     if test.rows <= max_points or test.rows_of_log is not None:
         return False
-    legs, direction = log_legs(test)
-    long = test.rows / (int(legs[-1]) + 1) >= ROWS_PER_LEG
+    pieces, direction = monotone_pieces(test)
+    long = test.rows / (int(pieces[-1]) + 1) >= ROWS_PER_PIECE
     if test.rows >= log_rows:
         return long
     forward = np.diff(sweep_axis(test)) * direction[1:] > 0
     return long and float(np.mean(forward)) < 0.7
 
 
-def _rates(time: np.ndarray, position: np.ndarray, legs: np.ndarray, starts: np.ndarray) -> np.ndarray:
-    """Speed of the sweep at each point, m/s, from the points' mean times and positions within the leg."""
+def _rates(time: np.ndarray, position: np.ndarray, pieces: np.ndarray, starts: np.ndarray) -> np.ndarray:
+    """Speed of the sweep at each point, m/s, from the points' mean times and positions within the piece."""
     rows = np.diff(np.append(starts, len(time)))
     t, x = (np.add.reduceat(values, starts) / rows for values in (time, position))
     rate = np.zeros(len(starts))
-    for start, stop in piece_bounds(legs[starts]):
+    for start, stop in piece_bounds(pieces[starts]):
         if stop - start > 1 and np.all(np.diff(t[start:stop]) > 0):
             rate[start:stop] = np.gradient(x[start:stop], t[start:stop])
     return rate
 
 
-def _what_was_done(test: TestRecord, legs: np.ndarray, starts: np.ndarray) -> str:
-    runs, count = len(np.unique(test.run)), int(legs[-1]) + 1
-    return (
+def _what_was_done(test: TestRecord, pieces: np.ndarray, starts: np.ndarray) -> str:
+    runs, count = len(np.unique(test.run)), int(pieces[-1]) + 1
+    return (  # a user reads "leg", explained in the brackets
         f"{test.name}: {test.rows:,} rows -> {len(starts):,} points in bins along the sweep, separately for each of {count} "
         f"{'leg' if count == 1 else 'legs'} (run, direction and conditions) in {runs} {'run' if runs == 1 else 'runs'}; "
         "narrower bins where the curve is steep or bends"
@@ -333,7 +330,7 @@ def _memory(test: TestRecord, points: Points) -> str:
     return f"{rows:.0f} rows"
 
 
-SHARE_OF_LEG = 100  # rates are slopes over twice this share of a leg's rows, about as wide as a fit's bins
+SHARE_OF_PIECE = 100  # rates are slopes over twice this share of a piece's rows, about as wide as a fit's bins
 
 
 def smooth_sweep(test: TestRecord) -> TestRecord:
@@ -343,12 +340,12 @@ def smooth_sweep(test: TestRecord) -> TestRecord:
     """
     if test.in_motion or not is_raw_log(test):
         return test
-    legs, direction = log_legs(test)
+    pieces, direction = monotone_pieces(test)
     axis = sweep_axis(test)
-    abscissa = smooth_abscissa(axis, legs)
+    abscissa = smooth_abscissa(axis, pieces)
     held = axis is not test.spool_position
     position = test.spool_position if held else abscissa.position
-    rate = None if test.time is None else sweep_rates(test.time, position, legs, abscissa.step)
+    rate = None if test.time is None else sweep_rates(test.time, position, pieces, abscissa.step)
     return replace(
         test,
         spool_position=position,
@@ -358,17 +355,17 @@ def smooth_sweep(test: TestRecord) -> TestRecord:
     )
 
 
-def sweep_rates(time: np.ndarray, position: np.ndarray, legs: np.ndarray, step: np.ndarray) -> np.ndarray:
-    """Speed at each row (rows,), m/s: slopes of straight lines through position and time over a hundredth of the leg either
+def sweep_rates(time: np.ndarray, position: np.ndarray, pieces: np.ndarray, step: np.ndarray) -> np.ndarray:
+    """Speed at each row (rows,), m/s: slopes of straight lines through position and time over a hundredth of the piece either
     side, or over as many rows as cross a few of the log's rounding `step`s (rows,)."""
     rate = np.zeros(len(time))
-    for start, stop in piece_bounds(legs):
+    for start, stop in piece_bounds(pieces):
         x, t, rows = position[start:stop], time[start:stop], stop - start
         if rows < 3 or np.ptp(x) == 0.0:
             continue
         pace = abs(float(x[-1] - x[0])) / rows
         across = STEPS_ACROSS * float(step[start:stop].max()) / (2.0 * pace) if pace > 0.0 else 0.0
-        half = int(np.clip(max(across, rows / SHARE_OF_LEG), 1, max(rows // 4, 1)))
+        half = int(np.clip(max(across, rows / SHARE_OF_PIECE), 1, max(rows // 4, 1)))
         along, passed = local_line(x, half)[1], local_line(t, half)[1]
         rate[start:stop] = np.divide(along, passed, out=np.zeros(rows), where=passed > 0.0)
     return rate

@@ -1,4 +1,4 @@
-"""How coarsely did the log round its readings, and how far may a rounded reading be believed? Plain NumPy.
+"""Find the step to which a log rounded its readings, and how far a rounded reading may be believed. NumPy only.
 
 A logger writes readings on a grid whose step may change with the range (four digits, say), and a later unit
 conversion hides the decimals. The grid is therefore looked for in the values themselves: neighbouring distinct values
@@ -10,7 +10,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from thermohyd.identify.bench.record import Channel, TestRecord
 
-from .legs import piece_bounds, sweep_ids
+from .monotone_pieces import piece_bounds, sweep_ids
 
 
 Values = float | np.ndarray

@@ -1,4 +1,4 @@
-"""Where was the spool when the log wrote a rounded, dithered position? A smooth sweep, read off the rows around. Plain NumPy."""
+"""Recover the smooth sweep behind a log's rounded, dithered position, by straight lines through the rows around. NumPy only."""
 
 from dataclasses import dataclass
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from thermohyd.identify.noise.level import effective_size
 
-from .legs import piece_bounds
+from .monotone_pieces import piece_bounds
 from .rounding import local_steps, reading_steps, rounding_error
 
 
@@ -20,7 +20,7 @@ class Abscissa:
     position: smoothed; scatter: of one row about it, for the mean of n rows to be divided by sqrt(n) although the
     smoothing averages over more, because neighbouring bins then share an error; rounding: what dither and sweep leave
     of the log's rounding.
-    staircase: True in legs whose spool stands still between steps, so that bins had better end with a step.
+    staircase: True in pieces whose spool stands still between steps, so that bins had better end with a step.
     """
 
     position: np.ndarray
@@ -30,15 +30,15 @@ class Abscissa:
     step: np.ndarray
 
 
-def smooth_abscissa(position: np.ndarray, legs: np.ndarray, readings: list[np.ndarray] | None = None) -> Abscissa:
-    """Local straight lines through the logged position of each leg, over as many rows as its rounding and dither ask for.
+def smooth_abscissa(position: np.ndarray, pieces: np.ndarray, readings: list[np.ndarray] | None = None) -> Abscissa:
+    """Local straight lines through the logged position of each piece, over as many rows as its rounding and dither ask for.
 
     A position that stands still between steps, where the `readings` (rows,) do not, was only rounded: it is joined up.
     """
-    step, read = local_steps(position), reading_steps(position, legs)
+    step, read = local_steps(position), reading_steps(position, pieces)
     smooth, staircase = position.copy(), np.zeros(len(position), bool)
     spread, rounding = np.zeros(len(position)), np.zeros(len(position))
-    for start, stop in piece_bounds(legs):
+    for start, stop in piece_bounds(pieces):
         part = slice(start, stop)
         x = position[part]
         if stop - start < 8 or np.ptp(x) == 0:

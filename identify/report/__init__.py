@@ -1,0 +1,1 @@
+"""Words, pages, figures and JSON of fits and diagnoses. No JAX here."""

@@ -1,9 +1,7 @@
-"""Every figure of a diagnosis, in the order in which a report shows them.
+"""Draw the figures of a diagnosis, in the order in which a report shows them.
 
-Figure of a test before and after the effects were added: data with both models, what the effects had to explain,
-and the residuals of both models on one scale.
-
-Figure of the second tier: which model quantity would have to vary with what. Empirical curves, not causes.
+Here: each test before and after the effects were added (data with both models, and the residuals of both on one scale), and
+which model quantity would have to vary with what: empirical curves, not causes. Maps and evidence come from their own modules.
 """
 
 from dataclasses import replace

@@ -1,6 +1,6 @@
-"""`report.html` of a diagnosis: one page without network access, with every figure inside it.
+"""`report.html` of a diagnosis, one page without network access with every figure inside it, and all files of `diagnose --out`.
 
-Every file that `diagnose --out` writes, as bytes and text in memory: whole before the first one is written.
+The files are bytes and text in memory: whole before the first one is written.
 """
 
 from dataclasses import dataclass

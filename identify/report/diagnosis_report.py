@@ -1,10 +1,9 @@
-"""The answer in plain words with figures: one sentence for the verdict, then what an engineer asks next.
+"""The answer of a diagnosis in plain words, and its printout in a terminal: the verdict first, then what an engineer asks next.
 
-A diagnosis in a terminal: the answer first, then what it rests on, on one screen. Reads the same without colour.
+One screen, which reads the same without colour.
 """
 
 import numpy as np
-from rich import box
 from rich.console import Console, Group, RenderableType
 from rich.padding import Padding
 from rich.table import Table
@@ -27,6 +26,7 @@ from thermohyd.identify.fitting.result import FitResult
 
 from . import diagnosis_words as words
 from .diagnosis_words import excess, percent
+from .terminal import heading, indented, table
 
 
 MOST_OF_THE_GAP = 0.7
@@ -183,18 +183,14 @@ def _screen(result: DiagnosisResult, console: Console, rows: int) -> Group:
     parts.append(Text(record_line(result.record), style="dim"))
     parts += [Text(f"warning: {warning}", style="yellow") for warning in result.warnings[: max(1, rows - 3)]]
     if result.where:
-        parts += [_heading(f"Where the {result.plain_model} misses"), _where(result, rows)]
+        parts += [heading(f"Where the {result.plain_model} misses"), _where(result, rows)]
     if result.effects:
-        parts += [_heading("Effects added to the model"), _effects(result, console.width >= 100)]
+        parts += [heading("Effects added to the model"), _effects(result, console.width >= 100)]
     shifts = words.shift_rows(result)
     if shifts:
-        parts += [_heading("Parameters"), _shifts(shifts, rows + 2, result.plain_model)]
+        parts += [heading("Parameters"), _shifts(shifts, rows + 2, result.plain_model)]
     parts += [Text(""), _facts(result, rows)]
     return Group(*parts)
-
-
-def _heading(title: str) -> Text:
-    return Text(f"\n{title}", style="bold cyan")
 
 
 def _facts(result: DiagnosisResult, rows: int) -> Table:
@@ -220,41 +216,25 @@ def _facts(result: DiagnosisResult, rows: int) -> Table:
     return grid
 
 
-def _table(*columns: str) -> Table:
-    """Columns by title; a leading ">" sets figures to the right, a leading "~" lets a column wrap."""
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, show_edge=False, header_style="bold")
-    for title in columns:
-        table.add_column(
-            title.lstrip(">~"),
-            justify="right" if title.startswith(">") else "left",
-            no_wrap=not title.startswith("~"),
-            overflow="fold",  # the ellipsis of the default is not ASCII, and what it hides may be the answer
-        )
-    return table
-
-
 def _where(result: DiagnosisResult, rows: int) -> Padding:
-    table = _table("test", "~where", ">share", ">excess chi2", "~bench")
-    for row in words.where_rows(result, result.where)[:rows]:
-        table.add_row(*[Text(cell) for cell in (row.reading, row.place, row.share, row.excess, row.miss)])
+    shown = [(r.reading, r.place, r.share, r.excess, r.miss) for r in words.where_rows(result, result.where)[:rows]]
+    made = table(("test", "~where", ">share", ">excess chi2", "~bench"), shown)
     more = len(result.where) - rows
     if more > 0:
-        table.add_row(Text(f"and {more} more", style="dim"))
-    return Padding(table, (0, 0, 0, 2), expand=False)
+        made.add_row(Text(f"and {more} more", style="dim"))
+    return indented(made)
 
 
 def _effects(result: DiagnosisResult, wide: bool) -> Padding:
-    table = _table("name", ">value", "unit", *([">p"] if wide else []), ">gap closed", "~rivals")
+    rows = []
     for row in words.effect_rows(result):
         value = f"{row.value} +/- {row.std}" if row.std else row.value
         status = Text(f"{row.status} ", style="bold red") if row.status else Text("")
-        cells = [Text(cell) for cell in (row.name, value, row.unit, *([row.p] if wide else []), row.closed)]
-        table.add_row(*cells, status + Text(row.rivals))
-    return Padding(table, (0, 0, 0, 2), expand=False)
+        p = [row.p] if wide else []
+        rows.append((row.name, value, row.unit, *p, row.closed, status + Text(row.rivals)))
+    return indented(table(("name", ">value", "unit", *([">p"] if wide else []), ">gap closed", "~rivals"), rows))
 
 
 def _shifts(shifts: list[words.ShiftRow], rows: int, plain: str) -> Padding:
-    table = _table("name", f">{plain}", ">final model", ">std err", "unit", ">bias / std err")
-    for row in shifts[:rows]:
-        table.add_row(*[Text(cell) for cell in (row.name, row.before, row.after, row.std, row.unit, row.change)])
-    return Padding(table, (0, 0, 0, 2), expand=False)
+    headings = ("name", f">{plain}", ">final model", ">std err", "unit", ">bias / std err")
+    return indented(table(headings, [(r.name, r.before, r.after, r.std, r.unit, r.change) for r in shifts[:rows]]))

@@ -1,7 +1,4 @@
-"""What a diagnosis says, as rows of text in bench units: the terminal and the page both show exactly this.
-
-The sentences of a diagnosis beside its tables: held-out rows, what cannot be seen, what is left over.
-"""
+"""The tables and sentences of a diagnosis as text in bench units: the terminal and the page both show exactly this."""
 
 import math
 from dataclasses import dataclass

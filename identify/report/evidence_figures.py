@@ -1,6 +1,6 @@
-"""Figure of where the evidence for a named effect sits: over the position, by temperature and sweep direction.
+"""Draw where the evidence for effects lies: of a named effect along the sweeps, of the whole library, and on held-out rows.
 
-Figure of the evidence for every effect of the library, and of the exchange test on held-out rows.
+The first is over the position, by temperature and direction; the last is the exchange test.
 """
 
 import math

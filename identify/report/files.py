@@ -1,6 +1,4 @@
-"""Write several files whole or not at all: no half-written report is ever taken for a result, and no old one for a new one.
-
-Which files of a folder are leftovers of an earlier run: those that the program wrote itself, unchanged since.
+"""Write several files whole or not at all, and remove what earlier runs left: no half-written report is ever taken for a result.
 
 Each folder of results holds a small file with the names and the hashes of what each command wrote there. A run removes
 what the same command wrote there before and does not write now. `fit` and `diagnose` take the place of each other's files

@@ -1,8 +1,6 @@
-"""Figures of a fit: data beside the model for each test, and the residuals in units of the noise.
+"""Draw the figures of a fit: data beside the model with residuals in units of the noise, and how well each parameter is known.
 
-Figure of a fit's parameters: how well each is known, and which go together.
-
-Figures of dynamic tests: time histories of every run beside the models, and Bode diagrams. No JAX.
+Static tests are drawn over the position; dynamic ones as time histories of every run, or as Bode diagrams. No JAX.
 """
 
 from collections.abc import Sequence

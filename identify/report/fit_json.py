@@ -1,6 +1,6 @@
-"""`fit.json`: a fit as one plain dictionary, SI units; its keys: docs/bench_format.md section 8.2.
+"""`fit.json` as one plain dictionary (its keys: docs/bench_format.md section 8.2), and all files of `fit --out`. SI units.
 
-Every file that `fit --out` writes, as bytes and text in memory: whole before the first one is written.
+The files are bytes and text in memory: whole before the first one is written.
 """
 
 import json
@@ -26,10 +26,7 @@ def fit_json(result: FitResult) -> dict[str, Any]:
     free = list(result.free)
     content = {
         **record_json(result.record),
-        "converged": result.converged,
-        "message": result.message,
-        "verdict": list(result.verdict),
-        "judged": result.judged,
+        **fields_of(result, "converged", "message", "verdict", "judged"),
         "parameters": {name: _parameter(estimate) for name, estimate in result.parameters.items()},
         "correlation": {
             a: {b: result.correlation[i, j] for j, b in enumerate(free) if j != i} for i, a in enumerate(free)
@@ -37,35 +34,20 @@ def fit_json(result: FitResult) -> dict[str, Any]:
         "covariance": {"of": free, "matrix": result.covariance},
         "reduced_chi2": result.reduced_chi2,
         "reduced_chi2_band": chi2_band(result.degrees_of_freedom, result.noise_freedom),
-        "chi2": result.chi2,
-        "degrees_of_freedom": result.degrees_of_freedom,
+        **fields_of(result, "chi2", "degrees_of_freedom"),
         "residual_rms": {test: _rms(result, test, "residual_rms") for test in tests},
         "noise": {test: _rms(result, test, "noise") for test in tests},
         "channels": {
             test: {fit.channel: _channel(fit) for fit in result.channels if fit.test == test} for test in tests
         },
-        "identifiability": {
-            "condition_number": result.identifiability.condition_number,
-            "weak_directions": list(result.identifiability.weak_directions),
-            "singular_values": list(result.identifiability.singular_values),
-            "sentences": list(result.identifiability.sentences),
-        },
+        "identifiability": fields_of(
+            result.identifiability, "condition_number", "weak_directions", "singular_values", "sentences"
+        ),
         "starts": [
-            {
-                "start": start.start,
-                "chi2": start.cost,
-                "converged": start.converged,
-                "message": start.message,
-                "steps": start.steps,
-                "restart": start.restart,
-            }
-            for start in result.starts
+            {"start": s.start, "chi2": s.cost, **fields_of(s, "converged", "message", "steps", "restart")}
+            for s in result.starts
         ],
-        "rows": result.rows,
-        "points": result.points,
-        "seconds": result.seconds,
-        "notes": list(result.notes),
-        "warnings": list(result.warnings),
+        **fields_of(result, "rows", "points", "seconds", "notes", "warnings"),
         "units": "SI: m, Pa (gauge), K, m3/s",
     }
     return plain(content)
@@ -76,33 +58,24 @@ def json_text(content: dict[str, Any]) -> str:
     return json.dumps(plain(content), indent=2, allow_nan=False) + "\n"
 
 
+def fields_of(item: object, *names: str) -> dict[str, Any]:
+    """{name: value} of the fields named, in that order: the one in which readers of the file find them."""
+    return {name: getattr(item, name) for name in names}
+
+
 def _parameter(estimate: ParameterEstimate) -> dict[str, Any]:
     return {
-        "value": estimate.value,
-        "unit": estimate.unit,
-        "std": estimate.std,
-        "ci95": estimate.ci95,
-        "at_bound": estimate.at_bound,
-        "fixed": estimate.fixed,
-        "start": estimate.start,
+        **fields_of(estimate, "value", "unit", "std", "ci95", "at_bound", "fixed", "start"),
         "bounds": [estimate.lower, estimate.upper],
-        "prior_std": estimate.prior_std,
-        "why_no_error_bar": estimate.why_no_error_bar,
-        "by_profile": estimate.by_profile,
-        "conditional_on": list(estimate.conditional_on),
+        **fields_of(estimate, "prior_std", "why_no_error_bar", "by_profile", "conditional_on"),
     }
+
+
+CHANNEL = ("residual_rms", "noise", "noise_source", "reduced_chi2", "autocorrelation", "effective_size")
 
 
 def _channel(fit: ChannelFit) -> dict[str, Any]:
-    return {
-        "points": len(fit.measured),
-        "residual_rms": fit.residual_rms,
-        "noise": fit.noise,
-        "noise_source": fit.noise_source,
-        "reduced_chi2": fit.reduced_chi2,
-        "autocorrelation": fit.autocorrelation,
-        "effective_size": fit.effective_size,
-    }
+    return {"points": len(fit.measured), **fields_of(fit, *CHANNEL)}
 
 
 def _rms(result: FitResult, test: str, figure: str) -> float:

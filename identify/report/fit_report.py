@@ -1,6 +1,6 @@
-"""What a fit's report says, as plain words and rows of text: the terminal and the page both show exactly this.
+"""What a fit's report says, as plain words and rows of text, and its printout in a terminal: verdict first.
 
-The report of a fit in a terminal: verdict first, then what it rests on. Reads the same without colour.
+The terminal and the page both show exactly this; it reads the same without colour.
 """
 
 import math
@@ -26,6 +26,8 @@ from thermohyd.identify.bench.shown_units import (
     significant,
 )
 from thermohyd.identify.fitting.result import FitResult, ParameterEstimate
+
+from .terminal import grid, heading, indented, table
 
 
 CORRELATION_THRESHOLD = 0.3
@@ -290,6 +292,7 @@ VERDICT_STYLE = {"good": "bold", "open": "bold yellow", "bad": "bold red"}
 
 def print_report(result: FitResult, console: Console) -> None:
     """Write the whole report to a console; user text is never read as markup."""
+    wide = console.width >= 100
     _heading(console, f"Fit of {result.record.name}")
     console.print(Padding(Text(record_line(result.record), style="dim"), (0, 0, 0, 2)))
     alarm = shout(result)
@@ -301,15 +304,15 @@ def print_report(result: FitResult, console: Console) -> None:
     _section(console, "Warnings", result.warnings, "yellow")
 
     _heading(console, "Parameters")
-    console.print(_parameters(console, result))
+    console.print(_parameters(result, wide))
     _sentences(console, parameter_remarks(result), "")
     _correlations(console, result)
     _section(console, "Identifiability", identifiability(result))
 
     _heading(console, "Fit statistics")
-    console.print(_pairs(statistics(result)))
+    console.print(indented(grid(statistics(result))))
     _heading(console, "Readings")
-    console.print(_tests(console, result))
+    console.print(_tests(result, wide))
     _section(console, "Where the noise came from", noise_sources(result))
     _section(console, "Starts", multi_start(result))
     _section(console, "Notes", result.notes)
@@ -318,7 +321,7 @@ def print_report(result: FitResult, console: Console) -> None:
 
 
 def _heading(console: Console, words: str) -> None:
-    console.print(Text(f"\n{words}", style="bold cyan"), highlight=False)
+    console.print(heading(words), highlight=False)
 
 
 def _sentences(console: Console, sentences: Iterable[str], style: str) -> None:
@@ -335,49 +338,21 @@ def _section(console: Console, title: str, sentences: Iterable[str], style: str 
         _sentences(console, sentences, style)
 
 
-def _table(console: Console, *columns: tuple[str, str]) -> Table:
-    gap = 1 if console.width >= 100 else 0
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, gap, 0, 0), pad_edge=False, show_edge=False, header_style="bold")
-    for title, side in columns:
-        table.add_column(title, justify="right" if side == "right" else "left", no_wrap=True)
-    return table
-
-
-def _parameters(console: Console, result: FitResult) -> Padding:
-    wide = console.width >= 100
-    columns = [("name", "left"), ("value", "right"), ("unit", "left"), ("std err", "right")]
-    columns += [("rel", "right")] if wide else []
-    table = _table(console, *columns, ("95 % interval", "right"), ("start", "right"), ("status", "left"))
+def _parameters(result: FitResult, wide: bool) -> Padding:
+    headings = ("name", ">value", "unit", ">std err", *([">rel"] if wide else []), ">95 % interval", ">start", "status")
+    rows = []
     for row in parameter_rows(result):
-        cells = [row.name, row.value, row.unit, row.std, *([row.relative] if wide else []), row.interval, row.start]
-        status = Text(row.status, style="bold red" if row.alarming else "dim")
-        table.add_row(*[Text(cell) for cell in cells], status)
-    return Padding(table, (0, 0, 0, 2), expand=False)
+        cells = (row.name, row.value, row.unit, row.std, *([row.relative] if wide else []), row.interval, row.start)
+        rows.append((*cells, Text(row.status, style="bold red" if row.alarming else "dim")))
+    return indented(table(headings, rows, gap=int(wide)))
 
 
-def _tests(console: Console, result: FitResult) -> Padding:
-    table = _table(
-        console,
-        ("test", "left"),
-        ("reading", "left"),
-        ("points", "right"),
-        ("n eff", "right"),
-        ("RMS", "right"),
-        ("noise", "right"),
-        ("unit", "left"),
-        ("red. chi2", "right"),
-    )
-    for row in test_rows(result):
-        cells = (row.test, row.reading, row.points, row.effective, row.rms, row.noise, row.unit, row.reduced_chi2)
-        table.add_row(*[Text(cell) for cell in cells])
-    return Padding(table, (0, 0, 0, 2), expand=False)
-
-
-def _pairs(pairs: list[tuple[str, str]]) -> Padding:
-    grid = Table.grid(padding=(0, 2))
-    for label, words in pairs:
-        grid.add_row(Text(label), Text(words))
-    return Padding(grid, (0, 0, 0, 2), expand=False)
+def _tests(result: FitResult, wide: bool) -> Padding:
+    headings = ("test", "reading", ">points", ">n eff", ">RMS", ">noise", "unit", ">red. chi2")
+    rows = [
+        (r.test, r.reading, r.points, r.effective, r.rms, r.noise, r.unit, r.reduced_chi2) for r in test_rows(result)
+    ]
+    return indented(table(headings, rows, gap=int(wide)))
 
 
 def _correlations(console: Console, result: FitResult) -> None:
@@ -386,7 +361,5 @@ def _correlations(console: Console, result: FitResult) -> None:
     if not pairs:
         _sentences(console, ("none",), "")
         return
-    grid = Table.grid(padding=(0, 2))
-    for a, b, value in pairs:
-        grid.add_row(Text(a), Text(b), Text(f"{value:+.2f}", style="bold" if abs(value) > 0.9 else ""))
-    console.print(Padding(grid, (0, 0, 0, 2)))
+    rows = [(a, b, Text(f"{value:+.2f}", style="bold" if abs(value) > 0.9 else "")) for a, b, value in pairs]
+    console.print(indented(grid(rows)))

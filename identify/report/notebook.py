@@ -1,4 +1,4 @@
-"""A fit or a diagnosis as a notebook shows it: the sentences that count and one or two tables, in bench units."""
+"""Show a fit or a diagnosis in a notebook: the sentences that count and one or two tables, in bench units."""
 
 from thermohyd.identify.diagnosis.result import DiagnosisResult
 from thermohyd.identify.fitting.result import FitResult

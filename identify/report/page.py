@@ -1,7 +1,4 @@
-"""One HTML page without network access, from a template of this package, with every figure inside it.
-
-`report.html`: the report as one page without network access, with the figures inside it.
-"""
+"""Render one HTML page from a template of this package, with every figure inside it and no network access; here that of a fit."""
 
 import base64
 from collections.abc import Mapping

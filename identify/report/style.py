@@ -1,6 +1,6 @@
-"""How every figure of the project looks: sizes, colours and markers in one place. No pyplot: no global state.
+"""How every figure looks: sizes, colours and markers in one place, and a channel's rows sorted into sweeps that show their conditions.
 
-The rows of a channel sorted into sweeps, and how figures draw them: colour, marker and fill say the conditions.
+Colour, marker and fill say temperature, supply pressure and direction. No pyplot: no global state.
 """
 
 import io

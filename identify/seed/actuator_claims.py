@@ -1,6 +1,6 @@
-"""The seed paper's claims about the actuator (stability, rapidity, accuracy, consumption), computed for an example jack.
+"""The seed paper's claims about the actuator (stability, rapidity, accuracy, consumption), computed for an example jack at null.
 
-The paper's actuator at null over all models, pressures and temperatures of the curves.
+Performance is computed once over all models, pressures and temperatures of the curves; each claim reads its figure there.
 """
 
 from dataclasses import fields, replace
@@ -20,13 +20,13 @@ from .curves import ETA, Claim, SeedCurves, percent, verdict
 def performance_of(curves: SeedCurves, valve: Valve, actuator: Actuator) -> dict[str, np.ndarray]:
     """{name of a figure of `Performance`: its values (model, supply, temperature)}, gamma = 2, return pressure zero."""
     temperature, supply = jnp.asarray(curves.temperature), jnp.asarray(curves.supply)[:, None]
-    found = [
+    models = [
         jax.device_get(
             performance(valve, actuator, temperature=temperature, supply_pressure=supply, heat=jnp.asarray(eta))
         )
         for eta in ETA
     ]
-    return {field.name: np.stack([getattr(model, field.name) for model in found]) for field in fields(Performance)}
+    return {field.name: np.stack([getattr(model, field.name) for model in models]) for field in fields(Performance)}
 
 
 JACK = "The paper gives no jack; an example of 12 cm2, 50 kg and 2000 N s/m without leakage is taken."
@@ -35,22 +35,22 @@ Figures = dict[str, np.ndarray]
 
 
 def actuator_claims(
-    curves: SeedCurves, found: Figures, valve: Valve, actuator: Actuator, nominal_flow: float
+    curves: SeedCurves, figures: Figures, valve: Valve, actuator: Actuator, nominal_flow: float
 ) -> list[Claim]:
-    """Claims about the closed loop at null, at the first supply pressure; `found`: the performance of `actuator`, a jack
+    """Claims about the closed loop at null, at the first supply pressure; `figures`: the performance of `actuator`, a jack
     without leakage."""
     undamped = performance_of(curves, valve, replace(actuator, viscous_friction=0.0))
     fast = performance_of(curves, valve, replace(actuator, spool_frequency=FAST_SPOOL))
     return [
-        _gains_follow(curves, found),
-        _leakage_coefficient(found),
-        _loop_gain(found),
-        _compensation(found, undamped),
-        _criterion(found, fast),
-        _static_error(found),
-        _load_error(found),
-        _consumption(curves, found, valve, nominal_flow),
-        _conclusion(found),
+        _gains_follow(curves, figures),
+        _leakage_coefficient(figures),
+        _loop_gain(figures),
+        _compensation(figures, undamped),
+        _criterion(figures, fast),
+        _static_error(figures),
+        _load_error(figures),
+        _consumption(curves, figures, valve, nominal_flow),
+        _conclusion(figures),
     ]
 
 
@@ -59,9 +59,9 @@ def _growth(figure: np.ndarray, model: int = 0) -> float:
     return float(figure[model, 0, -1] / figure[model, 0, 0])
 
 
-def _gains_follow(curves: SeedCurves, found: Figures) -> Claim:
+def _gains_follow(curves: SeedCurves, figures: Figures) -> Claim:
     null = curves.at_opening(0.0)
-    ratio = curves.flow_gain[..., null] / curves.pressure_gain[..., null] / found["flow_pressure_gain"]
+    ratio = curves.flow_gain[..., null] / curves.pressure_gain[..., null] / figures["flow_pressure_gain"]
     off = float(np.abs(ratio - 1.0).max())
     return Claim(
         "k_qp_from_other_gains",
@@ -76,8 +76,8 @@ def _gains_follow(curves: SeedCurves, found: Figures) -> Claim:
     )
 
 
-def _leakage_coefficient(found: Figures) -> Claim:
-    a = found["leakage_coefficient"]
+def _leakage_coefficient(figures: Figures) -> Claim:
+    a = figures["leakage_coefficient"]
     return Claim(
         "leakage_coefficient_rises",
         "Discussion",
@@ -90,8 +90,8 @@ def _leakage_coefficient(found: Figures) -> Claim:
     )
 
 
-def _loop_gain(found: Figures) -> Claim:
-    k_l = found["loop_gain"]
+def _loop_gain(figures: Figures) -> Claim:
+    k_l = figures["loop_gain"]
     return Claim(
         "loop_gain_changes",
         "Discussion",
@@ -105,10 +105,10 @@ def _loop_gain(found: Figures) -> Claim:
     )
 
 
-def _compensation(found: Figures, undamped: Figures) -> Claim:
-    used, used_undamped = _growth(found["stability_ratio"]), _growth(undamped["stability_ratio"])
-    slow = 1.0 / _growth(found["time_constant"])
-    k_l = _growth(found["loop_gain"])
+def _compensation(figures: Figures, undamped: Figures) -> Claim:
+    used, used_undamped = _growth(figures["stability_ratio"]), _growth(undamped["stability_ratio"])
+    slow = 1.0 / _growth(figures["time_constant"])
+    k_l = _growth(figures["loop_gain"])
     return Claim(
         "compensation",
         "Discussion",
@@ -129,8 +129,8 @@ def _compensation(found: Figures, undamped: Figures) -> Claim:
     )
 
 
-def _criterion(found: Figures, fast: Figures) -> Claim:
-    limits = [figures["critical_loop_gain"][0, 0] / figures["loop_gain_limit"][0, 0] for figures in (found, fast)]
+def _criterion(figures: Figures, fast: Figures) -> Claim:
+    limits = [each["critical_loop_gain"][0, 0] / each["loop_gain_limit"][0, 0] for each in (figures, fast)]
     safe = all(bool(np.all(limit > 0.99)) for limit in limits)
     return Claim(
         "stability_criterion",
@@ -146,8 +146,8 @@ def _criterion(found: Figures, fast: Figures) -> Claim:
     )
 
 
-def _static_error(found: Figures) -> Claim:
-    error = found["static_error"]
+def _static_error(figures: Figures) -> Claim:
+    error = figures["static_error"]
     hm, thm = (_growth(error, model) - 1.0 for model in (0, 1))
     return Claim(
         "static_error_rises_little",
@@ -163,10 +163,10 @@ def _static_error(found: Figures) -> Claim:
     )
 
 
-def _load_error(found: Figures) -> Claim:
-    error = found["load_error"]
+def _load_error(figures: Figures) -> Claim:
+    error = figures["load_error"]
     hm, thm = (_growth(error, model) - 1.0 for model in (0, 1))
-    a, k = _growth(found["leakage_coefficient"]), _growth(found["flow_gain"])
+    a, k = _growth(figures["leakage_coefficient"]), _growth(figures["flow_gain"])
     return Claim(
         "load_error_depends_on_both_gains",
         "Eq. 4",
@@ -181,8 +181,8 @@ def _load_error(found: Figures) -> Claim:
     )
 
 
-def _consumption(curves: SeedCurves, found: Figures, valve: Valve, nominal_flow: float) -> Claim:
-    watts, leakage = found["null_consumption"][0, 0], found["null_leakage"][0, 0]
+def _consumption(curves: SeedCurves, figures: Figures, valve: Valve, nominal_flow: float) -> Claim:
+    watts, leakage = figures["null_consumption"][0, 0], figures["null_leakage"][0, 0]
     supply = jnp.asarray(curves.supply[0])
     rise = float(jax.jit(throttling_rise)(valve.oil, supply, 0.5 * supply, jnp.asarray(curves.temperature[-1])))
     share = leakage / nominal_flow
@@ -205,9 +205,9 @@ def _consumption(curves: SeedCurves, found: Figures, valve: Valve, nominal_flow:
     )
 
 
-def _conclusion(found: Figures) -> Claim:
+def _conclusion(figures: Figures) -> Claim:
     names = ("null_leakage", "flow_gain", "pressure_gain")
-    growth = {name: [_growth(found[name], model) for model in (0, 1)] for name in names}
+    growth = {name: [_growth(figures[name], model) for model in (0, 1)] for name in names}
     little = max(abs(value - 1.0) for value in growth["pressure_gain"])
     return Claim(
         "viscosity_matters_for_flows",

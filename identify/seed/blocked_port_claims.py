@@ -1,6 +1,6 @@
-"""The seed paper's claims about leakage (Figures 3 to 5), computed.
+"""The seed paper's claims about the tests with closed use ports, computed: leakage (Figures 3 to 5) and pressure gain (Figure 6).
 
-The seed paper's claims about the pressure/opening gain (Figure 6), computed as slope and as secant.
+The pressure/opening gain is computed as slope and as secant, which differ where the curve bends.
 """
 
 import numpy as np

@@ -1,6 +1,6 @@
 """Every curve of the seed paper in one batched program: both models, two supply pressures, all temperatures, the whole stroke.
 
-One claim of the seed paper, in our words, beside what was computed.
+A `Claim` is one statement of the paper in our words, beside what these curves say of it.
 """
 
 from dataclasses import dataclass, field

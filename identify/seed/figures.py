@@ -1,9 +1,4 @@
-"""Figures 6 to 8 of the seed paper, its gains, and the effect of heat at two supply pressures.
-
-Figures 3 to 5 of the seed paper: leakage against opening, as bars, and against temperature.
-
-Figure of the Eq. 6 macro-model: the curves it draws, what it misses, and its parameters with their error bars.
-"""
+"""Draw the seed paper's Figures 3 to 8, its gains, the effect of heat at two supply pressures, and the Eq. 6 macro-model."""
 
 from collections.abc import Sequence
 

@@ -1,8 +1,6 @@
-"""Every file that `seed --out` writes, as bytes and text in memory: whole before the first one is written.
+"""Every output of `thermohyd seed`: `seed.json`, CSVs, the page, the figures, and a line per claim in a terminal.
 
-`seed.json` and the CSVs: every claim, value and curve of the reproduction, for programs and spreadsheets.
-
-What `thermohyd seed` says in a terminal: every claim on one line, on one screen.
+The files are bytes and text in memory: whole before the first one is written.
 """
 
 import io
@@ -13,9 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
-from rich import box
 from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 
 from thermohyd import seed_paper as paper
@@ -24,6 +20,7 @@ from thermohyd.identify.flow_curve_fit import flow_curve_formulas, flow_curve_js
 from thermohyd.identify.report.fit_json import json_text
 from thermohyd.identify.report.page import page
 from thermohyd.identify.report.style import drawn
+from thermohyd.identify.report.terminal import table
 
 from . import figures
 from .curves import MODELS, SeedCurves
@@ -196,10 +193,15 @@ def seed_page(study: SeedStudy, vectors: dict[str, bytes]) -> str:
         "seed.html",
         {CAPTIONS[name]: drawing for name, drawing in vectors.items()},
         study=study,
+        score=_score(study),
         macro=study.macro["HM"],
         formulas=flow_curve_formulas(study.macro["HM"], paper.seed_valve().oil),
         version=version("thermohyd"),
     )
+
+
+def _score(study: SeedStudy) -> str:
+    return f"{len(study.claims)} claims: {study.count('holds')} hold, {study.count('partly')} in part, {study.count('no')} not."
 
 
 COLOURS = {"holds": "green", "partly": "yellow", "no": "red"}
@@ -207,17 +209,13 @@ COLOURS = {"holds": "green", "partly": "yellow", "no": "red"}
 
 def print_seed(study: SeedStudy, console: Console) -> None:
     """A row per claim with its figure, and the error of Eq. 6."""
-    table = Table(box=box.SIMPLE_HEAD, header_style="bold", pad_edge=False, show_edge=False)
-    for name in ("claim of the paper", "computed", ""):
-        table.add_column(name, no_wrap=True)
-    for claim in study.claims:
-        table.add_row(Text(claim.title), Text(claim.short), Text(claim.holds, style=COLOURS[claim.holds]))
-    console.print(table)
+    rows = [(claim.title, claim.short, Text(claim.holds, style=COLOURS[claim.holds])) for claim in study.claims]
+    console.print(table(("claim of the paper", "computed", ""), rows, gap=2))
     macro = study.macro["HM"]
     own = max(fit.worst for fit in macro.fits)
     console.print(
         Text(
-            f"{len(study.claims)} claims: {study.count('holds')} hold, {study.count('partly')} in part, {study.count('no')} not.\n"
+            f"{_score(study)}\n"
             f"Eq. 6 misses the opening by at most {own * UM:.1f} um ({100 * own / macro.stroke:.1f} % of stroke) at each temperature "
             f"alone, {macro.worst * UM:.1f} um ({100 * macro.worst / macro.stroke:.1f} %) with smooth laws."
         )

@@ -1,4 +1,4 @@
-"""The whole reproduction of the seed paper: curves, macro-models and claims, in one call."""
+"""Reproduce the seed paper in one call: curves, Eq. 6 macro-models and claims."""
 
 import time
 from collections.abc import Callable
@@ -95,11 +95,11 @@ def seed_study(progress: Callable[[str], None] | None = None) -> SeedStudy:
     }
     two_terms = [fit_two_terms(position, flow[even]) for flow in curves.flow[0, 0]]
     say("the actuator")
-    found = performance_of(curves, valve, seed_actuator())
+    at_null = performance_of(curves, valve, seed_actuator())
     claims = [
         *leakage_claims(curves),
         *pressure_claims(curves, paper.NOMINAL_PRESSURE),
         *flow_claims(curves, macro["HM"], two_terms, paper.NOMINAL_FLOW),
-        *actuator_claims(curves, found, valve, seed_actuator(), paper.NOMINAL_FLOW),
+        *actuator_claims(curves, at_null, valve, seed_actuator(), paper.NOMINAL_FLOW),
     ]
-    return SeedStudy(curves, macro, tuple(two_terms), found, tuple(claims), time.perf_counter() - began)
+    return SeedStudy(curves, macro, tuple(two_terms), at_null, tuple(claims), time.perf_counter() - began)

@@ -1,6 +1,6 @@
 """Local sensitivities of the curves: how leakage, load pressure and flow follow each factor at every position.
 
-The three static tests and all their derivatives, row by row: the one program behind every local figure of a study.
+All come from one program, which computes the three static tests with all their derivatives row by row.
 """
 
 from collections.abc import Callable, Sequence

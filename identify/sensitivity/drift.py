@@ -1,6 +1,6 @@
-"""How the figures of a valve drift with temperature, and which law of the oil or clearance is to blame for how much.
+"""How the figures of a valve and of its actuator drift with temperature, and which law of oil or clearance causes how much of it.
 
-How an actuator's performance drifts with temperature, and what of it is the oil's viscosity, density, stiffness or heat.
+The laws are the oil's viscosity, density, stiffness and heat, and the thermal growth of the clearance; the parts add up to the drift.
 """
 
 from dataclasses import dataclass, fields
@@ -146,11 +146,11 @@ def _figures(valve: Valve, actuator: Actuator, conditions: Conditions) -> tuple[
     nominal = nominal_values(valve)
 
     def of(values: Float[Array, " seen"]) -> Performance:
-        own, at = varied(valve, conditions, dict(zip(_SEEN, values, strict=True)))
-        return performance_at(null_state(own, at), own.stroke, actuator, at.supply_pressure, jnp.asarray(2.0))
+        moved, where = varied(valve, conditions, dict(zip(_SEEN, values, strict=True)))
+        return performance_at(null_state(moved, where), moved.stroke, actuator, where.supply_pressure, jnp.asarray(2.0))
 
-    found, push = jax.linearize(of, jnp.stack([nominal[name] for name in _SEEN]))
-    return found, jax.lax.map(push, jnp.eye(len(_SEEN)))
+    figures, push = jax.linearize(of, jnp.stack([nominal[name] for name in _SEEN]))
+    return figures, jax.lax.map(push, jnp.eye(len(_SEEN)))
 
 
 def performance_drifts(

@@ -1,4 +1,4 @@
-"""What can vary in a study: the fourteen factors, their tolerances, and how a valve and its conditions follow them. No JAX."""
+"""The factors that can vary in a study, their tolerances and steps. No JAX."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ ABSOLUTE = ("null_bias", "temperature", "return_pressure", "heat_retention")
 
 @dataclass(frozen=True)
 class Factor:
-    """One thing that can vary (SI).
+    """A quantity that a study varies: a parameter, a condition or a size (SI).
 
     value: where it stands; tolerance: half the width of the interval in which it may lie; lower, upper: what it can be at
     all. kind: of its quantity, for files. In words `meaning`.

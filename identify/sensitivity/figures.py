@@ -1,10 +1,6 @@
-"""What the figures of a study share: a colour per factor, axes of position, keys.
+"""Draw a sensitivity study: the curves with their normalised sensitivities, the temperature drifts, and the Sobol indices.
 
-Figures of the curves: one per test, the curve at each temperature and its normalised sensitivities at three of them.
-
-Figure of the temperature drifts: %/K of each figure over the temperature, and what it consists of.
-
-Figures of the global study: Sobol indices of each figure with their bounds, and total indices along the curves.
+All share a colour per factor, a position axis stretched about null, and one key.
 """
 
 from collections.abc import Sequence

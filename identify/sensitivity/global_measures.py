@@ -1,6 +1,7 @@
-"""Sobol indices: which share of an output's variance each input brings, alone and with all its interactions (SALib).
+"""Global sensitivity by sampling: Sobol indices (SALib), and derivative-based measures that bound the total index.
 
-Derivative-based global measures: the mean square of each derivative over the tolerances, a bound on the total index.
+A Sobol index is the share of an output's variance that an input brings, alone or with all its interactions. The derivative-based
+measure is the mean square of a derivative over the tolerances.
 """
 
 import warnings

@@ -1,10 +1,8 @@
-"""Where the information on each parameter sits: Fisher information per point, what the other parameters take included.
+"""Where the information on each parameter sits, and which test to run next: Fisher information and D-optimal design.
 
-What a fit left uncertain, propagated: samples of the parameters' posterior, in directions that are independent.
-
-How well each test's reading can be read: a record's own noise, the user's, or the usual instruments'.
-
-The D-optimal next test: which sweep, or which points, shrink the parameters' joint uncertainty most.
+A point's information counts what the other parameters take of it. Beside it: what a fit left uncertain, as samples of the
+parameters' posterior in independent directions, and how well each test can be read (a record's noise, the user's, or the usual
+instruments'). The next test is the sweep, or the points, that shrink the parameters' joint uncertainty most.
 """
 
 from dataclasses import dataclass

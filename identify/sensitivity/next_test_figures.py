@@ -1,7 +1,4 @@
-"""Figures of the information: which measurement tells which parameter, and how much each next sweep would bring.
-
-Figure of what a fit left uncertain: the independent directions of its parameters, and what each does to the figures.
-"""
+"""Draw the information: which measurement tells which parameter, what each next sweep would bring, and what a fit left uncertain."""
 
 import numpy as np
 from matplotlib.figure import Figure

@@ -1,25 +1,24 @@
-"""`sensitivity.json`: a study as one plain dictionary, SI units.
+"""Every output of a sensitivity study: `sensitivity.json` (SI), the page, the figures, and one screen in a terminal.
 
-Every file that `sensitivity --out` writes, as bytes and text in memory: whole before the first one is written.
-
-A study in a terminal: the ranked table, the temperature drifts and the next test, on one screen.
+The terminal shows the ranked table, the temperature drifts and the next test. The files are bytes and text in memory: whole
+before the first one is written.
 """
 
+from collections.abc import Iterable
 from dataclasses import fields
 from importlib.metadata import version
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from rich import box
 from rich.console import Console
 from rich.padding import Padding
-from rich.table import Table
 from rich.text import Text
 
-from thermohyd.identify.report.fit_json import json_text, plain, rounded
+from thermohyd.identify.report.fit_json import fields_of, json_text, plain, rounded
 from thermohyd.identify.report.page import page
 from thermohyd.identify.report.style import drawn
+from thermohyd.identify.report.terminal import heading, indented, table
 
 from . import words
 from .curves import READING, TESTS
@@ -40,13 +39,9 @@ def sensitivity_json(result: SensitivityResult) -> dict[str, Any]:
         "schema": SCHEMA,
         "units": "SI: m, Pa (gauge), K, m3/s; gains Pa/m, m2/s, m3/(s Pa); viscosity and density in units of the oil's table",
         "name": s.name,
-        "conditions": {
-            "temperature": s.temperature,
-            "supply_pressure": s.supply_pressure,
-            "return_pressure": s.return_pressure,
-            "temperatures": s.temperatures,
-            "supply_pressures": s.supply_pressures,
-        },
+        "conditions": fields_of(
+            s, "temperature", "supply_pressure", "return_pressure", "temperatures", "supply_pressures"
+        ),
         "ranking": [{"factor": result.factors[i].name, "mean_total_index": result.weight(i)} for i in result.ranking()],
         "factors": {
             f.name: {
@@ -265,7 +260,7 @@ def sensitivity_page(result: SensitivityResult, figures: dict[str, bytes], versi
         result=result,
         evaluations=f"{result.tolerances.sobol.evaluations:,}",
         interval=f"{words.largest_interval(result):.0f}",
-        figure_names=list(words.SHORT.values()),
+        ranking_columns=words.RANKING_COLUMNS,
         ranking=words.ranking_rows(result),
         spread=words.spread_row(result),
         drift_columns=words.DRIFT_COLUMNS,
@@ -287,65 +282,55 @@ FIRST_CAUSE = 4  # of the drift table's columns
 def print_sensitivity(result: SensitivityResult, console: Console) -> None:
     """Write the tables to a console."""
     sobol = result.tolerances.sobol
-    _heading(console, f"Which parameter matters: {result.subject.name}, {words.conditions_in_words(result)}")
+    console.print(
+        heading(f"Which parameter matters: {result.subject.name}, {words.conditions_in_words(result)}"), highlight=False
+    )
     console.print(_ranking(console, result))
     _line(
         console,
         f"Total Sobol indices in % over the tolerances (+/- {words.largest_interval(result):.0f} at most), sign: which way the "
         f"figure moves; {sobol.evaluations:,} evaluations.",
     )
-    _heading(console, "Drift with temperature, and the causes of it [%/K]")
+    console.print(heading("Drift with temperature, and the causes of it [%/K]"), highlight=False)
     console.print(_drifts(result))
     _line(console, words.actuator_sentence(result))
-    _heading(console, "What to measure")
+    console.print(heading("What to measure"), highlight=False)
     for sentence in words.next_test_sentences(result):
         _line(console, sentence)
     if result.posterior is not None:
-        _heading(console, "What the fit leaves uncertain")
+        console.print(heading("What the fit leaves uncertain"), highlight=False)
         for sentence in words.posterior_sentences(result):
             _line(console, sentence)
     for note in result.notes:
         _line(console, note, "yellow")
 
 
-def _heading(console: Console, text: str) -> None:
-    console.print(Text(f"\n{text}", style="bold cyan"), highlight=False)
-
-
 def _line(console: Console, text: str, style: str = "") -> None:
     console.print(Padding(Text(text, style=style), (0, 0, 0, 2)))
 
 
-def _table(columns: list[tuple[str, bool]]) -> Table:
-    """A table whose headings take two lines, so that its columns may be narrow; (heading, to the right)."""
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, show_edge=False, header_style="bold")
-    for title, right in columns:
-        heading = title.replace(" ", "\n", 1)
-        table.add_column(heading, justify="right" if right else "left", no_wrap=True, vertical="bottom")
-    return table
+def _narrow(headings: Iterable[str]) -> list[str]:
+    """Headings over two lines each."""
+    return [title.replace(" ", "\n", 1) for title in headings]
 
 
 def _ranking(console: Console, result: SensitivityResult) -> Padding:
-    figures = [(name, True) for name in words.SHORT.values()]
-    columns = [("", True), ("factor", False), ("value", True), ("tolerance", False), ("mean", True)]
+    columns = words.RANKING_COLUMNS
     keep = [0, 1, 2, 3, 4] if console.width >= 106 else [1, 3, 4] if console.width >= 92 else [1, 4]
-    table = _table([*(columns[i] for i in keep), *figures])
+    rows = []
     for row in words.ranking_rows(result):
-        strong = int(row[4]) >= 10
-        cells = [row[i] for i in keep] + row[5:]
-        table.add_row(*[Text(cell, style="bold" if strong else "") for cell in cells])
+        style = "bold" if int(row[4]) >= 10 else ""
+        rows.append([Text(cell, style=style) for cell in (*(row[i] for i in keep), *row[5:])])
+    made = table(_narrow((*(columns[i] for i in keep), *columns[5:])), rows)
     label = ["" for _ in keep]
     label[keep.index(1)] = "spread (1 std)"
-    table.add_section()
-    table.add_row(*[Text(cell, style="dim") for cell in (*label, *words.spread_row(result))])
-    return Padding(table, (0, 0, 0, 2), expand=False)
+    made.add_section()
+    made.add_row(*[Text(cell, style="dim") for cell in (*label, *words.spread_row(result))])
+    return indented(made)
 
 
 def _drifts(result: SensitivityResult) -> Padding:
     rows = words.drift_rows(result)
     # A cause that moves nothing needs no column.
     keep = [i for i in range(len(words.DRIFT_COLUMNS)) if i < FIRST_CAUSE or any(row[i] != "0" for row in rows)]
-    table = _table([(words.DRIFT_COLUMNS[i], i not in (0, 2)) for i in keep])
-    for row in rows:
-        table.add_row(*[Text(row[i]) for i in keep])
-    return Padding(table, (0, 0, 0, 2), expand=False)
+    return indented(table(_narrow(words.DRIFT_COLUMNS[i] for i in keep), [[row[i] for i in keep] for row in rows]))

@@ -1,4 +1,4 @@
-"""What a study found: plain numbers, ready for the terminal, JSON and plots."""
+"""What a sensitivity study returns: plain numbers, ready for the terminal, JSON and plots."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar

@@ -1,4 +1,4 @@
-"""What a user may say about a study in a TOML file: conditions, tolerances, noise. Every key is optional."""
+"""Read the TOML file of a study's settings: conditions, tolerances, noise, actuator. Every key is optional."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,7 +18,7 @@ _NOISE_KIND = {"leakage": "flow", "pressure_gain": "pressure", "flow_gain": "flo
 
 @dataclass(frozen=True)
 class Settings:
-    """SI units; None and missing keys take the study's defaults.
+    """What a study's TOML file says, SI; None and missing keys take the study's defaults.
 
     tolerances: {factor: half width}, shares: {factor: half width as a share of the value}. noise: {test: standard deviation}.
     actuator: fields of `thermohyd.Actuator`.

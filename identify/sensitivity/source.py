@@ -1,6 +1,7 @@
-"""Where a study's valve comes from: a bench record, a model.json, both, or the seed paper. Read before JAX starts.
+"""From what a study was given (a bench record, a model.json, both, or nothing) to its subject: valve, conditions, noise.
 
-What a study is about: a valve, its conditions, what is known of it and how well its tests can be read.
+Everything is read and checked before JAX starts; a record with readings and no model is fitted. With nothing given, a study is
+of the seed paper's valve.
 """
 
 from collections.abc import Callable, Collection

@@ -1,4 +1,4 @@
-"""What a study of samples looks at: figures of the three static tests, for many valves at once, in chunks."""
+"""The figures of the three static tests for many samples of a valve's factors at once, in chunks: what a global study varies."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

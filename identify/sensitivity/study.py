@@ -1,4 +1,4 @@
-"""`sensitivity`: the whole study of a valve in one call."""
+"""Compute the whole sensitivity study of a valve in one call."""
 
 import time
 from collections.abc import Callable

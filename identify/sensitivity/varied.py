@@ -1,4 +1,4 @@
-"""A valve and its operating points with the factors of a study at given values: what every derivative here is taken of."""
+"""A valve and its operating points with the factors of a study at given values: what every derivative of a study is taken of."""
 
 from collections.abc import Mapping
 

@@ -1,4 +1,4 @@
-"""The sentences and tables of a study, shared by terminal and page. Bench units."""
+"""The sentences and tables of a sensitivity study in bench units, shared by terminal and page."""
 
 import math
 
@@ -71,8 +71,12 @@ def conditions_in_words(result: SensitivityResult) -> str:
     return f"{s.temperature - CELSIUS:.0f} degC, supply {s.supply_pressure * BAR:.0f} bar{back}"
 
 
+# ">" before a heading: its figures stand to the right.
+RANKING_COLUMNS = (">", "factor", ">value", "tolerance", ">mean", *(f">{name}" for name in SHORT.values()))
+
+
 def ranking_rows(result: SensitivityResult) -> list[list[str]]:
-    """Rank, factor, value, tolerance, mean total index, then the total index in % of each figure of SHORT with its sign."""
+    """The cells of RANKING_COLUMNS: a factor's place, then its mean total index and that of each figure in %, with its sign."""
     sobol, mean = result.tolerances.sobol, result.tolerances.derivative.mean_slope
     rows = []
     for place, i in enumerate(result.ranking(), start=1):
@@ -139,7 +143,7 @@ def drift_rows(result: SensitivityResult) -> list[list[str]]:
     return rows
 
 
-DRIFT_COLUMNS = ("figure", "value", "unit", "%/K", *CAUSES)
+DRIFT_COLUMNS = ("figure", ">value", "unit", ">%/K", *(f">{cause}" for cause in CAUSES))
 
 
 def actuator_sentence(result: SensitivityResult) -> str:

@@ -1,4 +1,4 @@
-"""A sweep as pictures: step responses, Bode diagram, and the figures against temperature."""
+"""Draw a servo study: step responses, Bode diagram, and the figures of the loop against temperature."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

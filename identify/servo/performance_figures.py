@@ -1,4 +1,4 @@
-"""An actuator's performance as pictures: Bode plots of its loop at several temperatures, its figures against temperature."""
+"""Draw an actuator's performance: Bode plots of its loop at several temperatures, and its figures against temperature."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -1,8 +1,6 @@
-"""`servo.json`: a sweep as one plain dictionary, SI units.
+"""Every output of a servo study: `servo.json` (SI), the page, the figures, and a terminal of 80 columns.
 
-Every file that `servo --out` writes, as bytes and text in memory: whole before the first one is written.
-
-A sweep in a terminal of 80 columns.
+The files are bytes and text in memory: whole before the first one is written.
 """
 
 from dataclasses import fields
@@ -11,16 +9,15 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from rich import box
 from rich.console import Console
 from rich.padding import Padding
-from rich.table import Table
 from rich.text import Text
 
 from thermohyd.dynamics.linear import LoopFigures
 from thermohyd.identify.report.fit_json import json_text, plain, rounded
 from thermohyd.identify.report.page import page
 from thermohyd.identify.report.style import drawn
+from thermohyd.identify.report.terminal import heading, indented, table
 
 from . import study as tables, words
 from .figures import bode_of_study, phase, step_figure, trend_figure
@@ -113,8 +110,8 @@ def servo_page(study: ServoStudy, figures: dict[str, bytes]) -> str:
         sentences=sentences,
         alarm=any(words.alarming(sentence) for sentence in sentences),
         notes=study.subject.notes,
-        columns=tables.COLUMNS,
-        slopes=tables.SLOPES,
+        columns=[f">{title}" for title in tables.COLUMNS],
+        slopes=[f">{title}" for title in tables.SLOPES],
         models=[(CAPTIONS[m], tables.rows(study, m), tables.slope_rows(study, m)) for m in MODELS],
         version=version("thermohyd"),
     )
@@ -126,8 +123,8 @@ def print_servo(study: ServoStudy, console: Console) -> None:
     console.print(Text(title, style="bold cyan"), highlight=False)
     console.print(Text(words.actuator_in_words(study)))
     for model in MODELS:
-        heading = "THM: the oil keeps its heat" if model == "THM" else "HM: isothermal oil"
-        console.print(Text(f"\n{heading}", style="bold cyan"), highlight=False)
+        title = "THM: the oil keeps its heat" if model == "THM" else "HM: isothermal oil"
+        console.print(heading(title), highlight=False)
         console.print(_table(study, model))
     console.print()
     for sentence in words.sentences(study):
@@ -137,11 +134,9 @@ def print_servo(study: ServoStudy, console: Console) -> None:
 
 
 def _table(study: ServoStudy, model: str) -> Padding:
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, show_edge=False, header_style="bold")
-    for title in tables.COLUMNS:
-        head, _, unit = title.rpartition(" ")
-        table.add_column(f"{head}\n{unit}", justify="right", no_wrap=True, vertical="bottom")
+    headings = [">" + "\n".join(title.rsplit(" ", 1)) for title in tables.COLUMNS]
+    shown = []
     for row in tables.rows(study, model):
         style = "red" if tables.UNSTABLE in row else ""
-        table.add_row(*[Text(cell, style=style) for cell in row])
-    return Padding(table, (0, 0, 0, 2), expand=False)
+        shown.append([Text(cell, style=style) for cell in row])
+    return indented(table(headings, shown))

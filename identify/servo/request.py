@@ -1,4 +1,4 @@
-"""What a sweep was asked for on the command line: temperatures, step, pressures, gain; checked before JAX starts."""
+"""What a servo study was asked for on the command line: temperatures, step, pressures, gain; checked before JAX starts."""
 
 import re
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ _SEVERAL = re.compile(r"\s*((?:[+-]?[\d.]+(?:[eE][+-]?\d+)?[\s,;]+)*[+-]?[\d.]+(
 
 @dataclass(frozen=True)
 class Request:
-    """SI; None: as the record, the model or the settings have it. temperatures: rising."""
+    """What a servo study is asked for, SI; None: as the record, the model or the settings have it. temperatures: rising."""
 
     temperatures: tuple[float, ...]
     step: float

@@ -1,6 +1,6 @@
-"""The whole sweep in one call: step responses, margins with their drift, and the linear formulas beside them.
+"""Compute a servo study in one call: step responses over temperature, margins with their drift, linear formulas; and its tables.
 
-The tables of a sweep, shared by terminal and page. Bench units.
+The tables are in bench units and shared by terminal and page.
 """
 
 import time
@@ -159,7 +159,7 @@ UNSTABLE = "unst."
 
 
 def rows(study: ServoStudy, model: str) -> list[list[str]]:
-    """The cells of COLUMNS, a row per temperature; where the loop is unstable, the phase margin says so.
+    """The table of step and margins: the cells of COLUMNS, a row per temperature; where the loop is unstable, the phase margin says so.
 
     GM: at null; GM*: left for motions of any size (`largest_gain_rise`).
     """
@@ -186,7 +186,7 @@ def rows(study: ServoStudy, model: str) -> list[list[str]]:
 
 
 def slope_rows(study: ServoStudy, model: str) -> list[list[str]]:
-    """The cells of SLOPES: what a kelvin moves, and the linear formulas' figures."""
+    """The table of slopes: what a kelvin moves, and the linear formulas' figures."""
     loop, linear, found = study.loops[model], study.linear[model], []
     f, d = loop.figures, loop.slope
     for i, celsius in enumerate(study.celsius):
@@ -207,7 +207,7 @@ def slope_rows(study: ServoStudy, model: str) -> list[list[str]]:
 
 
 def number(value: ArrayLike, digits: int) -> str:
-    """To so many digits, but never without those before the point."""
+    """A number as text, to so many digits, but never without those before the point."""
     plain = float(np.asarray(value))
     if not np.isfinite(plain):
         return "-"

@@ -1,4 +1,4 @@
-"""Whose loop a sweep is about: valve, jack and conditions, of a record, a model.json or the seed paper."""
+"""Whose position loop a servo study is about: valve, jack and conditions, of a record, a model.json or the seed paper."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
@@ -24,7 +24,10 @@ GAIN, SENSOR = 0.03, 100.0  # A/V, V/m: of a jack without a controller of its ow
 
 @dataclass(frozen=True)
 class Subject:
-    """SI. margins_without: effects that have no small-signal response, left out of the margins only."""
+    """Whose loop a servo study is about, SI.
+
+    margins_without: effects that have no small-signal response, left out of the margins only.
+    """
 
     name: str
     model: Model

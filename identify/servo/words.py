@@ -1,4 +1,4 @@
-"""The sentences of a sweep, shared by terminal and page. Bench units."""
+"""The sentences of a servo study in bench units, shared by terminal and page."""
 
 import numpy as np
 

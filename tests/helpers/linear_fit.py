@@ -70,7 +70,7 @@ class LinearProblem(Problem):
         start: Mapping[str, float] | None = None,
         *,
         patient: bool = False,
-        hops: bool = False,
+        hop_basins: bool = False,
         most_steps: int = 0,
     ) -> Fit:
         chosen = tuple(name for name in self.library.names if name in set(effects))

@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 from reference import static_tests as reference
 from reference.oil import Oil, walther
-from reference.valve import Rows, Valve
+from reference.static_tests import IDEAL
+from reference.valve import Effects, Rows, Valve
 from scipy.signal import lfilter
 
 from thermohyd.identify.bench.record import BenchRecord, Channel, TestRecord, ValveData
@@ -55,6 +56,7 @@ def synthetic_record(
     phi: float = 0.0,
     declared: bool = True,
     tests: tuple[str, ...] = ("leakage", "pressure_gain", "flow_gain"),
+    effects: Effects = IDEAL,
     **start,
 ) -> BenchRecord:
     """A record of `valve` with noise; `declared` says whether bench.toml would state its standard deviation."""
@@ -63,7 +65,7 @@ def synthetic_record(
     made = {}
     for test in tests:
         channel = reference.READING[test]
-        value = reference.TESTS[test](valve, oil, rows)[channel] + noise_of(rng, rows, NOISE[test], phi)
+        value = reference.TESTS[test](valve, oil, rows, effects)[channel] + noise_of(rng, rows, NOISE[test], phi)
         std = np.full(len(value), NOISE[test]) if declared else None
         assert rows.direction is not None
         assert rows.run is not None

@@ -13,8 +13,8 @@ from reference.actuator import Machine, Run
 from reference.conformance_dynamic import machine_of
 
 from thermohyd import simulate_many
+from thermohyd.dynamics.batch import over_batch
 from thermohyd.dynamics.integrate import NO_EQUILIBRIUM
-from thermohyd.dynamics.lanes import over_lanes
 from thermohyd.dynamics.simulate import simulate_step
 from thermohyd.effects.library import with_effects
 
@@ -127,7 +127,7 @@ def test_single_precision_is_refused():
     assert said.startswith("simulate_many needs double precision")
 
 
-def test_lanes_of_any_program():
+def test_batch_of_any_program():
     """What the vector fields do not use today as well: loops, products, branches, comparisons, indexing."""
 
     def function(x, y, shared):
@@ -148,7 +148,7 @@ def test_lanes_of_any_program():
     draw = np.random.default_rng(0).normal
     x, y, shared = jnp.asarray(draw(size=(5, 4))), jnp.asarray(draw(size=5)), jnp.asarray(draw(size=(4, 4)))
     expected = jax.vmap(function, in_axes=(0, 0, None))(x, y, shared)
-    found = over_lanes(function, [x.T, y, shared], [True, True, False], 5)
+    found = over_batch(function, [x.T, y, shared], [True, True, False], 5)
     for one, entries in zip(expected, found, strict=True):
         own = [np.broadcast_to(np.asarray(entry), (5,)) for entry in entries.ravel()]
         np.testing.assert_allclose(np.stack(own), np.reshape(one, (5, -1)).T, rtol=1e-13, atol=1e-14)

@@ -53,7 +53,7 @@ def scaling_of(plant: Plant, around: Surroundings) -> Scaling:
 
 
 def equilibrium(plant: Plant, scaling: Scaling, time: Float[Array, ""]) -> tuple[State, Bool[Array, ""]]:
-    """(state at the start, whether it was found); differentiable, forward and reverse, as the root that it is."""
+    """The steady state at a time, and whether it was found; differentiable, forward and reverse, as the root that it is."""
     around, command = plant.surroundings(time), plant.command(time)
     closed = plant.kind == "setpoint"
     base = _first_guess(plant, scaling, around, command)
@@ -142,14 +142,14 @@ def _root(fn, start: Float[Array, " unknowns"]) -> tuple[Float[Array, " unknowns
 
         def step(carry: tuple[Array, ...]) -> tuple[Array, ...]:
             best, size, move, length, turn = carry
-            at = best - length * move
-            value, push = jax.linearize(fn, at)
+            tried = best - length * move
+            value, push = jax.linearize(fn, tried)
             jacobian = jax.vmap(push, out_axes=1)(columns)
             norm = jnp.max(jnp.abs(value))
             better = norm < size  # never where a value is NaN
             newton_step = jnp.linalg.solve(jacobian, value)
             return (
-                jnp.where(better, at, best),
+                jnp.where(better, tried, best),
                 jnp.where(better, norm, size),
                 jnp.where(better, newton_step, move),
                 jnp.where(better, 1.0, 0.4 * length),

@@ -1,10 +1,9 @@
-"""Flows into and out of the chambers at any pressures, with the heat that comes with them (docs/physics.md section 9.2).
+"""Flows into and out of the chambers at any pressures, and how fast they change the chambers (docs/physics.md sections 9.2 and 9.3).
 
 Arrays have the ports A, B along their last axis, and along the one before it the edges from the supply and to the return.
 The edge law is that of the static tests; here a drop may have either sign, and the oil is that of the side which the flow
-leaves. What comes back from the return is at T_s.
-
-Mass and energy of the two chambers: how fast their pressures and temperatures change (docs/physics.md section 9.3).
+leaves. What comes back from the return is at T_s. Mass and energy of each chamber then give its pressure's and its temperature's
+rate of change.
 """
 
 import math
@@ -70,12 +69,12 @@ def _upstream(drops: _Drops, fresh: OilAtTemperature, inside: OilAtTemperature |
     if inside is None:
         return fresh
     from_outside: Bool[Array, "2 2"] = (drops.drop >= 0.0) == np.array([[True], [False]])
-    return jax.tree.map(lambda out, own: jnp.where(from_outside, out, own), fresh, inside)
+    return jax.tree.map(lambda outside, within: jnp.where(from_outside, outside, within), fresh, inside)
 
 
 def _behind_lines(
     plant: Plant,
-    at: OpenEdge,
+    opened: OpenEdge,
     fresh: OilAtTemperature,
     inside: OilAtTemperature | None,
     state: State,
@@ -92,7 +91,7 @@ def _behind_lines(
     def imbalance(share: Float[Array, "2"]) -> Float[Array, "2"]:
         """Falls in each of both: what the flow loses less what was assumed, as shares of P_s - P_t."""
         drops = _drops(state.pressure, ps - share[0] * span, pt + share[1] * span)
-        flow = mass_flow(at, _upstream(drops, fresh, inside), drops.drop, drops.mean)
+        flow = mass_flow(opened, _upstream(drops, fresh, inside), drops.drop, drops.mean)
         left = leaving
         if state.temperature is not None:
             warm = state.temperature + throttling_rise(oil, drops.drop[1], drops.mean[1], state.temperature)
@@ -117,11 +116,11 @@ def flows_at(plant: Plant, supplied: Supplied, around: Surroundings, state: Stat
     oil, p = plant.oil, state.pressure
     inside = None if state.temperature is None else at_temperature(oil, state.temperature)
     fresh = supplied.oil
-    at = at_opening(supplied.edges, openings(plant, supplied, state))
-    ps, pt = _behind_lines(plant, at, fresh, inside, state, around)
+    opened = at_opening(supplied.edges, openings(plant, supplied, state))
+    ps, pt = _behind_lines(plant, opened, fresh, inside, state, around)
     drops = _drops(p, ps, pt)
     upstream = _upstream(drops, fresh, inside)
-    through = mass_flow(at, upstream, drops.drop, drops.mean)
+    through = mass_flow(opened, upstream, drops.drop, drops.mean)
 
     # From the other chamber, past the piston and past the spool; both chambers see the same oil, so that none is lost.
     fall, mean = p[::-1] - p, jnp.mean(p)
@@ -145,15 +144,15 @@ def flows_at(plant: Plant, supplied: Supplied, around: Surroundings, state: Stat
 
     force = None
     if plant.motion.flow_force is not None:
-        force = JET_ANGLE * jnp.sum(OPENS_WITH_X * _jets(at, upstream, drops, through))
+        force = JET_ANGLE * jnp.sum(OPENS_WITH_X * _jets(opened, upstream, drops, through))
     return Flows(through, through[0] - through[1] + across, warming, jnp.sum(inflow, axis=0), force)
 
 
-def _jets(at: OpenEdge, oil: OilAtTemperature, drops: _Drops, through: Float[Array, "2 2"]) -> Float[Array, "2 2"]:
+def _jets(opened: OpenEdge, oil: OilAtTemperature, drops: _Drops, through: Float[Array, "2 2"]) -> Float[Array, "2 2"]:
     """|Q| sqrt(2 rho |dp|) of each orifice [N], the momentum of its jet; oil over the lands between the slots makes none."""
-    if at.edge.land_leakage is not None:
-        bare = eqx.tree_at(lambda e: e.land_leakage, at.edge, None)
-        through = mass_flow(at_opening(bare, at.opening), oil, drops.drop, drops.mean)
+    if opened.edge.land_leakage is not None:
+        bare = eqx.tree_at(lambda e: e.land_leakage, opened.edge, None)
+        through = mass_flow(at_opening(bare, opened.opening), oil, drops.drop, drops.mean)
     rho, size = density_at(oil, drops.mean), jnp.abs(drops.drop)
     # The root has no slope at zero; the product's is zero there, as the flow falls with the drop.
     flows = size > 0.0
@@ -223,7 +222,7 @@ def chamber_sources(plant: Plant, around: Surroundings, state: State, flows: Flo
 
 
 def chamber_rates(plant: Plant, state: State, sources: Sources) -> tuple[Float[Array, "2"], Float[Array, "2"] | None]:
-    """(dp/dt [Pa/s], dT/dt [K/s] or None where the oil stays at T_s)."""
+    """Rates of the chambers: (dp/dt [Pa/s], dT/dt [K/s] or None where the oil stays at T_s)."""
     oil, p, t = plant.oil, state.pressure, sources.temperature
     beta = bulk_modulus(oil, p, t) * plant.actuator.bulk_modulus_factor
     if plant.motion.entrained_air is not None:

@@ -1,4 +1,4 @@
-"""The one place that integrates: diffrax on the scaled state, states at given times, failures as codes."""
+"""Integrate a run with diffrax on the scaled state: states at given times, failures as codes. Nothing else integrates."""
 
 from typing import Any, Literal
 

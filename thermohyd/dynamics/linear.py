@@ -1,6 +1,6 @@
-"""Frequency response of small motions: the vector field itself, linearised about the first row's equilibrium.
+"""Frequency response and loop margins of small motions, from the vector field linearised about the first row's equilibrium.
 
-The position loop broken at its feedback: margins, bandwidth and peak, differentiable, from the linearised vector field.
+The position loop is broken at its feedback: margins, bandwidth and peak are differentiable.
 """
 
 import re
@@ -33,8 +33,9 @@ LADDER = np.geomspace(1e-6, 1.0, 4096)
 
 
 class FrequencyResponse(eqx.Module):
-    """Arrays of shape (frequencies,). amplitude_ratio: of output to command, or relative to its low-frequency asymptote [-].
+    """Response of small motions, arrays of shape (frequencies,).
 
+    amplitude_ratio: of output to command, or relative to its low-frequency asymptote [-].
     phase [degrees], unwrapped from the lowest frequencies on. found: whether there is an equilibrium to linearise about.
     """
 
@@ -44,7 +45,7 @@ class FrequencyResponse(eqx.Module):
 
 
 class Linearised(eqx.Module):
-    """x' = A x + b u, y = c x about an equilibrium, in the scaled state; u the command, without its delay."""
+    """The linearised vector field x' = A x + b u, y = c x about an equilibrium, in the scaled state; u the command, without its delay."""
 
     matrix: Float[Array, "states states"]
     drive: Float[Array, " states"]
@@ -95,11 +96,11 @@ def _response(plant: Plant, frequency: Array, output: Output, absolute: bool) ->
     amplitude = jnp.abs(gain)
     if not absolute:
         amplitude = amplitude / jnp.abs(jnp.sum(linear.read * jnp.linalg.solve(linear.matrix, linear.drive)))
-    own = jnp.angle(gain)
+    wrapped = jnp.angle(gain)
     ladder = jax.lax.stop_gradient(jnp.max(wanted)) * LADDER
     climbed = jnp.unwrap(jnp.angle(jax.lax.stop_gradient(linear.gain(ladder))))
     near = jnp.interp(jax.lax.stop_gradient(jnp.log(wanted)), jnp.log(ladder), climbed)
-    phase = own + 2.0 * jnp.pi * jax.lax.stop_gradient(jnp.round((near - own) / (2.0 * jnp.pi)))
+    phase = wrapped + 2.0 * jnp.pi * jax.lax.stop_gradient(jnp.round((near - wrapped) / (2.0 * jnp.pi)))
     if plant.motion.spool_delay is not None:
         phase = phase - wanted * plant.motion.spool_delay
     return FrequencyResponse(amplitude, jnp.rad2deg(phase), found)
@@ -264,9 +265,9 @@ def _peak_place(curve: Complex[Array, " pulsations"]) -> tuple[Float[Array, ""],
     """(pulsation of the closed loop's peak by a parabola through three points, whether it rises above 1 at all)."""
     height = jnp.log(jnp.abs(curve / (1.0 + curve)))
     top = jnp.clip(jnp.argmax(height), 1, PULSATION.size - 2)
-    before, at, after = height[top - 1], height[top], height[top + 1]
-    bend = before - 2.0 * at + after
+    before, highest, after = height[top - 1], height[top], height[top + 1]
+    bend = before - 2.0 * highest + after
     moved = jnp.clip(0.5 * (before - after) / jnp.where(bend < 0.0, bend, -1.0), -0.5, 0.5)
     spacing = float(np.log(PULSATION[1] / PULSATION[0]))
     # Far below the loop's own dynamics, rounding alone lifts the magnitude above 1.
-    return jnp.asarray(PULSATION)[top] * jnp.exp(moved * spacing), at > 1e-6
+    return jnp.asarray(PULSATION)[top] * jnp.exp(moved * spacing), highest > 1e-6

@@ -1,12 +1,10 @@
-"""The plant of one run: valve, oil, jack and loop with their effects, gathered once so that a step only evaluates it.
+"""Gather valve, oil, jack and loop with their effects into the plant of one run, so that a step of the solver only evaluates it.
 
-The state of an actuator in SI units, and the same as a vector of numbers of order 1 for the solver.
+With it stand what the plant is made of and what moves: the state in SI units and as a vector of numbers of order 1 for the
+solver; heat between the oil of the chambers, the metal around it and the surroundings (docs/physics.md section 9.3); and what a
+dynamic effect may add.
 
-Heat between the oil of the chambers, the metal around it, and the surroundings (docs/physics.md section 9.3).
-
-What only shows in motion: the physics that a dynamic effect may add to an actuator, and how such an effect joins.
-
-Such an effect adds to a field of `Motion`, or is a force on the piston. The fields of `Motion` start at the record's own
+A dynamic effect adds to a field of `Motion`, or is a force on the piston. The fields of `Motion` start at the record's own
 values, or None where a record has none. Which are None is known while tracing, so that absent physics is not even compiled.
 """
 
@@ -308,14 +306,14 @@ def _flat(state: State) -> Float[Array, " states"]:
 
 
 def _unflat(vector: Float[Array, "*lead states"], like: State) -> State:
-    at = 4
+    place = 4
     play = wall = temperature = None
     if like.play is not None:
-        play, at = vector[..., at], at + 1
+        play, place = vector[..., place], place + 1
     if like.wall is not None:
-        wall, at = vector[..., at : at + 2], at + 2
+        wall, place = vector[..., place : place + 2], place + 2
     if like.temperature is not None:
-        temperature, at = vector[..., at : at + 2], at + 2
+        temperature, place = vector[..., place : place + 2], place + 2
     return State(
         spool_speed=vector[..., 0],
         spool=vector[..., 1],
@@ -324,5 +322,5 @@ def _unflat(vector: Float[Array, "*lead states"], like: State) -> State:
         play=play,
         wall=wall,
         temperature=temperature,
-        pressure=vector[..., at : at + 2],
+        pressure=vector[..., place : place + 2],
     )

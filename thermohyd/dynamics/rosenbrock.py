@@ -131,13 +131,13 @@ class Rodas5P(diffrax.AbstractAdaptiveSolver):
         # One evaluation of the field in the program, not eight: a loop compiles in a third of the time and runs as fast.
         def stage(ks: Array, coefficients: tuple[Array, Array, Array, Array]) -> tuple[Array, Array]:
             a, c, d, (i, node) = coefficients
-            at = y0 + jnp.sum(a[:, None] * ks, axis=0)
-            right = field(t0 + node * h, at) + h * d * slope + jnp.sum(c[:, None] * ks, axis=0) / h
+            y = y0 + jnp.sum(a[:, None] * ks, axis=0)
+            right = field(t0 + node * h, y) + h * d * slope + jnp.sum(c[:, None] * ks, axis=0) / h
             k = jnp.sum(solve * right, axis=1)
-            return jax.lax.dynamic_update_slice(ks, k[None], (i.astype(int), 0)), at
+            return jax.lax.dynamic_update_slice(ks, k[None], (i.astype(int), 0)), y
 
         a, c, d, nodes = (jnp.asarray(part) for part in TABLEAU)
-        ks, ats = jax.lax.scan(stage, jnp.zeros((8, n)), (a, c, d, nodes))
-        y1 = ats[-1] + ks[-1]
+        ks, states = jax.lax.scan(stage, jnp.zeros((8, n)), (a, c, d, nodes))
+        y1 = states[-1] + ks[-1]
         bends = jnp.tensordot(DENSE, ks, 1)
         return y1, ks[-1], {"y0": y0, "y1": y1, "bends": bends}, None, diffrax.RESULTS.successful

@@ -1,7 +1,4 @@
-"""A step test of an actuator: readings at a record's rows (docs/physics.md section 9).
-
-What a step response is judged by: rise, settling, overshoot. Plain NumPy on readings.
-"""
+"""Simulate a step test of an actuator, readings at a record's rows (docs/physics.md section 9), and measure rise, settling, overshoot."""
 
 from typing import Any, NamedTuple, cast
 
@@ -170,8 +167,9 @@ STAYS = 0.9  # of the run: what is not settled by then may only be passing throu
 
 
 class StepFigures(NamedTuple):
-    """rise_time: from 10 to 90 % of the step [s]; time_to_90 [s] and settling_time [s], to stay within 2 %, from its start.
+    """What a step response is judged by.
 
+    rise_time: from 10 to 90 % of the step [s]; time_to_90 [s] and settling_time [s], to stay within 2 %, from its start.
     overshoot: beyond the step, as a share of it. swing: from lowest to highest in the last tenth of the run, as a share of the
     step: how much it still moves. NaN for what the run does not reach. Shape (), or that of several runs.
     """

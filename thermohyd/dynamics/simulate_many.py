@@ -1,4 +1,4 @@
-"""Many step tests at once: thousands of scenarios for Monte Carlo studies, tolerances and sweeps."""
+"""Simulate many step tests at once: thousands of scenarios for Monte Carlo studies, tolerances and sweeps."""
 
 import os
 from collections.abc import Callable
@@ -16,9 +16,9 @@ from thermohyd.actuator import Actuator
 from thermohyd.numerics import jitted, known_options
 from thermohyd.valve import Valve
 
+from .batch import BatchedRodas5P
 from .inputs import StepInputs
 from .integrate import FAILURES
-from .lanes import Rodas5PTogether
 from .machine import Heat, Walls
 from .simulate import ATOL, MAX_STEPS, RTOL, StepReadings, check_choices, simulated
 
@@ -40,9 +40,9 @@ def _run(
     along: Along,
     heat: Heat,
     max_steps: int,
-    together: bool,
+    batched: bool,
 ) -> StepReadings:
-    solver = Rodas5PTogether() if together else None
+    solver = BatchedRodas5P() if batched else None
     alone: Callable[..., StepReadings] = lambda valve, actuator, inputs: simulated(
         valve, actuator, inputs, walls, *tolerances, polarity, heat, "forward", max_steps, solver
     )

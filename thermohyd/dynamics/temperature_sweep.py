@@ -1,6 +1,6 @@
 """The position loop over oil temperature: step responses and margins, each by one compiled program for all temperatures.
 
-How much more a valve passes per opening away from null than at null: what large motions take from a loop's gain margin.
+Also how much more a valve passes per opening away from null than at null: what large motions take from a loop's gain margin.
 """
 
 from collections.abc import Sequence
@@ -240,13 +240,13 @@ def largest_gain_rise(
     bare = with_heat(without_instruments(valve), KEPT[heat])
     opening = np.tile(OPENINGS, warm.size) * float(valve.stroke)
     full = lambda value: jnp.full(opening.size, float(value))
-    at = Conditions(
+    conditions = Conditions(
         jnp.asarray(opening), full(supply_pressure), full(return_pressure), jnp.asarray(warm.repeat(OPENINGS.size))
     )
-    gain = (np.asarray(_flow(bare, at)) / opening).reshape(warm.size, OPENINGS.size)
+    gain = (np.asarray(_flow(bare, conditions)) / opening).reshape(warm.size, OPENINGS.size)
     return np.max(gain, axis=1) / gain[:, 0]
 
 
 @eqx.filter_jit
-def _flow(valve: Valve, at: Conditions) -> Float[Array, " rows"]:
-    return control_flow(valve, at)
+def _flow(valve: Valve, conditions: Conditions) -> Float[Array, " rows"]:
+    return control_flow(valve, conditions)

@@ -6,9 +6,7 @@ IV.5), at states of the step's dense output. So no second derivative is taken, a
 what does not depend on the direction is found once for all directions. Where the field has a kink its derivatives jump, and
 collocation across would be wrong by the size of the jump: steps are cut at the kinks.
 
-Where the vector field has kinks, at which its derivatives jump; a run's steps cut there.
-
-A run step by step, in blocks: the same steps that `diffrax.diffeqsolve` takes, kept with their dense output.
+The steps are those that `diffrax.diffeqsolve` takes, walked in blocks and kept with their dense output.
 """
 
 from typing import Any
@@ -126,26 +124,26 @@ def distances(plant: Plant, time: Float[Array, ""], state: State) -> Float[Array
     command = plant.command(time)
     wanted = wanted_position(plant, command, state.position)
     limits = plant.valve.stroke * jnp.array([1.0, -1.0])
-    found = [jnp.ravel(openings(plant, plant.at(around), state)), wanted - limits]
+    signed = [jnp.ravel(openings(plant, plant.at(around), state)), wanted - limits]
     if state.play is not None and plant.motion.backlash is not None:
         ahead = asked_position(plant, command, state.position) - state.play
-        found.append(ahead - 0.5 * plant.motion.backlash * jnp.array([1.0, -1.0]))
-    return jnp.concatenate(found)
+        signed.append(ahead - 0.5 * plant.motion.backlash * jnp.array([1.0, -1.0]))
+    return jnp.concatenate(signed)
 
 
 def _cuts(steps: Steps, plant: Plant, scaling: Scaling) -> Float[Array, " cuts"]:
     """Times of the block's kinks, ascending, inf where there are fewer."""
     distance = lambda path, time: distances(plant, time, scaling.unpack(path.evaluate(time)))
-    at = jax.vmap(distance)
-    first, second = at(steps.path, steps.begin), at(steps.path, steps.end)
+    at_each = jax.vmap(distance)
+    first, second = at_each(steps.path, steps.begin), at_each(steps.path, steps.end)
     crossed = (first > 0.0) != (second > 0.0)
     kinks = np.arange(first.shape[1])
-    own = jax.vmap(jax.vmap(lambda path, time, kink: distance(path, time)[kink], (None, 0, 0)), (0, 0, None))
+    of_kink = jax.vmap(jax.vmap(lambda path, time, kink: distance(path, time)[kink], (None, 0, 0)), (0, 0, None))
 
     def halve(_: Any, bracket: tuple[Array, Array]) -> tuple[Array, Array]:
         low, high = bracket
         middle = 0.5 * (low + high)
-        before = (own(steps.path, middle, kinks) > 0.0) == (first > 0.0)
+        before = (of_kink(steps.path, middle, kinks) > 0.0) == (first > 0.0)
         return jnp.where(before, middle, low), jnp.where(before, high, middle)
 
     bracket = tuple(jnp.broadcast_to(end[:, None], first.shape) for end in (steps.begin, steps.end))
@@ -190,16 +188,16 @@ def _slopes(pieces: Pieces, plant: Plant, moved: Plant, scaling: Scaling) -> tup
     full = lambda value, t: None if value is None else jnp.zeros_like(value) if t is None else t
     along = jax.tree.map(full, values, moved, is_leaf=lambda leaf: leaf is None)
 
-    def at(begin: Array, length: Array, path: Any, node: Array) -> tuple[Array, Array]:
+    def at_node(begin: Array, length: Array, path: Any, node: Array) -> tuple[Array, Array]:
         time = begin + length * (INSIDE + (1.0 - 2.0 * INSIDE) * node)
         state = path.evaluate(time)
-        own = lambda state, values: field(time, state, (eqx.combine(values, rest), scaling))
-        _, push = jax.linearize(own, state, values)
+        rates = lambda state, values: field(time, state, (eqx.combine(values, rest), scaling))
+        _, push = jax.linearize(rates, state, values)
         still = jax.tree.map(jnp.zeros_like, values)
         columns = jax.vmap(lambda unit: push(unit, still), out_axes=1)(jnp.eye(state.shape[0]))
         return columns, push(jnp.zeros_like(state), along)
 
-    nodes = jax.vmap(at, in_axes=(None, None, None, 0))
+    nodes = jax.vmap(at_node, in_axes=(None, None, None, 0))
     return jax.vmap(nodes, in_axes=(0, 0, 0, None))(pieces.begin, pieces.length, pieces.path, jnp.asarray(NODES))
 
 
@@ -210,10 +208,10 @@ def _onward(pieces: Pieces, matrix: Array, push: Array, start: Array) -> tuple[F
     coupled = jnp.einsum("ij,ciab->ciajb", RADAU, matrix).reshape(count, 3 * n, 3 * n)
     solve = jnp.linalg.inv(jnp.eye(3 * n) - h * coupled)
     # Rates at the points per tangent at the piece's begin, and those that the parameters bring.
-    own = solve @ matrix.reshape(count, 3 * n, n)
+    per_tangent = solve @ matrix.reshape(count, 3 * n, n)
     brought = jnp.sum(solve * push.reshape(count, 1, 3 * n), axis=-1)
     weights = np.kron(RADAU[2], np.eye(n))
-    through = jnp.eye(n) + h * (weights @ own)
+    through = jnp.eye(n) + h * (weights @ per_tangent)
     gained = h[:, 0] * jnp.sum(weights * brought[:, None, :], axis=-1)
 
     def step(tangent: Array, piece: tuple[Array, Array]) -> tuple[Array, Array]:
@@ -221,7 +219,7 @@ def _onward(pieces: Pieces, matrix: Array, push: Array, start: Array) -> tuple[F
         return jnp.sum(matrix * tangent, axis=1) + gained, tangent
 
     end, begins = jax.lax.scan(step, start, (through, gained))
-    rates = jnp.sum(own * begins[:, None, :], axis=-1) + brought
+    rates = jnp.sum(per_tangent * begins[:, None, :], axis=-1) + brought
     return end, begins, rates.reshape(count, 3, n)
 
 

@@ -1,8 +1,7 @@
-"""The actuator's equations of motion put together: rates of change of a state at a time.
+"""The actuator's equations of motion: rates of change of a state at a time (docs/physics.md sections 9.1 and 9.4).
 
-From the command to the spool: controller, clip, play, flow force, the spool's own second order (docs/physics.md section 9.1).
-
-Forces on the piston beside the pressures': friction and end stops (docs/physics.md section 9.4).
+From the command to the spool: controller, clip, play, flow force, the spool's own second order. On the piston, beside the
+pressures' force: friction and end stops. Flows and chambers come from `flows`.
 """
 
 import equinox as eqx

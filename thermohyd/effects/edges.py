@@ -1,10 +1,8 @@
-"""Edges that are not as drawn: worn supply or return edges, return edges cut at another lap.
+"""Effects on the edges and lands of the spool, and leakage past them.
 
-Flow over lands that the concentric, slotted ideal does not have: an eccentric spool, lands between the slots.
-
-Radial clearance that is not constant: with the temperature, with the pressure.
-
-Leakage past the metering edges: the first stage, the bushing's seals, and from one port to the other.
+Edges that are not as drawn (wear, another lap); flow over lands that the concentric, slotted ideal does not have (an eccentric
+spool, lands between the slots); a radial clearance that changes with temperature or pressure; leakage through the first stage,
+the bushing's seals, and from one port to the other.
 """
 
 from typing import ClassVar, final

@@ -1,4 +1,4 @@
-"""What the program must know of one effect, on one entry: plain data, so that files and reports are read without JAX."""
+"""What the program must know of one effect beside its class: one entry of plain data, so that files and reports are read without JAX."""
 
 import math
 from dataclasses import dataclass

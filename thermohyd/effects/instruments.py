@@ -1,6 +1,6 @@
-"""The instruments of the operating point: thermometer, position transducer, differential pressure gauge.
+"""Errors of the bench's instruments: thermometer, position transducer, differential pressure gauge, flowmeter.
 
-What a flowmeter makes of a flow: first its lag, then its scale, then its offset; on every flow channel.
+A flowmeter acts on every flow channel: first its lag, then its scale, then its offset.
 """
 
 from typing import ClassVar, final

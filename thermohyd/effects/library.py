@@ -1,4 +1,4 @@
-"""Every effect by name: what it is, in which unit, between which limits, how large it usually is and where it shows.
+"""The library of effects: name, unit, limits, usual size and where each shows, one entry per effect.
 
 Plain data: importing it imports no JAX, as each entry names its class and imports it on first use. An effect is one class
 in this folder and one entry here; a user's own class stands in any module, and `register_effect` takes its entry. Effects
@@ -450,31 +450,33 @@ def register_effect(info: EffectInfo) -> EffectInfo:
     """
     if not isinstance(info, EffectInfo):
         raise TypeError(f"register_effect takes an EffectInfo(name=..., effect=..., ...), not {info!r}")
-    known, own = whole_library(), info.effect_class
+    known, effect_class = whole_library(), info.effect_class
     if info.name in known:
         raise ValueError(f"there is an effect {info.name} already; take another name, or unregister_effect it first")
     if info.name in _taken():
         raise ValueError(f"{info.name} is a quantity of the valve or of the actuator; take another name for the effect")
     abstract = import_module("thermohyd.effects.effect").AbstractEffect
-    if not isinstance(own, type) or not issubclass(own, abstract) or not info.stages:
+    if not isinstance(effect_class, type) or not issubclass(effect_class, abstract) or not info.stages:
         raise TypeError(
-            f"{info.name}: {getattr(own, '__name__', own)} must inherit from the abstract class of a stage, such as "
+            f"{info.name}: {getattr(effect_class, '__name__', effect_class)} must inherit from the abstract class of a stage, such as "
             "thermohyd.effects.effect.AbstractEdgeEffect"
         )
-    if inspect.isabstract(own):
-        missing = ", ".join(sorted(own.__abstractmethods__))  # pyright: ignore[reportAttributeAccessIssue]
-        raise TypeError(f"{info.name}: {own.__name__} lacks {missing}, which its stage asks for")
-    twin = next((name for name, other in known.items() if other.effect_class is own), None)
+    if inspect.isabstract(effect_class):
+        missing = ", ".join(sorted(effect_class.__abstractmethods__))  # pyright: ignore[reportAttributeAccessIssue]
+        raise TypeError(f"{info.name}: {effect_class.__name__} lacks {missing}, which its stage asks for")
+    twin = next((name for name, other in known.items() if other.effect_class is effect_class), None)
     if twin is not None:
         raise ValueError(
-            f"{info.name}: {own.__name__} is the class of {twin} already; each effect needs one of its own"
+            f"{info.name}: {effect_class.__name__} is the class of {twin} already; each effect needs one of its own"
         )
     if info.factor_on and factor_on(info.factor_on) is not None:
         raise ValueError(f"{info.name}: {factor_on(info.factor_on)} is the factor on the {info.factor_on} already")
     for name in info.shows:
         if info.dynamic != (name in _MOTION):
             kind = "dynamic" if info.dynamic else "static"
-            raise ValueError(f"{info.name}: shows has {name!r}, but {own.__name__} is an effect of {kind} tests")
+            raise ValueError(
+                f"{info.name}: shows has {name!r}, but {effect_class.__name__} is an effect of {kind} tests"
+            )
     (DYNAMIC_EFFECTS if info.dynamic else EFFECTS)[info.name] = info
     return info
 

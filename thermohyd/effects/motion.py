@@ -1,16 +1,7 @@
-"""A pure delay of the command.
+"""Effects that only an actuator in motion shows (docs/physics.md section 8.3).
 
-The jets' force on the spool.
-
-Dry friction of the piston's seals and of its load: while it slides, and more where it nearly sticks.
-
-Play between the command and the spool.
-
-Air bubbles in the oil of the chambers.
-
-Oil that passes the piston.
-
-Heat from the chambers' oil into the metal around it.
+On the command and the spool: delay, the jets' flow force, play. On the piston: dry friction of its seals and its load, also
+near rest. In the chambers: air bubbles, leakage past the piston, heat into the metal.
 """
 
 from typing import ClassVar, final

@@ -1,9 +1,8 @@
-"""Oil that is not the one of its data sheet, and the heat that it keeps.
+"""Effects on the oil and in the lines: oil unlike its data sheet, heat that it keeps, pressure lost between gauges and edges.
 
-Pressure lost between the gauges and the edges; solved together with the ports (`coupled_ports`).
-
-Flows are volumes at the gauges: the supply's at supply pressure and temperature, the return's at return pressure and
-temperature. Q |Q|, so that a reversed flow (an overrunning load) reverses its loss; passages and lines do not heat the oil.
+Losses in lines are solved together with the ports (`coupled_ports`). Their flows are volumes at the gauges: the supply's at
+supply pressure and temperature, the return's at return pressure and temperature. Q |Q|, so that a reversed flow (an overrunning
+load) reverses its loss; passages and lines do not heat the oil.
 """
 
 from typing import final

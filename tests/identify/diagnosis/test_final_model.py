@@ -5,9 +5,9 @@ import pytest
 from helpers.linear_fit import LinearProblem, linear_fit, linear_library, linear_problem
 
 from thermohyd.identify.diagnosis.case import Case
-from thermohyd.identify.diagnosis.final_model import FinalModel, final_model, worth_naming
+from thermohyd.identify.diagnosis.final_model import FinalModel, final_model, relative_closure
 from thermohyd.identify.diagnosis.held_out import split_rows
-from thermohyd.identify.diagnosis.record_noise import NoiseFound
+from thermohyd.identify.diagnosis.record_noise import NoiseEstimate
 from thermohyd.identify.diagnosis.search import search
 from thermohyd.identify.fitting.outcome import Fitted
 from thermohyd.identify.fitting.problem import Fit
@@ -39,14 +39,14 @@ def fit_of(*reduced: float) -> Fit:
     ],
 )
 def test_what_is_worth_a_name(base, without, fit, named):
-    assert (worth_naming(PROBLEM, fit_of(*base), fit_of(*without), fit_of(*fit)) >= 1.0) is named
+    assert (relative_closure(PROBLEM, fit_of(*base), fit_of(*without), fit_of(*fit)) >= 1.0) is named
 
 
 def test_worth_is_a_share():
     """Of the whole gap a tenth is 1; of one channel's a fifth is 1."""
     base = fit_of(5.0, 5.0, 5.0)
-    assert worth_naming(PROBLEM, base, base, fit_of(4.6, 4.6, 4.6)) == pytest.approx(1.0, rel=0.01)
-    assert worth_naming(PROBLEM, base, base, fit_of(4.2, 5.0, 5.0)) == pytest.approx(1.0, rel=0.01)
+    assert relative_closure(PROBLEM, base, base, fit_of(4.6, 4.6, 4.6)) == pytest.approx(1.0, rel=0.01)
+    assert relative_closure(PROBLEM, base, base, fit_of(4.2, 5.0, 5.0)) == pytest.approx(1.0, rel=0.01)
 
 
 def smooth_misfit(reduced: float) -> np.ndarray:
@@ -61,7 +61,7 @@ def modelled(misfit: np.ndarray, signatures: dict[str, np.ndarray], known: bool 
     rng = np.random.default_rng(8)
     nuisance = rng.normal(size=(ROWS, 6)) / np.sqrt(ROWS)
     problem: LinearProblem = linear_library(misfit + rng.normal(size=ROWS), nuisance, signatures)
-    noise = {key: NoiseFound(np.ones(EACH), WHITE, "", "", known) for key in KEYS}
+    noise = {key: NoiseEstimate(np.ones(EACH), WHITE, "", "", known) for key in KEYS}
     unread = Fitted.__new__(Fitted)  # the final model looks at nothing of it
     case = Case(unread, problem, {}, noise, problem.fit(), {})
     chosen = problem.with_rows(~SPLIT.held)

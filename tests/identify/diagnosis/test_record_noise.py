@@ -86,6 +86,10 @@ def test_memory_of_noise_is_found_and_white_noise_is_white():
 def test_every_channel_of_a_small_bench_has_enough_repeats():
     assert set(small_case("nothing").repeats) == {(test, channel) for test, channel in small_case("nothing").noise}
     assert all(len(rows_of(test).spool_position) == 256 for test in REACH)
+    for found in small_case("nothing").repeats.values():
+        assert found is not None
+        assert found.rows >= 64
+        assert found.variance == pytest.approx(1.0, abs=4.0 * np.sqrt(2.0 / found.rows))
 
 
 def test_chance_in_few_readings_is_no_excess_of_noise():

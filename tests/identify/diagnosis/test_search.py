@@ -5,7 +5,7 @@ import pytest
 from helpers.linear_fit import LinearProblem, linear_library
 
 from thermohyd.effects.library import EFFECTS
-from thermohyd.identify.diagnosis.search import Found, implausible, merit, needed_beside, pair_gain, prune, search
+from thermohyd.identify.diagnosis.search import Selection, implausible, merit, needed_beside, pair_gain, prune, search
 from thermohyd.identify.fitting.problem import Problem
 
 
@@ -30,7 +30,7 @@ def bench(rng: np.random.Generator, **missing: float) -> LinearProblem:
     return linear_library(misfit, nuisance, dict(zip(LIBRARY, signatures.T, strict=True)))
 
 
-def found_in(problem: Problem, **options) -> Found:
+def found_in(problem: Problem, **options) -> Selection:
     return search(problem, problem.fit(), {}, **options)
 
 

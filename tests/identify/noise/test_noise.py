@@ -90,9 +90,9 @@ def test_scatter_of_means_is_foretold(memory):
     foretold = []
     for seed in range(6):
         y = correlated_noise(np.random.default_rng(seed), n, memory) + 50 * np.sin(np.arange(n) / 1500)
-        legs = np.zeros(n, int)
-        local = np.full(n, log_scatter(y, legs, 5).mean())
-        foretold.append(log_correlation(y, local, legs, size).of_mean(size) * local[0])
+        pieces = np.zeros(n, int)
+        local = np.full(n, log_scatter(y, pieces, 5).mean())
+        foretold.append(log_correlation(y, local, pieces, size).of_mean(size) * local[0])
     a = np.exp(-1.0 / memory) if memory else 0.0
     exact = ((1 + a) / (1 - a) - 2 * a * (1 - a**size) / (size * (1 - a) ** 2)) / size
     assert np.mean(foretold) == pytest.approx(exact, rel=0.2)

@@ -105,24 +105,24 @@ def test_independent_rows_are_told_from_rows_that_remember():
     taken, kept = 0, 0
     for seed in range(60):
         rng = np.random.default_rng(seed)
-        legs = np.repeat([0, 1, 2, 3], 1500)
+        pieces = np.repeat([0, 1, 2, 3], 1500)
         curve = 20.0 * np.exp(-((np.linspace(-1.0, 1.0, 6000) / 0.05) ** 2))
         white = rng.normal(size=6000)
         slow = np.convolve(rng.normal(size=6010), np.ones(11) / np.sqrt(11), "valid")
-        taken += independent_rows(curve + white, legs, row_scatter(curve + white, legs), 16)
+        taken += independent_rows(curve + white, pieces, row_scatter(curve + white, pieces), 16)
         remembering = curve + 0.8 * white + 0.6 * slow
-        kept += independent_rows(remembering, legs, row_scatter(remembering, legs), 16)
+        kept += independent_rows(remembering, pieces, row_scatter(remembering, pieces), 16)
     assert taken >= 59
     assert kept <= 3
 
 
 def test_one_scatter_unless_it_clearly_varies():
-    legs = np.repeat([0, 1], 3000)
+    pieces = np.repeat([0, 1], 3000)
     rng = np.random.default_rng(8)
     even = rng.normal(size=6000)
-    assert np.ptp(row_scatter(even, legs).variance) == 0.0
-    assert row_scatter(even, legs).variance[0] == pytest.approx(1.0, abs=0.12)
+    assert np.ptp(row_scatter(even, pieces).variance) == 0.0
+    assert row_scatter(even, pieces).variance[0] == pytest.approx(1.0, abs=0.12)
     louder = even * np.where(np.arange(6000) % 3000 < 1500, 1.0, 4.0)
-    found = np.sqrt(row_scatter(louder, legs).variance)
+    found = np.sqrt(row_scatter(louder, pieces).variance)
     assert found[700] == pytest.approx(1.0, abs=0.2)
     assert found[2300] == pytest.approx(4.0, abs=0.8)

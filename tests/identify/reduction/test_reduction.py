@@ -110,7 +110,7 @@ def test_what_a_point_keeps():
     assert points.time is not None
     assert np.all(np.diff(points.time) > 0)
     assert points.rate is not None
-    assert np.median(np.abs(points.rate)) == pytest.approx(POSITION * 2 / 40.0, rel=0.02)  # 4000 rows of 0.01 s a leg
+    assert np.median(np.abs(points.rate)) == pytest.approx(POSITION * 2 / 40.0, rel=0.02)  # 4000 rows of 0.01 s a piece
     assert np.all(
         np.sign(points.rate[np.abs(points.rate) > POSITION / 40])
         == points.direction[np.abs(points.rate) > POSITION / 40]
@@ -196,17 +196,17 @@ def real_log(name: str, reading: str, factor: float) -> TestRecord:
 
 
 @pytest.mark.parametrize(
-    ("name", "reading", "factor", "legs", "phrase"),
+    ("name", "reading", "factor", "pieces", "phrase"),
     [
         ("leakage", "leakage_flow", 1 / 6e4, 4, "25,176 rows"),
         ("pressure_gain", "load_pressure", 1e5, 3, "bar rest on readings rounded to up to 6.9 bar"),
         ("flow_gain", "flow", 1 / 6e4, 3, "l/min rest on readings rounded to 0.38 l/min"),
     ],
 )
-def test_the_real_log(name, reading, factor, legs, phrase):
+def test_the_real_log(name, reading, factor, pieces, phrase):
     points = reduce_test(real_log(name, reading, factor))
     print("\n".join(points.notes))
     assert 200 < points.rows <= 900
     turns = (np.diff(points.direction) != 0) | (np.diff(points.run) != 0)
-    assert np.count_nonzero(turns) == legs - 1
+    assert np.count_nonzero(turns) == pieces - 1
     assert phrase in " ".join(points.notes)

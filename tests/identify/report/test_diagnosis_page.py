@@ -10,6 +10,7 @@ import pytest
 from helpers.fake_diagnosis import KINDS, fake_diagnosis
 from helpers.fake_fit import fake_channel
 from helpers.html_page import Tags
+from helpers.pictures import is_drawn
 
 from thermohyd.identify.bench.record import TestRecord
 from thermohyd.identify.report import style as plot_style
@@ -46,7 +47,7 @@ def test_figures_of_every_verdict(kind):
     assert set(figures) == FIGURES | MORE[kind]
     for figure in figures.values():
         with plot_style.style():
-            assert plot_style.png(figure).startswith(b"\x89PNG")
+            assert is_drawn(plot_style.png(figure))
 
 
 def test_files(tmp_path: Path):

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from helpers.fake_fit import fake_channel, fake_fit
+from helpers.pictures import is_drawn
 
 from thermohyd.identify.report import style as plot_style
 from thermohyd.identify.report.fit_figures import parameter_figure, test_figures as draw_tests
@@ -42,7 +43,7 @@ def test_legend_names_conditions(figures):
 
 def test_png_and_svg(figures):
     with plot_style.style():
-        assert plot_style.png(figures["leakage"]).startswith(b"\x89PNG")
+        assert is_drawn(plot_style.png(figures["leakage"]))
         drawing = plot_style.svg(figures["leakage"])
     assert ElementTree.fromstring(drawing).tag.endswith("svg")
     assert len(drawing) < 1_000_000

@@ -46,6 +46,12 @@ def test_one_screen_however_much_there_is_to_say():
     assert len(summary(crowded).splitlines()) <= SCREEN
 
 
+def test_a_figure_that_is_cut_off_shows_it():
+    text = summary(fake_diagnosis("two"), 60)
+    row = next(line for line in text.splitlines() if line.split()[:1] == ["clearance"])
+    assert row.split()[1:4] == ["2.630", "2.031", "0.0…"]  # 0.042: as 0.04 it would be another
+
+
 def test_figures_have_units():
     text = words(summary(fake_diagnosis("named")))
     for expected in (

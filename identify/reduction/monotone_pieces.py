@@ -1,4 +1,8 @@
-"""Where does the sweep of a test turn, step or stand still? Legs of one direction at one set of conditions. Plain NumPy."""
+"""Cut a test's rows into monotone pieces: one run, one direction of the sweep, one set of conditions. NumPy only.
+
+A piece ends where the sweep turns or where a condition steps. On a raw log the turning points are those of the smoothed
+position, so that neither dither nor rounding makes one.
+"""
 
 from collections.abc import Iterator
 
@@ -7,7 +11,7 @@ import numpy as np
 from thermohyd.identify.bench.record import TestRecord
 
 
-SMALLEST_LEG = 0.02  # of the position's range: a reversal smaller than this is dither
+SMALLEST_PIECE = 0.02  # of the position's range: a reversal smaller than this is dither
 PRESSURE_STEP = 0.01  # of the largest supply pressure: beyond this, conditions are different
 TEMPERATURE_STEP = 1.0  # K
 
@@ -30,8 +34,8 @@ def sweep_ids(test: TestRecord) -> np.ndarray:
     return _numbered(test.run, test.direction, condition_ids(test, window=1))
 
 
-def log_legs(test: TestRecord) -> tuple[np.ndarray, np.ndarray]:
-    """Number of the leg of each row of a raw log, and the leg's direction (+1, -1) per row.
+def monotone_pieces(test: TestRecord) -> tuple[np.ndarray, np.ndarray]:
+    """Number of the monotone piece that each row of a raw log belongs to, and the piece's direction (+1, -1) per row.
 
     Turning points are those of the smoothed position, so that dither and rounding make none.
     """
@@ -39,10 +43,10 @@ def log_legs(test: TestRecord) -> tuple[np.ndarray, np.ndarray]:
     for start, stop in piece_bounds(test.run):
         for row in turning_points(sweep_axis(test)[start:stop]):
             turns[start + row] = 1
-    legs = _numbered(test.run, np.cumsum(turns), condition_ids(test))
+    pieces = _numbered(test.run, np.cumsum(turns), condition_ids(test))
     direction = np.ones(test.rows)
     last = 0
-    for start, stop in piece_bounds(legs):
+    for start, stop in piece_bounds(pieces):
         x = test.spool_position[start:stop]
         third = max(1, len(x) // 3)
         change = float(np.mean(x[-third:]) - np.mean(x[:third]))
@@ -51,7 +55,7 @@ def log_legs(test: TestRecord) -> tuple[np.ndarray, np.ndarray]:
         elif start > 0 and test.run[start] == test.run[last]:
             direction[start:stop] = direction[start - 1]
         last = start
-    return legs, direction
+    return pieces, direction
 
 
 def sweep_axis(test: TestRecord) -> np.ndarray:
@@ -71,7 +75,7 @@ def turning_points(position: np.ndarray) -> list[int]:
     half = min(25, rows // 100)
     smooth = moving_mean(position, half)
     spread = float(np.median(np.abs(position - smooth))) / 0.6745 if half else 0.0
-    reversal = max(SMALLEST_LEG * float(np.ptp(smooth)), 6.0 * spread / np.sqrt(2 * half + 1))
+    reversal = max(SMALLEST_PIECE * float(np.ptp(smooth)), 6.0 * spread / np.sqrt(2 * half + 1))
     turns: list[int] = []
     high = low = 0
     heading = 0
@@ -105,7 +109,7 @@ def condition_ids(test: TestRecord, window: int = 15) -> np.ndarray:
         if sweep_axis(test) is test.spool_position:
             columns.append((test.load_pressure, pressure_step))
         else:
-            columns.append((test.spool_position, SMALLEST_LEG * max(float(np.ptp(test.spool_position)), 1e-300)))
+            columns.append((test.spool_position, SMALLEST_PIECE * max(float(np.ptp(test.spool_position)), 1e-300)))
     cuts = np.zeros(test.rows, int)
     most = max(10, test.rows // (500 if window > 1 else 2))  # a column that never rests must not shred the log
     for values, step in columns:

@@ -1,11 +1,9 @@
-"""One function for many scenarios at once, so that a processor's vectors fill with scenarios.
+"""Rodas5P for a batch of scenarios, arranged so that a processor's vectors fill with scenarios.
 
 `jax.vmap` puts the scenarios into the first axis of small arrays, (scenarios, 2, 2) say: XLA's loops then run over an axis
 of two, and every `stack` in the function becomes a branch inside them. Here the function's program (a jaxpr) is read as it
 is for one scenario, and each number in it becomes one vector over scenarios. Arrays of such vectors are kept by Python:
 shaping, slicing and stacking them costs nothing at run time, and what is known to be zero (most of a Jacobian) is left out.
-
-Rodas5P for many scenarios at once: the same step, arranged so that a processor's vectors fill with scenarios.
 
 XLA would compute a value again in every place that reads it, unless it is hard to compute. What several places read is
 therefore passed into the branch of a condition that always holds: what enters a branch is stored.
@@ -37,10 +35,10 @@ _ALONG_AXES = {"sort", "cumsum", "cumprod", "cummax", "cummin", "cumlogsumexp", 
 
 def each(shape: tuple[int, ...], entry: Callable[[tuple[int, ...]], Any]) -> np.ndarray:
     """An array of objects, entry by entry."""
-    found = np.empty(shape, dtype=object)
+    array = np.empty(shape, dtype=object)
     for index in np.ndindex(*shape):
-        found[index] = entry(index)
-    return found
+        array[index] = entry(index)
+    return array
 
 
 def numbers(values: Any, batched: bool) -> np.ndarray:
@@ -117,8 +115,8 @@ def _shaped(eqn: Any, given: list[np.ndarray], shape: tuple[int, ...]) -> np.nda
 
 
 def _elementwise(eqn: Any, shape: tuple[int, ...]) -> bool:
-    fits = lambda own: (
-        own == () or (len(own) == len(shape) and all(n in (1, m) for n, m in zip(own, shape, strict=True)))
+    fits = lambda given: (
+        given == () or (len(given) == len(shape) and all(n in (1, m) for n, m in zip(given, shape, strict=True)))
     )
     plain = not eqn.primitive.multiple_results and eqn.primitive.name not in _ALONG_AXES
     return plain and all(fits(var.aval.shape) for var in eqn.invars)
@@ -133,10 +131,10 @@ def _whole(eqn: Any, given: list[np.ndarray], count: int) -> list[np.ndarray]:
     ]
 
     def alone(*arrays: Any) -> list[Any]:
-        found = eqn.primitive.bind(*arrays, **eqn.params)
-        return list(found) if eqn.primitive.multiple_results else [found]
+        results = eqn.primitive.bind(*arrays, **eqn.params)
+        return list(results) if eqn.primitive.multiple_results else [results]
 
-    return [numbers(found, True) for found in jax.vmap(alone, in_axes=-1, out_axes=-1)(*together)]
+    return [numbers(result, True) for result in jax.vmap(alone, in_axes=-1, out_axes=-1)(*together)]
 
 
 def _evaluate(program: Any, constants: Sequence[Any], given: Sequence[Callable], count: int) -> list[np.ndarray]:
@@ -153,30 +151,30 @@ def _evaluate(program: Any, constants: Sequence[Any], given: Sequence[Callable],
         name, shape = eqn.primitive.name, eqn.outvars[0].aval.shape
         if name in _INNER:
             inner = eqn.params[_INNER[name]]
-            program_, own = (inner.jaxpr, inner.consts) if hasattr(inner, "consts") else (inner, ())
-            found = _evaluate(program_, own, [held(atom) for atom in eqn.invars], count)
+            program_, inner_constants = (inner.jaxpr, inner.consts) if hasattr(inner, "consts") else (inner, ())
+            results = _evaluate(program_, inner_constants, [held(atom) for atom in eqn.invars], count)
         elif not eqn.invars:
             with jax.ensure_compile_time_eval():
-                found = [numbers(np.asarray(eqn.primitive.bind(**eqn.params)), False)]
+                results = [numbers(np.asarray(eqn.primitive.bind(**eqn.params)), False)]
         else:
             arrays = [held(atom)() for atom in eqn.invars]
             moved = _shaped(eqn, arrays, shape)
             if moved is not None:
-                found = [moved]
+                results = [moved]
             elif _elementwise(eqn, shape):
                 wide = [np.broadcast_to(array, shape) for array in arrays]
-                found = [each(shape, lambda index: _number(eqn, [array[index] for array in wide]))]  # noqa: B023
+                results = [each(shape, lambda index: _number(eqn, [array[index] for array in wide]))]  # noqa: B023
             else:
-                found = _whole(eqn, arrays, count)
-        for var, array in zip(eqn.outvars, found, strict=True):
+                results = _whole(eqn, arrays, count)
+        for var, array in zip(eqn.outvars, results, strict=True):
             values[var] = lambda array=array: array
     return [held(atom)() for atom in program.outvars]
 
 
-def over_lanes(
+def over_batch(
     function: Callable[..., Any], given: Sequence[Any], batched: Sequence[bool], count: int
 ) -> list[np.ndarray]:
-    """`function` of one scenario's arrays for `count` scenarios, the batched arrays' last axis.
+    """Evaluate a function of one scenario's arrays for `count` scenarios, which are the batched arrays' last axis.
 
     Its results, a flat sequence of arrays, as arrays of objects: each entry is a vector (count,), an array () that is
     the same for all scenarios, or a number known while tracing.
@@ -194,12 +192,12 @@ def over_lanes(
 
 
 def _once(array: Any, batched: bool) -> Callable[[], np.ndarray]:
-    found: list[np.ndarray] = []
+    taken: list[np.ndarray] = []
 
     def take() -> np.ndarray:
-        if not found:
-            found.append(numbers(array, batched))
-        return found[0]
+        if not taken:
+            taken.append(numbers(array, batched))
+        return taken[0]
 
     return take
 
@@ -218,18 +216,18 @@ def _inverse(entries: tuple[tuple[Array, ...], ...]) -> Array:
     position = jnp.arange(n)
 
     def eliminate(k: Array, matrix: Array) -> Array:
-        at = position == k
+        pivotal = position == k
         row = jax.lax.dynamic_index_in_dim(matrix, k, 0, keepdims=False)
         column = jax.lax.dynamic_index_in_dim(matrix, k, 1, keepdims=False)
         pivot = 1.0 / jax.lax.dynamic_index_in_dim(row, k, 0, keepdims=False)
-        row = jnp.where(at[:, None], 1.0, row) * pivot
-        rest = jnp.where(at[None, :, None], 0.0, matrix) - column[:, None] * row[None]
-        return jnp.where(at[:, None, None], row[None], rest)
+        row = jnp.where(pivotal[:, None], 1.0, row) * pivot
+        rest = jnp.where(pivotal[None, :, None], 0.0, matrix) - column[:, None] * row[None]
+        return jnp.where(pivotal[:, None, None], row[None], rest)
 
     return jax.lax.fori_loop(0, n, eliminate, matrix)
 
 
-def _lanes_step(
+def _batch_step(
     field: Callable, count: int, flags: list[bool], leaves: list[Array], t0: Array, h: Array, y0: Array
 ) -> Any:
     """(y1, error, bends) with scenarios last; y0 (states, count); t0, h (count,); leaves, scenarios last where `flags`."""
@@ -243,19 +241,19 @@ def _lanes_step(
         return push(np.ones(()), np.zeros(n)), columns
 
     def derivatives(t0: Array, h: Array, y0: Array, leaves: list[Array]) -> Any:
-        slope, columns = over_lanes(slopes, [t0, y0, *leaves], [True, True, *flags], count)
-        own = 1.0 / (GAMMA * h)
-        entries = tuple(tuple(wide((own if i == j else 0.0) - columns[i, j]) for j in range(n)) for i in range(n))
+        slope, columns = over_batch(slopes, [t0, y0, *leaves], [True, True, *flags], count)
+        diagonal = 1.0 / (GAMMA * h)
+        entries = tuple(tuple(wide((diagonal if i == j else 0.0) - columns[i, j]) for j in range(n)) for i in range(n))
         return tuple(map(wide, slope)), entries
 
     slope, entries = _stored(always, derivatives, t0, h, y0, leaves)
     slope, solve = _stored(always, lambda slope, entries: (jnp.stack(slope), _inverse(entries)), slope, entries)
 
-    def rates(t: Array, at: Array, leaves: list[Array]) -> tuple[Array, ...]:
-        (found,) = over_lanes(
-            lambda t, y, *leaves: (field(leaves, t, y),), [t, at, *leaves], [True, True, *flags], count
+    def rates(t: Array, y: Array, leaves: list[Array]) -> tuple[Array, ...]:
+        (change,) = over_batch(
+            lambda t, y, *leaves: (field(leaves, t, y),), [t, y, *leaves], [True, True, *flags], count
         )
-        return tuple(map(wide, found))
+        return tuple(map(wide, change))
 
     def weighted(weights: Array | np.ndarray, ks: Array) -> Array:
         # Term by term: XLA's sum over the first axis would not fill vectors.
@@ -274,19 +272,19 @@ def _lanes_step(
     def stage(carry: tuple[Array, Array], coefficients: tuple[Array, ...]) -> tuple[Any, None]:
         ks, _ = carry
         a, c, d, (i, node) = coefficients
-        at = y0 + weighted(a, ks)
+        y = y0 + weighted(a, ks)
         extra = h * d * slope + weighted(c, ks) / h
-        f = _stored(always, rates, t0 + node * h, at, leaves)
+        f = _stored(always, rates, t0 + node * h, y, leaves)
         k = _stored(always, onward, solve, f, extra)
-        return (jax.lax.dynamic_update_slice(ks, k[None], (i.astype(int), 0, 0)), at), None
+        return (jax.lax.dynamic_update_slice(ks, k[None], (i.astype(int), 0, 0)), y), None
 
     coefficients = tuple(jnp.asarray(part) for part in TABLEAU)
-    (ks, at), _ = jax.lax.scan(stage, (jnp.zeros((8, n, count)), y0), coefficients)
+    (ks, y), _ = jax.lax.scan(stage, (jnp.zeros((8, n, count)), y0), coefficients)
     bends = jnp.stack([weighted(weights, ks) for weights in DENSE])
-    return at + ks[-1], ks[-1], bends
+    return y + ks[-1], ks[-1], bends
 
 
-class Rodas5PTogether(Rodas5P):
+class BatchedRodas5P(Rodas5P):
     """Rodas5P that fills vectors with scenarios under `jax.vmap`; not to be differentiated."""
 
     def step(self, terms: Any, t0: Any, t1: Any, y0: Any, args: Any, solver_state: None, made_jump: Any) -> Any:
@@ -302,8 +300,8 @@ class Rodas5PTogether(Rodas5P):
         @jax.custom_batching.custom_vmap
         def alone(leaves: list[Array], t0: Array, t1: Array, y0: Array) -> tuple[Array, Array, Array]:
             terms, args = back(leaves)
-            found = Rodas5P.step(self, terms, t0, t1, y0, args, solver_state, None)
-            return found[0], found[1], found[2]["bends"]
+            y1, error, dense, _, _ = Rodas5P.step(self, terms, t0, t1, y0, args, solver_state, None)
+            return y1, error, dense["bends"]
 
         @alone.def_vmap
         def _(count: int, batched: Any, leaves: list[Array], t0: Array, t1: Array, y0: Array) -> Any:
@@ -312,8 +310,8 @@ class Rodas5PTogether(Rodas5P):
             full = lambda array, flag: jnp.moveaxis(array, 0, -1) if flag else jnp.repeat(array[..., None], count, -1)
             t0, t1, y0 = (full(array, flag) for array, flag in zip((t0, t1, y0), batched[1:], strict=True))
             leaves = [last(array, flag) for array, flag in zip(leaves, flags, strict=True)]
-            found = _lanes_step(field, count, flags, leaves, t0, t1 - t0, y0)
-            return tuple(jnp.moveaxis(array, -1, 0) for array in found), (True, True, True)
+            results = _batch_step(field, count, flags, leaves, t0, t1 - t0, y0)
+            return tuple(jnp.moveaxis(array, -1, 0) for array in results), (True, True, True)
 
         y1, error, bends = alone(leaves, t0, t1, y0)
         return y1, error, {"y0": y0, "y1": y1, "bends": bends}, None, diffrax.RESULTS.successful

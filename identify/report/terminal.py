@@ -1,0 +1,54 @@
+"""How every report looks in a terminal: headings, lines and tables in one place. User text is never read as markup."""
+
+from collections.abc import Iterable, Sequence
+
+from rich import box
+from rich.console import RenderableType
+from rich.padding import Padding
+from rich.table import Table
+from rich.text import Text
+
+
+Cells = Iterable[str | Text]
+
+
+def heading(words: str) -> Text:
+    """A title in colour, after an empty line."""
+    return Text(f"\n{words}", style="bold cyan")
+
+
+def indented(shown: RenderableType) -> Padding:
+    """What stands under a heading, two blanks to the right of it."""
+    return Padding(shown, (0, 0, 0, 2), expand=False)
+
+
+def table(headings: Sequence[str], rows: Iterable[Cells] = (), gap: int = 1) -> Table:
+    """A table of cells that are plain or bring their own style, `gap` blanks between its columns.
+
+    As on a page, a heading begins with ">" where figures stand to the right and with "~" where words may wrap; ">~" for both.
+    """
+    made = Table(box=box.SIMPLE_HEAD, padding=(0, gap, 0, 0), pad_edge=False, show_edge=False, header_style="bold")
+    vertical = "bottom" if any("\n" in heading for heading in headings) else "top"
+    for heading in headings:
+        title, right = heading.removeprefix(">"), heading.startswith(">")
+        wraps = title.startswith("~")
+        made.add_column(
+            Text(title.removeprefix("~")),
+            justify="right" if right else "left",
+            vertical=vertical,
+            no_wrap=not wraps,
+            # words go on below; a figure that is cut off must show it, or it would be read as another
+            overflow="fold" if wraps else "ellipsis",
+        )
+    return _filled(made, rows)
+
+
+def grid(rows: Iterable[Cells]) -> Table:
+    """Rows without headings, two blanks between their columns."""
+    return _filled(Table.grid(padding=(0, 2)), rows)
+
+
+def _filled(made: Table, rows: Iterable[Cells]) -> Table:
+    for row in rows:
+        made.add_row(*[Text(cell) if isinstance(cell, str) else cell for cell in row])
+    return made
