@@ -17,6 +17,7 @@ from jaxtyping import Array
 
 from thermohyd.conditions import operating_points
 from thermohyd.flow_curve import MacroModel, eq6_position
+from thermohyd.identify.bench.shown_units import L_MIN, UM
 from thermohyd.identify.fitting.boxes import Box
 from thermohyd.identify.fitting.least_squares import LeastSquaresResult, solve
 from thermohyd.identify.fitting.uncertainty import Block, covariance_of
@@ -26,8 +27,8 @@ from thermohyd.static_tests import control_flow
 from thermohyd.valve import Valve, true_oil
 
 
-UM, L_MIN = 1e6, 6e4  # the fits work in bench units, where their parameters are of order one to a hundred
 NAMES = ("X0", "Q0", "k")
+# The fits work in bench units, where their parameters are of order one to a hundred.
 TO_SI = np.array([1.0 / UM, 1.0 / L_MIN, L_MIN / UM])
 # Degree of the laws in ln(nu). For the seed valve at 70 bar degree 2 misses the curves by up to 21 um, 3 by 20, 4 by 15
 # and 5 by 12; 6 and 7 by 11.5 and 11.1, which is what fits of each temperature alone leave (11.1, at 4000 cSt).

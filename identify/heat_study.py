@@ -18,6 +18,7 @@ from matplotlib.figure import Figure
 
 from thermohyd.actuator_performance import with_heat
 from thermohyd.conditions import Conditions, operating_points
+from thermohyd.identify.bench.shown_units import CELSIUS, UM
 from thermohyd.identify.fitting.parameters import OF_THE_EDGES
 from thermohyd.identify.report import style as look
 from thermohyd.static_tests import blocked_port_readings, control_flow
@@ -155,7 +156,6 @@ if TYPE_CHECKING:
     from thermohyd.wall_tests import HeatStudy
 
 
-CELSIUS = 273.15
 NAMES = {"leakage": "leakage test", "pressure_gain": "pressure-gain test", "flow_gain": "flow-gain test"}
 MOST_TEMPERATURES = 6
 LARGEST_ERROR = 1e3  # of eta, drawn: eta lies between 0 and 1
@@ -229,9 +229,7 @@ def identifiability_figure(
         for column, name in enumerate(found.tests):
             upper, lower = panels[:, column]
             for colour, i in zip(look.temperature_colours(len(drawn)), drawn, strict=True):
-                upper.plot(
-                    1e6 * found.position, found.slope[column, top, i], color=colour, label=f"{celsius[i]:.0f} °C"
-                )
+                upper.plot(UM * found.position, found.slope[column, top, i], color=colour, label=f"{celsius[i]:.0f} °C")
             _title(upper, f"{NAMES[name]}, {found.supply_pressure[top] / 1e5:.0f} bar")
             look.label_axes(upper, "opening [µm]", "change per unit of $\\eta$ [noise]" if column == 0 else "")
             for marker, j in zip(look.MARKERS, pressures, strict=False):

@@ -23,10 +23,10 @@ from .headers import plain_name, split_header
 from .read import record_of
 from .record import ActuatorData, BenchRecord, Provenance, RecordFile, StartValue, ValveData
 from .sheets import SheetRows, headers_apart
+from .shown_units import KINDS
 from .test_file import BenchTable, bench_table
 from .test_tables import CONTROLLER, StaticTest
 from .toml_file import TableSource
-from .units import SI
 from .valve_tables import BenchFile, read_description
 
 
@@ -238,7 +238,8 @@ def _header(name: str, value: Any, values: np.ndarray, test: StaticTest) -> str:
     kinds = test.kinds.get(plain_name(name))
     if unit_in_name is not None or kinds is None or values.dtype.kind in "mM":
         return name
-    return f"{name} [{SI[kinds[0]]}]"
+    unit = KINDS[kinds[0]]
+    return f"{name} [{unit.si or unit.label}]"
 
 
 def _of_test(name: str, message: str, column: str | None = None) -> BenchInputError:

@@ -1,27 +1,49 @@
-"""Which columns each bench test has and of which kind of quantity each is, and which sizes of a value no bench has.
+"""Which columns each bench test has, of which kind of quantity and shown in which unit each is, and which sizes no bench has.
 
 The second half judges a value by itself: sizes, readings and conditions that give away a wrong unit or a broken sensor, and the
 unit that they betray. `plausibility` judges one column beside another.
 """
 
-from .units import to_si
+from .shown_units import KINDS, DisplayUnit
+from .units import from_si, to_si
 
 
-POSITION = {"spool_position": "length", "current": "current"}
-CONDITIONS = {"supply_pressure": "pressure", "return_pressure": "pressure", "temperature": "temperature"}
+# Every column, what is worked out from it, and every size of the [valve] table, by its kind.
+_NAMES = {
+    "length": ("spool_position", "piston_position", "setpoint", "opening", "stroke", "slot_width", "land_diameter"),
+    "velocity": ("piston_velocity", "rate"),
+    "flow": ("leakage_flow", "flow", "rated_flow"),
+    "pressure": ("supply_pressure", "return_pressure", "load_pressure", "pressure_a", "pressure_b",
+                 "rated_pressure_drop"),
+    "temperature": ("temperature", "oil_temperature"),
+    "current": ("current", "rated_current"),
+    "time": ("time", "elapsed"),
+    "frequency": ("frequency",),
+    "plain number": ("amplitude_ratio",),
+    "angle": ("phase",),
+}  # fmt: skip
+KIND_OF = {name: kind for kind, names in _NAMES.items() for name in names}
+_MM = DisplayUnit("mm", 1e3)
+# Not shown in the unit of their kind: of another size than a spool's, or without a unit in words.
+_OWN_UNIT = {name: _MM for name in ("piston_position", "setpoint", "slot_width", "land_diameter")} | {
+    "rate": DisplayUnit("um/s", 1e6),
+    "amplitude_ratio": DisplayUnit("-"),
+}
+
+
+def _kinds(*names: str) -> dict[str, str]:
+    return {name: KIND_OF[name] for name in names}
+
+
+POSITION = _kinds("spool_position", "current")
+CONDITIONS = _kinds("supply_pressure", "return_pressure", "temperature")
 READINGS = {
-    "leakage": {"leakage_flow": "flow"},
-    "pressure_gain": {"load_pressure": "pressure", "pressure_a": "pressure", "pressure_b": "pressure"},
-    "flow_gain": {"flow": "flow"},
-    "load_flow": {"flow": "flow"},
-    "step": {
-        "spool_position": "length",
-        "pressure_a": "pressure",
-        "pressure_b": "pressure",
-        "piston_position": "length",
-        "piston_velocity": "velocity",
-    },
-    "frequency": {"amplitude_ratio": "plain number", "phase": "angle"},
+    "leakage": _kinds("leakage_flow"),
+    "pressure_gain": _kinds("load_pressure", "pressure_a", "pressure_b"),
+    "flow_gain": _kinds("flow"),
+    "load_flow": _kinds("flow"),
+    "step": _kinds("spool_position", "pressure_a", "pressure_b", "piston_position", "piston_velocity"),
+    "frequency": _kinds("amplitude_ratio", "phase"),
 }
 # Columns of the dynamic tests that are no readings.
 DRIVES = ("command", "frequency", "external_force")
@@ -34,6 +56,16 @@ ABSOLUTE_RATIO = {
     ("piston_position", True): "length per current",
     ("piston_velocity", True): "velocity per current",
 }
+
+
+def column_unit(name: str) -> DisplayUnit:
+    """The bench unit of a column, of what is worked out from one, of a size; no unit where the name is none of them."""
+    return _OWN_UNIT.get(name) or KINDS.get(KIND_OF.get(name, ""), DisplayUnit(""))
+
+
+def unit_of_test(test: str) -> DisplayUnit:
+    """The bench unit of a static test's readings."""
+    return column_unit(next(iter(READINGS[test])))
 
 
 def columns_of_step(closed_loop: bool) -> dict[str, tuple[str, ...]]:
@@ -148,10 +180,10 @@ def meant(kind: str, number: float | None) -> str:
     unit = None if number is None else likely_unit(kind, number)
     if unit is None or number is None:
         return ""
-    bench, scale, offset = {"pressure": ("bar", 1e5, 0.0), "temperature": ("degC", 1.0, 273.15)}[kind]
+    bench = KINDS[kind].label
     if unit == bench:
         return f" {number:.4g} {unit} would be usual"
-    return f" {number:.4g} {unit} would be {(to_si(number, unit) - offset) / scale:.3g} {bench}"
+    return f" {number:.4g} {unit} would be {from_si(to_si(number, unit), bench):.3g} {bench}"
 
 
 def wrong_size(key: str, value: float, number: float) -> str:

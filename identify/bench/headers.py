@@ -12,8 +12,9 @@ from contextlib import suppress
 from .cells import NUMBER, Source, is_clock_time
 from .columns import standard_columns
 from .errors import LONGEST_QUOTE, BenchInputError, listed, one_line, quoted, suggestion
+from .shown_units import KINDS
 from .test_tables import StaticTest
-from .units import KINDS, UnitError, parse_unit
+from .units import UnitError, parse_unit
 
 
 HEADER = re.compile(r"(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*(?:\([^()]*\))?[^()]*)\))")
@@ -213,7 +214,7 @@ def mapping(test: StaticTest, found: dict[str, str]) -> str:
     entries = []
     for standard, header in (test.columns | found).items():
         kinds = test.kinds.get(standard)
-        unit = "" if kinds is None or split_header(header)[1] is not None else f" [{KINDS[kinds[0]]}]"
+        unit = "" if kinds is None or split_header(header)[1] is not None else f" [{KINDS[kinds[0]].label}]"
         text = one_line(header).replace("\\", "\\\\").replace('"', '\\"')
         entries.append(f'{standard} = "{text}{unit}"')
     return f"columns = {{ {', '.join(entries)} }} in [tests.{test.name}]"

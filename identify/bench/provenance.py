@@ -10,27 +10,19 @@ from typing import Any
 
 import numpy as np
 
+from .columns import SIZES, column_unit
 from .record import BenchRecord, Provenance, RecordFile, TestRecord
 from .shown_units import significant
 
 
-# {condition: (unit, factor, offset, words before)}: shown = factor * SI + offset
+# {condition: words before}
 _CONDITIONS = {
-    "temperature": ("degC", 1.0, -273.15, ""),
-    "supply_pressure": ("bar", 1e-5, 0.0, "supply "),
-    "return_pressure": ("bar", 1e-5, 0.0, "return "),
-    "load_pressure": ("bar", 1e-5, 0.0, "load "),
-    "spool_position": ("um", 1e6, 0.0, "spool "),
-    "frequency": ("Hz", 1.0, 0.0, ""),
-}
-# {field of ValveData: (words, unit, factor)}
-_GEOMETRY = {
-    "stroke": ("stroke", "um", 1e6),
-    "slot_width": ("slot width", "mm", 1e3),
-    "land_diameter": ("land diameter", "mm", 1e3),
-    "rated_flow": ("rated flow", "l/min", 6e4),
-    "rated_pressure_drop": ("at", "bar", 1e-5),
-    "rated_current": ("rated current", "mA", 1e3),
+    "temperature": "",
+    "supply_pressure": "supply ",
+    "return_pressure": "return ",
+    "load_pressure": "load ",
+    "spool_position": "spool ",
+    "frequency": "",
 }
 
 
@@ -114,11 +106,11 @@ def file_rows(record: BenchRecord) -> list[tuple[str, str, str, str]]:
 
 def _geometry(record: BenchRecord) -> str:
     valve = record.valve
-    found = {key: getattr(valve, key) for key in _GEOMETRY}
+    found = {key: getattr(valve, key) for key in SIZES}
     parts = [
-        f"{words} {found[key] * factor:.5g} {unit}"
-        for key, (words, unit, factor) in _GEOMETRY.items()
-        if found[key] is not None
+        f"{'at' if key == 'rated_pressure_drop' else key.replace('_', ' ')} {column_unit(key).words(value, 5)}"
+        for key, value in found.items()
+        if value is not None
     ]
     return f"{valve.name}: {', '.join(parts)}"
 
@@ -146,7 +138,8 @@ def _shown(ranges: dict[str, list[float]], names: Iterable[str]) -> str:
     parts = []
     for name in names:
         if name in ranges:
-            unit, factor, offset, before = _CONDITIONS[name]
-            low, high = (f"{value * factor + offset:.4g}" for value in ranges[name])
-            parts.append(f"{before}{low if low == high else f'{low} to {high}'} {unit}".replace("-0 ", "0 "))
+            unit = column_unit(name)
+            low, high = (f"{unit.of(value):.4g}" for value in ranges[name])
+            shown = low if low == high else f"{low} to {high}"
+            parts.append(f"{_CONDITIONS[name]}{shown} {unit.label}".replace("-0 ", "0 "))
     return ", ".join(parts)

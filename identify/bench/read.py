@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from .cells import BadCellsError, BadCellsOfTest
-from .columns import CONDITIONS, READINGS
+from .columns import CONDITIONS, READINGS, column_unit
 from .errors import BenchInputError, listed, quoted, suggestion
 from .headers import likely_header, mapping
 from .plausibility import check_supply, condition_warnings, static_warnings
@@ -340,9 +340,9 @@ def _position(table: BenchTable, bench: BenchFile, test: StaticTest) -> tuple[np
     if len(far):
         row = int(far[0])
         cell = table.text(name, row)
-        limit, full = "the stroke", f"{valve.stroke * 1e6:.6g} um"
+        limit, full = "the stroke", column_unit("stroke").words(valve.stroke, 6)
         if name == "current" and valve.rated_current is not None:
-            limit, full = "the rated current", f"{valve.rated_current * 1e3:.6g} mA"
+            limit, full = "the rated current", column_unit("rated_current").words(valve.rated_current, 6)
         number = float(np.abs(position[far[0]]) / table.units[name].scale) if name == "spool_position" else 0.0
         fitting = (u for u in ("um", "mm", "inch") if 0.02 * valve.stroke <= to_si(number, u) <= 2.0 * valve.stroke)
         hint = next((f" In {unit} it would fit" for unit in fitting), "")
@@ -355,9 +355,8 @@ def _channels(table: BenchTable, test: StaticTest, required: bool) -> tuple[Chan
     if required:
         if not found:
             what = {"pressure_gain": "load_pressure [bar], or pressure_a and pressure_b"}
-            reading, kind = next(iter(READINGS[test.name].items()))
-            example = "l/min" if kind == "flow" else "bar"
-            raise missing(table, test, what.get(test.name, f"{reading} [{example}]"))
+            reading = next(iter(READINGS[test.name]))
+            raise missing(table, test, what.get(test.name, f"{reading} [{column_unit(reading).label}]"))
         if len(found) == 1 and found[0] in ("pressure_a", "pressure_b"):
             other = {"pressure_a": "pressure_b", "pressure_b": "pressure_a"}[found[0]]
             raise missing(table, test, f"{other} [bar] beside {found[0]}")

@@ -14,45 +14,99 @@ from thermohyd.effects.library import find_effect
 
 @dataclass(frozen=True)
 class DisplayUnit:
-    """shown value = factor * SI value"""
+    """shown value = factor * SI value + offset; differences take the factor alone. si: the SI unit, where it is another."""
 
     label: str
-    factor: float
+    factor: float = 1.0
+    offset: float = 0.0
+    si: str = ""
+
+    def of[T: (float, np.ndarray)](self, value: T) -> T:
+        return value * self.factor + self.offset
+
+    def words(self, value: float, digits: int) -> str:
+        """ "213 um": to at most so many significant digits."""
+        return f"{self.of(value):.{digits}g} {self.label}"
 
 
-# A change of the SI unit on the left gives one of the bench unit on the right; what is not here is shown in SI.
+# The one table: each kind of quantity in a file, with the unit that reports show and that messages propose.
+KINDS = {
+    "length": DisplayUnit("um", 1e6, si="m"),
+    "flow": DisplayUnit("l/min", 6e4, si="m^3/s"),
+    "pressure": DisplayUnit("bar", 1e-5, si="Pa"),
+    "temperature": DisplayUnit("degC", 1.0, -273.15, si="K"),
+    "current": DisplayUnit("mA", 1e3, si="A"),
+    "time": DisplayUnit("s"),
+    "kinematic viscosity": DisplayUnit("cSt", 1e6, si="m^2/s"),
+    "density": DisplayUnit("kg/m^3"),
+    "specific heat": DisplayUnit("J/(kg K)"),
+    "compressibility": DisplayUnit("1/Pa"),
+    "thermal expansion": DisplayUnit("1/K"),
+    "area": DisplayUnit("cm^2", 1e4, si="m^2"),
+    "volume": DisplayUnit("cm^3", 1e6, si="m^3"),
+    "mass": DisplayUnit("kg"),
+    "force": DisplayUnit("N"),
+    "velocity": DisplayUnit("mm/s", 1e3, si="m/s"),
+    "viscous friction": DisplayUnit("N s/m"),
+    "leakage conductance": DisplayUnit("m^3/s/Pa"),
+    "frequency": DisplayUnit("Hz"),
+    "amplifier gain": DisplayUnit("A/V"),
+    "sensor gain": DisplayUnit("V/m"),
+    "length per current": DisplayUnit("um/mA", 1e3, si="m/A"),
+    "velocity per current": DisplayUnit("mm/s/mA", 1.0, si="m/s/A"),
+    "plain number": DisplayUnit("1"),
+    "angle": DisplayUnit("deg", 180.0 / math.pi, si="rad"),
+}
+# For tables and curves: so many of the bench unit are one of SI, and 0 degC in K.
+UM, L_MIN, BAR, CST = (KINDS[kind].factor for kind in ("length", "flow", "pressure", "kinematic viscosity"))
+CELSIUS = -KINDS["temperature"].offset
+# The same for what is no column of a kind but a number with its SI unit, often a difference (so K, not degC).
 _OF_SI = {
-    "m": DisplayUnit("um", 1e6),
+    "m": KINDS["length"],
     "m/K": DisplayUnit("um/K", 1e6),
     "m/Pa": DisplayUnit("um/bar", 1e11),
-    "Pa": DisplayUnit("bar", 1e-5),
-    "m^3/s": DisplayUnit("l/min", 6e4),
-    "m3/s": DisplayUnit("l/min", 6e4),
-    "dimensionless": DisplayUnit("-", 1.0),
-    "N*s/m": DisplayUnit("N s/m", 1.0),
+    "Pa": KINDS["pressure"],
+    "m^3/s": KINDS["flow"],
+    "m3/s": KINDS["flow"],
+    "dimensionless": DisplayUnit("-"),
+    "N*s/m": KINDS["viscous friction"],
 }
-_OF_READING = {
-    "leakage_flow": _OF_SI["m^3/s"],
-    "flow": _OF_SI["m^3/s"],
-    "load_pressure": _OF_SI["Pa"],
-    "pressure_a": _OF_SI["Pa"],
-    "pressure_b": _OF_SI["Pa"],
-    "spool_position": _OF_SI["m"],
-    "piston_position": DisplayUnit("mm", 1e3),
-    "piston_velocity": DisplayUnit("mm/s", 1e3),
-    "amplitude_ratio": DisplayUnit("-", 1.0),
-    "phase": DisplayUnit("deg", 180.0 / math.pi),
+# Amounts of effects, as engineers write them; a fit that lists them among its parameters shows them by the table above.
+_OF_AMOUNTS = {
+    "m/N": DisplayUnit("um/N", 1e6),
+    "m/Pa": DisplayUnit("um/100 bar", 1e13),
+    "1/Pa": DisplayUnit("1/GPa", 1e9),  # how tables of pressure-viscosity coefficients give it
+    "m3/(s Pa)": DisplayUnit("l/min/bar", 6e9),
+    "m3/s/sqrt(Pa)": DisplayUnit("l/min/sqrt(bar)", 6e4 * math.sqrt(1e5)),
+    "Pa/(m3/s)": DisplayUnit("bar/(l/min)", 1e-5 / 6e4),
+    "Pa/(m3/s)^2": DisplayUnit("bar/(l/min)^2", 1e-5 / 6e4**2),
+    "1": DisplayUnit("-"),
+}
+# Figures of the static tests in a study.
+_OF_FIGURES = {
+    "dimensionless": DisplayUnit(""),
+    "Pa/m": DisplayUnit("bar/um", 1e-11),
+    "m2/s": DisplayUnit("l/min/um", 6e-2),
+    "m3/(s Pa)": _OF_AMOUNTS["m3/(s Pa)"],
 }
 
 
 def display_unit(si_unit: str) -> DisplayUnit:
-    """The bench unit for a parameter's SI unit (pint spelling)."""
-    return _OF_SI.get(si_unit.replace(" ", "").replace("**", "^"), DisplayUnit(si_unit, 1.0))
+    """The bench unit for a parameter's SI unit (pint spelling); what is not in the table is shown in SI."""
+    return _OF_SI.get(si_unit.replace(" ", "").replace("**", "^"), DisplayUnit(si_unit))
 
 
-def reading_unit(channel: str) -> DisplayUnit:
-    """The bench unit of a test's reading: l/min for flows, bar for pressures."""
-    return _OF_READING.get(channel, DisplayUnit("SI", 1.0))
+def effect_unit(name: str, si_unit: str) -> DisplayUnit:
+    """The bench unit of an effect's amount: shown = factor * SI. An effect of a new unit is shown in that unit."""
+    info = find_effect(name)
+    if info is not None and info.shown is not None:
+        return DisplayUnit(*info.shown)
+    return _OF_AMOUNTS.get(si_unit) or display_unit(si_unit)
+
+
+def figure_unit(si_unit: str) -> DisplayUnit:
+    """The bench unit of a study's figure or factor."""
+    return _OF_FIGURES.get(si_unit) or display_unit(si_unit)
 
 
 def decimals_for(std: float) -> int:
@@ -84,38 +138,6 @@ def beside(value: float, std: float | None) -> str:
 def decibel(ratio: ArrayLike) -> np.ndarray:
     """A ratio of amplitudes in dB."""
     return np.asarray(20.0 * np.log10(np.asarray(ratio)))
-
-
-# What engineers write for the SI unit on the left; a unit that is not here is shown as `display_units` shows it.
-_AMOUNTS_OF_SI = {
-    "m": DisplayUnit("um", 1e6),
-    "m/K": DisplayUnit("um/K", 1e6),
-    "m/N": DisplayUnit("um/N", 1e6),
-    "m/Pa": DisplayUnit("um/100 bar", 1e13),
-    "K": DisplayUnit("K", 1.0),
-    "s": DisplayUnit("s", 1.0),
-    "Pa": DisplayUnit("bar", 1e-5),
-    "1/Pa": DisplayUnit("1/GPa", 1e9),  # how tables of pressure-viscosity coefficients give it
-    "m3/s": DisplayUnit("l/min", 6e4),
-    "m3/(s Pa)": DisplayUnit("l/min/bar", 6e9),
-    "m3/s/sqrt(Pa)": DisplayUnit("l/min/sqrt(bar)", 6e4 * math.sqrt(1e5)),
-    "Pa/(m3/s)": DisplayUnit("bar/(l/min)", 1e-5 / 6e4),
-    "Pa/(m3/s)^2": DisplayUnit("bar/(l/min)^2", 1e-5 / 6e4**2),
-    "1": DisplayUnit("-", 1.0),
-}
-
-
-def effect_unit(name: str, si_unit: str) -> DisplayUnit:
-    """The bench unit of an effect's amount: shown = factor * SI. An effect of a new unit is shown in that unit."""
-    info = find_effect(name)
-    if info is not None and info.shown is not None:
-        return DisplayUnit(*info.shown)
-    return _AMOUNTS_OF_SI.get(si_unit) or display_unit(si_unit)
-
-
-def has_bench_unit(si_unit: str) -> bool:
-    """Whether amounts in this SI unit are shown in a unit that was chosen for them."""
-    return si_unit in _AMOUNTS_OF_SI
 
 
 def amount(name: str, value: float, si_unit: str, std: float | None = None) -> str:

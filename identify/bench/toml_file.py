@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from .errors import BenchInputError, one_line, quoted, suggestion
-from .units import KINDS, UnitError, expected, parse_quantity
+from .shown_units import KINDS
+from .units import UnitError, expected, parse_quantity
 
 
 LARGEST = 1_000_000  # bytes; a bench.toml is a page
@@ -161,7 +162,8 @@ class TomlTable:
             if self.source.si_numbers:
                 return self._signed(key, value, _finite(self, key, value), sign)
             if kind != "plain number":
-                raise self.error(f'{quoted(value)} has no unit; write it in quotes, such as "1.5 {KINDS[kind]}"', key)
+                example = f"1.5 {KINDS[kind].label}"
+                raise self.error(f'{quoted(value)} has no unit; write it in quotes, such as "{example}"', key)
             value = str(quoted(value))[1:-1]
         if not isinstance(value, str):
             raise self.error(f"{quoted(value)} is not a quantity; expected {expected(kind)}", key)

@@ -10,52 +10,9 @@ from typing import Any, overload
 import numpy as np
 
 from .errors import quoted, suggestion
+from .shown_units import KINDS
 
 
-# Each kind of quantity with a bench unit that an error message can propose.
-KINDS = {
-    "length": "um",
-    "flow": "l/min",
-    "pressure": "bar",
-    "temperature": "degC",
-    "current": "mA",
-    "time": "s",
-    "kinematic viscosity": "cSt",
-    "density": "kg/m^3",
-    "specific heat": "J/(kg K)",
-    "compressibility": "1/Pa",
-    "thermal expansion": "1/K",
-    "area": "cm^2",
-    "volume": "cm^3",
-    "mass": "kg",
-    "force": "N",
-    "velocity": "mm/s",
-    "viscous friction": "N s/m",
-    "leakage conductance": "m^3/s/Pa",
-    "frequency": "Hz",
-    "amplifier gain": "A/V",
-    "sensor gain": "V/m",
-    "length per current": "um/mA",
-    "velocity per current": "mm/s/mA",
-    "plain number": "1",
-    "angle": "deg",
-}
-# The units of a test's columns where a program gives numbers without any: SI. Frequencies are in Hz.
-SI = {
-    "length": "m",
-    "flow": "m^3/s",
-    "pressure": "Pa",
-    "temperature": "K",
-    "current": "A",
-    "time": "s",
-    "force": "N",
-    "velocity": "m/s",
-    "frequency": "Hz",
-    "length per current": "m/A",
-    "velocity per current": "m/s/A",
-    "plain number": "1",
-    "angle": "rad",
-}
 # What engineers write and pint does not know. Gauge pressures: all pressures of a record are gauge.
 DEFINITIONS = ("gpm = gallon / minute", "lpm = liter / minute", "barg = bar", "psig = psi", "psid = psi", "cc = cm**3")
 ABSOLUTE = {"psia", "bara", "bar_a", "psi_a", "bar(a)", "psi(a)"}  # refused: a record's pressures are gauge
@@ -84,28 +41,10 @@ SHORT = {
     "flow": {"usgpm": "gal/min", "ccm": "cm^3/min", "ltr/min": "l/min", "lit/min": "l/min"},
     "length": {"micron": "um", "microns": "um", "mils": "mil"},
 }
-COMMON = tuple(
-    [
-        "um",
-        "mm",
-        "inch",
-        "thou",
-        "l/min",
-        "gal/min",
-        "m^3/s",
-        "bar",
-        "psi",
-        "MPa",
-        "degC",
-        "degF",
-        "K",
-        "mA",
-        "A",
-        "s",
-        "cSt",
-        "%",
-    ]
-)
+COMMON = (
+    "um", "mm", "inch", "thou", "l/min", "gal/min", "m^3/s", "bar", "psi", "MPa", "degC", "degF", "K", "mA", "A", "s",
+    "cSt", "%",
+)  # fmt: skip
 # Names, single-digit powers, products, quotients. Anything else, towers of powers first of all, never reaches pint.
 SAFE = re.compile(
     r"(?:1(?=\s*/)|[^\W\d]\w*|[°%]|(?:\^|\*\*)\s*-?\d(?!\s*(?:[\d.^]|\*\*))|(?<=[\w)%])\*(?=[\s\w(])|[/()]|\s)+"
@@ -132,7 +71,7 @@ class Unit:
 
 def expected(kind: str) -> str:
     """ "a flow such as l/min": how messages name what would be right."""
-    return f"{_article(kind)} such as {KINDS[kind]}"
+    return f"{_article(kind)} such as {KINDS[kind].label}"
 
 
 def _article(kind: str) -> str:
@@ -190,15 +129,15 @@ def parse_unit(text: str, kind: str, full_scale: float | None = None) -> Unit:
         raise UnitError(f"the unit is missing; expected {expected(kind)}")
     try:
         scale, offset, dimension = _linear(text)
-        if dimension != _linear(KINDS[kind])[2] and (written := _as_written(text, kind)):
+        if dimension != _linear(KINDS[kind].label)[2] and (written := _as_written(text, kind)):
             scale, offset, dimension = _linear(written)
     except UnitError as error:
         if written := _as_written(text, kind):
             return Unit(text, *_linear(written)[:2])
         close = suggestion(text, COMMON)
         raise UnitError(f"{error}; {close if close.endswith('?') else f'expected {expected(kind)}'}") from None
-    if dimension != _linear(KINDS[kind])[2]:
-        same = (_article(name) for name, example in KINDS.items() if _linear(example)[2] == dimension)
+    if dimension != _linear(KINDS[kind].label)[2]:
+        same = (_article(name) for name, shown in KINDS.items() if _linear(shown.label)[2] == dimension)
         raise UnitError(f"{quoted(text)} is {next(same, 'of another dimension')}; expected {expected(kind)}")
     return Unit(text, scale, offset)
 
@@ -222,7 +161,8 @@ def parse_quantity(text: str, kind: str, full_scale: float | None = None) -> flo
     """ "213 um" as a number in SI. Raises UnitError."""
     match = NUMBER.match(text)
     if match is None:
-        raise UnitError(f'{quoted(text)} is not a quantity; expected a number with a unit, such as "1.5 {KINDS[kind]}"')
+        example = f"1.5 {KINDS[kind].label}"
+        raise UnitError(f'{quoted(text)} is not a quantity; expected a number with a unit, such as "{example}"')
     bare = kind == "plain number" and not match[2].strip()
     unit = parse_unit("1" if bare else match[2], kind, full_scale)
     value = unit.scale * float(match[1]) + unit.offset

@@ -11,7 +11,7 @@ from thermohyd.data import oil_preset
 from thermohyd.identify.fitting.parameters import IN_MOTION, heat_retention, identified_by_default, identified_in_motion
 from thermohyd.oil_definition import OilDefinition, walther_coefficients
 
-from .columns import CONDITIONS, impossible, wrong_size
+from .columns import CONDITIONS, KIND_OF, SIZES, impossible, wrong_size
 from .errors import quoted
 from .record import ActuatorData, StartValue, ValveData
 from .test_tables import DynamicTestTable, StaticTest, read_actuator, read_tests
@@ -147,15 +147,7 @@ def _read_entry(entry: TomlTable, limits: _Limits, nominal: float, stroke: float
 
 
 TABLES = ("valve", "oil", "conditions", "tests", "actuator", "start")
-SIZED = {
-    "stroke": "length",
-    "slot_width": "length",
-    "land_diameter": "length",
-    "rated_flow": "flow",
-    "rated_pressure_drop": "pressure",
-    "rated_current": "current",
-}
-VALVE = ("name", *SIZED, "polarity")
+VALVE = ("name", *SIZES, "polarity")
 
 
 @dataclass(frozen=True)
@@ -211,7 +203,7 @@ def _needed(root: TomlTable, name: str) -> TomlTable:
 
 def _valve(table: TomlTable, name: str) -> ValveData:
     table.refuse_unknown(VALVE)
-    sizes = {key: _size(table, key, kind) for key, kind in SIZED.items()}
+    sizes = {key: _size(table, key) for key in SIZES}
     stroke, slot_width = sizes["stroke"], sizes["slot_width"]
     if stroke is None or slot_width is None:
         key, example = ("stroke", "213 um") if stroke is None else ("slot_width", "12 mm")
@@ -233,8 +225,8 @@ def _valve(table: TomlTable, name: str) -> ValveData:
     )
 
 
-def _size(table: TomlTable, key: str, kind: str) -> float | None:
-    value = table.quantity(key, kind, sign="positive")
+def _size(table: TomlTable, key: str) -> float | None:
+    value = table.quantity(key, KIND_OF[key], sign="positive")
     if value is not None and (problem := wrong_size(key, value, number_of(table.data[key]))):
         raise table.error(f"{quoted(table.data[key])} {problem}", key)
     return value

@@ -15,8 +15,9 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import SymLogNorm
 from matplotlib.figure import Figure
 
+from thermohyd.identify.bench.columns import column_unit
 from thermohyd.identify.bench.record import TestRecord
-from thermohyd.identify.bench.shown_units import reading_unit, significant
+from thermohyd.identify.bench.shown_units import UM, significant
 from thermohyd.identify.fitting.result import ChannelFit, FitResult
 from thermohyd.identify.report import style as look
 from thermohyd.identify.report.style import TITLES, pressure_groups, run_label, temperature_groups
@@ -151,26 +152,7 @@ def _best_box(
     return best
 
 
-# {column: (unit, factor, offset)}: shown = factor * SI + offset
-_SHOWN = {
-    "spool_position": ("um", 1e6, 0.0),
-    "supply_pressure": ("bar", 1e-5, 0.0),
-    "return_pressure": ("bar", 1e-5, 0.0),
-    "load_pressure": ("bar", 1e-5, 0.0),
-    "pressure_drop": ("bar", 1e-5, 0.0),
-    "temperature": ("degC", 1.0, -273.15),
-    "rate": ("um/s", 1e6, 0.0),
-    "opening": ("um", 1e6, 0.0),
-    "time": ("s", 1.0, 0.0),
-    "frequency": ("Hz", 1.0, 0.0),
-    "elapsed": ("s", 1.0, 0.0),
-}
 _AFTER = {"supply_pressure": " supply", "return_pressure": " return", "load_pressure": " load"}
-
-
-def condition_unit(column: str) -> tuple[str, float, float]:
-    """(unit, factor, offset) with shown = factor * SI + offset; a column without a bench unit is shown as it is."""
-    return _SHOWN.get(column, ("", 1.0, 0.0))
 
 
 def direction_word(direction: float) -> str:
@@ -187,7 +169,7 @@ def region_words(limits: Mapping[str, tuple[float, float]], run_names: tuple[str
 
 def miss_words(channel: str, mean: float, rms: float) -> tuple[str, str]:
     """(size with its unit, side) of a misfit: its mean, "high" or "low"; where both signs outweigh it, its RMS, "off"."""
-    unit = reading_unit(channel)
+    unit = column_unit(channel)
     size, side = abs(mean), "high" if mean > 0 else "low"
     if rms > 2.0 * size:
         size, side = rms, "off"
@@ -199,17 +181,17 @@ def _range(column: str, low: float, high: float, run_names: tuple[str, ...]) -> 
         return "" if low != high else f"{direction_word(low)} sweeps"
     if column == "run":
         return _runs(round(low), round(high), run_names)
-    unit, factor, offset = condition_unit(column)
-    low, high = low * factor + offset, high * factor + offset
+    unit = column_unit(column)
+    low, high = unit.of(low), unit.of(high)
     # A step test lasts a second, a sweep minutes.
     digits = 3 if column == "time" else 0 if max(abs(low), abs(high)) >= 10.0 else 2
-    first, last = (f"{value:.{digits}f}" if unit else significant(value, 3) for value in (low, high))
+    first, last = (f"{value:.{digits}f}" if unit.label else significant(value, 3) for value in (low, high))
     if first == "-0":
         first = "0"
     figures = first if first == last else f"{first} to {last}"
-    if not unit:
+    if not unit.label:
         return f"{column} {figures}"
-    return f"{figures} {unit}{_AFTER.get(column, '')}"
+    return f"{figures} {unit.label}{_AFTER.get(column, '')}"
 
 
 def _runs(low: int, high: int, names: tuple[str, ...]) -> str:
@@ -286,7 +268,7 @@ def _label(axes: Axes, found: _Map, model: str, first: bool) -> None:
 
 def _map(fits: list[ChannelFit], run_names: tuple[str, ...]) -> _Map:
     group, labels, same = _conditions(fits[0], run_names)
-    position = fits[0].position * 1e6
+    position = fits[0].position * UM
     edges = _edges(position, group)
     bins = np.clip(np.searchsorted(edges, position, side="right") - 1, 0, len(edges) - 2)
     shape = (len(labels), len(edges) - 1)

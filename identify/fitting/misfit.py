@@ -8,8 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from thermohyd.identify.bench.columns import column_unit
 from thermohyd.identify.bench.record import kind_of_test
-from thermohyd.identify.bench.shown_units import display_unit, reading_unit
+from thermohyd.identify.bench.shown_units import display_unit
 
 from .result import DISAGREES, ChannelFit, ParameterEstimate
 
@@ -57,7 +58,7 @@ def worst_region(fit: ChannelFit, stretches: int = 9) -> Region | None:
 
 def sentence(fit: ChannelFit) -> str:
     """One sentence on one channel: RMS beside the noise, and the worst place where they disagree."""
-    shown = reading_unit(fit.channel)
+    shown = column_unit(fit.channel)
     unit, factor = shown.label, shown.factor
     what = f"{fit.test}: {fit.channel} is met to {fit.residual_rms * factor:.3g} {unit} RMS"
     if not fit.noise_known:
@@ -133,7 +134,7 @@ def doubts(fits: tuple[ChannelFit, ...], parameters: Mapping[str, ParameterEstim
     for fit in fits:
         scatter = float(np.std(fit.measured))
         if len(fit.measured) >= ENOUGH and fit.residual_rms > MOSTLY_SCATTER * scatter:
-            shown = reading_unit(fit.channel)
+            shown = column_unit(fit.channel)
             what = "never changes" if scatter == 0.0 else (
                 f"varies by {scatter * shown.factor:.3g} {shown.label} RMS, of which the model leaves "
                 f"{100 * min(fit.residual_rms / scatter, 1.0):.0f} %: it hardly follows the model at all"
@@ -174,7 +175,7 @@ def verdict_of_motion(fits: tuple[ChannelFit, ...], converged: bool, message: st
 
 def sentence_of_motion(fit: ChannelFit) -> str:
     """One sentence on one channel of a dynamic test: RMS beside the noise, and when they disagree most."""
-    shown = reading_unit(fit.channel)
+    shown = column_unit(fit.channel)
     unit, factor = "" if shown.label == "-" else f" {shown.label}", shown.factor
     what = f"{fit.test}: {fit.channel} is met to {fit.residual_rms * factor:.3g}{unit} RMS"
     if not fit.noise_known:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from thermohyd.identify.bench.columns import column_unit
 from thermohyd.identify.bench.record import BenchRecord, DynamicTest, TestRecord, is_dynamic
 from thermohyd.identify.bench.shown_units import DisplayUnit, significant
 from thermohyd.identify.reduction.monotone_pieces import PRESSURE_STEP, TEMPERATURE_STEP
@@ -20,16 +21,10 @@ STANDS_FOR = (
 SAME = 0.01  # of the stroke, of the supply pressure: as far outside as a sweep that was set alike
 MOST_STRETCHES = 4  # listed in a sentence
 OIL, STROKE = "oil_temperature", "stroke"
-QUANTITIES = {
-    "spool_position": DisplayUnit("um", 1e6),
-    "supply_pressure": DisplayUnit("bar", 1e-5),
-    "return_pressure": DisplayUnit("bar", 1e-5),
-    "load_pressure": DisplayUnit("bar", 1e-5),
-    "temperature": DisplayUnit("degC", 1.0),
-    "setpoint": DisplayUnit("mm", 1e3),
-    "current": DisplayUnit("mA", 1e3),
-    "frequency": DisplayUnit("Hz", 1.0),
-}
+QUANTITIES = (
+    "spool_position", "supply_pressure", "return_pressure", "load_pressure", "temperature", "setpoint", "current",
+    "frequency",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -47,16 +42,16 @@ class Outside:
     lines: np.ndarray
     found: tuple[float, float]
     allowed: tuple[float, float]
-    unit: DisplayUnit
+
+    @property
+    def unit(self) -> DisplayUnit:
+        return column_unit(self.quantity)
 
     @property
     def stretches(self) -> list[tuple[int, int]]:
         """First and last line of each stretch of neighbouring rows."""
         edges = np.flatnonzero(np.diff(np.concatenate([[0], self.rows.astype(int), [0]])))
         return [(int(self.lines[a]), int(self.lines[b - 1])) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-
-    def shown(self, value: float) -> float:
-        return value - 273.15 if self.unit.label == "degC" else value * self.unit.factor
 
 
 def conditions(test: TestRecord) -> dict[str, np.ndarray]:
@@ -94,15 +89,13 @@ def _of_test(model: Model, test: TestRecord) -> Iterator[Outside]:
         low, high = ranges[name]
         reach = {"temperature": TEMPERATURE_STEP, "spool_position": SAME * model.valve.stroke}
         slack = reach.get(name, PRESSURE_STEP * size if name.endswith("pressure") else SAME * max(abs(low), abs(high)))
-        yield from _beyond(test, name, column, (low, high), slack, lines, QUANTITIES[name])
+        yield from _beyond(test, name, column, (low, high), slack, lines)
     if "spool_position" in columns:
         far = (-model.valve.stroke, model.valve.stroke)
-        yield from _beyond(
-            test, STROKE, columns["spool_position"], far, SAME * far[1], lines, QUANTITIES["spool_position"]
-        )
+        yield from _beyond(test, STROKE, columns["spool_position"], far, SAME * far[1], lines)
     if model.oil.coldest is not None and model.oil.hottest is not None:
         known = (model.oil.coldest, model.oil.hottest)
-        yield from _beyond(test, OIL, test.temperature, known, TEMPERATURE_STEP, lines, QUANTITIES["temperature"])
+        yield from _beyond(test, OIL, test.temperature, known, TEMPERATURE_STEP, lines)
 
 
 def fitted_ranges(model: Model, test: TestRecord) -> dict[str, tuple[float, float]]:
@@ -128,12 +121,11 @@ def _beyond(
     allowed: tuple[float, float],
     slack: float,
     lines: np.ndarray,
-    unit: DisplayUnit,
 ) -> Iterator[Outside]:
     rows = (column < allowed[0] - slack) | (column > allowed[1] + slack)
     if rows.any():
         found = float(np.min(column[rows])), float(np.max(column[rows]))
-        yield Outside(test.name, quantity, rows, lines, found, allowed, unit)
+        yield Outside(test.name, quantity, rows, lines, found, allowed)
 
 
 def names_of_rows(entries: list[Outside], test: str, rows: int) -> list[str]:
@@ -186,7 +178,7 @@ def _sentence(entry: Outside, test: TestRecord) -> str:
 
 
 def _ends(entry: Outside, ends: tuple[float, float]) -> str:
-    low, high = (significant(entry.shown(value), 4) for value in ends)
+    low, high = (significant(entry.unit.of(value), 4) for value in ends)
     return low if low == high else f"{low} to {high}"
 
 
@@ -198,8 +190,8 @@ def outside_json(entries: list[Outside]) -> dict[str, Any]:
             {
                 "quantity": entry.quantity,
                 "unit": entry.unit.label,
-                "found": [entry.shown(value) for value in entry.found],
-                "allowed": [entry.shown(value) for value in entry.allowed],
+                "found": [entry.unit.of(value) for value in entry.found],
+                "allowed": [entry.unit.of(value) for value in entry.allowed],
                 "rows": int(entry.rows.sum()),
                 "lines": [list(stretch) for stretch in entry.stretches],
             }

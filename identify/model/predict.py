@@ -20,6 +20,7 @@ from rich.console import Console
 from thermohyd.conditions import Conditions
 from thermohyd.effects.effect import AbstractReadingEffect
 from thermohyd.effects.library import classes_of, effect, effect_info, factor_on, with_effects
+from thermohyd.identify.bench.columns import column_unit
 from thermohyd.identify.bench.errors import BenchInputError
 from thermohyd.identify.bench.record import BenchRecord, DynamicData, TestRecord
 from thermohyd.identify.bench.units import from_si
@@ -40,29 +41,21 @@ from .simulation_output import note_lines, simulation_files, simulation_json, si
 
 
 SAME = 1e-9  # relative: what two files write of one number differs by less
-# What of [valve] a prediction uses: the field, its bench unit, and how many of these are in one SI unit.
-GEOMETRY = (
-    ("stroke", "um", 1e6),
-    ("slot_width", "mm", 1e3),
-    ("land_diameter", "mm", 1e3),
-    ("rated_current", "mA", 1e3),
-)
+GEOMETRY = ("stroke", "slot_width", "land_diameter", "rated_current")  # what of [valve] a prediction uses
 NOT_THE_OIL = ("name", "source", "coldest", "hottest")  # they describe it
 
 
 def as_in_record(model: Model, record: BenchRecord) -> tuple[Model, tuple[str, ...]]:
     """The model with the oil and the geometry that the record states, and a note for each in which the two differ."""
     changed, notes, oil = {}, [], model.oil
-    for name, unit, factor in GEOMETRY:
+    for name in GEOMETRY:
         stated, fitted = getattr(record.valve, name), getattr(model.valve, name)
         if stated is None or (fitted is not None and _same(stated, fitted)):
             continue
         changed[name] = stated
         if fitted is not None:
-            notes.append(
-                f"{name}: the record states {stated * factor:.6g} {unit} and gets it; the model was fitted with "
-                f"{fitted * factor:.6g} {unit}"
-            )
+            ours, theirs = (column_unit(name).words(value, 6) for value in (stated, fitted))
+            notes.append(f"{name}: the record states {ours} and gets it; the model was fitted with {theirs}")
     if record.valve.polarity != model.valve.polarity:
         changed["polarity"] = record.valve.polarity  # of the record's own current
     if not _same_oil(record.oil, model.oil):
@@ -148,19 +141,12 @@ def require_columns(model: Model, test: TestRecord) -> None:
             )
 
 
-# What a test reads where the record itself says nothing of it, and the bench unit to report it in.
+# What a test reads where the record itself says nothing of it.
 READINGS = {
     "leakage": ("leakage_flow",),
     "pressure_gain": ("load_pressure",),
     "flow_gain": ("flow",),
     "load_flow": ("flow",),
-}
-BENCH_UNITS = {
-    "leakage_flow": "l/min",
-    "flow": "l/min",
-    "load_pressure": "bar",
-    "pressure_a": "bar",
-    "pressure_b": "bar",
 }
 # Rows per evaluation: large logs are predicted piece by piece, so that what the balances need of memory stays flat.
 CHUNK = 16384
@@ -360,7 +346,7 @@ def simulate(record: BenchRecord, model: Model, *, progress: Callable[[str], Non
             told.append(f"{test.name}: a raw log, so position, direction and rate are those of its smooth sweep")
         table = pd.DataFrame(index=range(test.rows)) if test.table is None else test.table.copy()
         for name, (reading, std) in predict_test(static, record, smooth).items():
-            unit = BENCH_UNITS[name]
+            unit = column_unit(name).label
             # Beside a gauge that the record shows to be wired the other way round, the prediction turns with it.
             table[f"{name}_predicted [{unit}]"] = from_si(-reading if name in turned else reading, unit)
             table[f"{name}_predicted_std [{unit}]"] = from_si(std, unit)

@@ -9,8 +9,10 @@ import numpy as np
 
 from thermohyd.dynamics.integrate import FAILURES
 from thermohyd.effects.library import effect_info
+from thermohyd.identify.bench.columns import ABSOLUTE_RATIO, column_unit
 from thermohyd.identify.bench.errors import BenchInputError
 from thermohyd.identify.bench.record import BenchRecord, DynamicTest
+from thermohyd.identify.bench.shown_units import KINDS
 from thermohyd.identify.fitting.motion_readings import DynamicSimulator, Key, actuator_of, valve_of
 from thermohyd.identify.fitting.parameters import IN_MOTION
 
@@ -60,27 +62,14 @@ def _acts(name: str) -> bool:
     return effect_info(name).rowwise and not effect_info(name).on_readings
 
 
-# Bench units of the readings; an absolute ratio and a phase keep SI and degrees.
-UNITS = {
-    "spool_position": "um",
-    "pressure_a": "bar",
-    "pressure_b": "bar",
-    "piston_position": "mm",
-    "piston_velocity": "mm/s",
-    "phase": "deg",
-}
-
-
 def unit_of(test: DynamicTest, channel: str) -> str:
-    """The unit in which a prediction is written."""
+    """The unit in which a prediction is written: that of the bench, of an amplitude ratio the SI one."""
     if channel != "amplitude_ratio":
-        return UNITS[channel]
+        return column_unit(channel).label
     if not test.absolute:
         return "1"
-    per_current = test.command_kind == "current"
-    if test.output == "piston_velocity":
-        return "m/s/A" if per_current else "1/s"
-    return "m/A" if per_current else "1"
+    kind = ABSOLUTE_RATIO[test.output, test.command_kind == "current"]
+    return "1/s" if kind == "frequency" else KINDS[kind].si or KINDS[kind].label
 
 
 def require_actuator(model: Model, record: BenchRecord) -> None:

@@ -13,8 +13,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from thermohyd.identify.bench.columns import column_unit
 from thermohyd.identify.bench.record import Channel, Nodes, TestRecord
-from thermohyd.identify.bench.shown_units import reading_unit, significant
+from thermohyd.identify.bench.shown_units import significant
 
 from .monotone_pieces import monotone_pieces, piece_bounds, sweep_axis
 from .noise_of_points import Points, points_of
@@ -284,7 +285,7 @@ def _what_was_done(test: TestRecord, pieces: np.ndarray, starts: np.ndarray) -> 
 
 
 def _noise_note(test: TestRecord, channel: Channel, points: Points, rows: np.ndarray) -> str:
-    unit = reading_unit(channel.name)
+    unit = column_unit(channel.name)
     shown = lambda value: f"{significant(float(value) * unit.factor, 2)} {unit.label}"
     n = float(np.median(rows))
     parts = []

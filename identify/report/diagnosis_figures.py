@@ -11,10 +11,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from thermohyd.identify.bench.columns import column_unit
 from thermohyd.identify.bench.record import is_dynamic
-from thermohyd.identify.bench.shown_units import display_unit, reading_unit
+from thermohyd.identify.bench.shown_units import display_unit
 from thermohyd.identify.diagnosis.result import DiagnosisResult, Variation
-from thermohyd.identify.diagnosis.where import condition_unit, residual_map
+from thermohyd.identify.diagnosis.where import residual_map
 from thermohyd.identify.fitting.result import ChannelFit, FitResult
 
 from . import style as look
@@ -69,7 +70,7 @@ def _draw_data(axes: Axes, fit: ChannelFit, old: list[Sweep], new: list[Sweep]) 
             axes.plot(former.x, former.predicted, color=sweep.colour, linestyle=":")
         axes.plot(sweep.x, sweep.predicted, color=sweep.colour)
     axes.set_title("bench and both models", loc="left", color=look.FAINT)
-    look.label_axes(axes, "", f"{_reading(fit)} [{reading_unit(fit.channel).label}]")
+    look.label_axes(axes, "", f"{_reading(fit)} [{column_unit(fit.channel).label}]")
 
 
 def _draw_gap(axes: Axes, fit: ChannelFit, old: list[Sweep], new: list[Sweep]) -> None:
@@ -89,7 +90,7 @@ def _draw_gap(axes: Axes, fit: ChannelFit, old: list[Sweep], new: list[Sweep]) -
     shown = [former.measured - former.predicted for former in old]
     axes.set_ylim(*look.outer_limits([*shown, *(n.predicted - o.predicted for o, n in zip(old, new, strict=True))]))
     axes.set_title("bench beyond the ideal valve; line: what was added to it", loc="left", color=look.FAINT)
-    look.label_axes(axes, "", f"{_reading(fit)} - ideal valve [{reading_unit(fit.channel).label}]")
+    look.label_axes(axes, "", f"{_reading(fit)} - ideal valve [{column_unit(fit.channel).label}]")
 
 
 def same_rows(before: ChannelFit, after: ChannelFit) -> bool:
@@ -128,10 +129,10 @@ def variation_figure(variations: tuple[Variation, ...]) -> Figure:
 
 
 def _draw(axes: Axes, found: Variation) -> None:
-    unit, factor, offset = condition_unit(found.variable)
+    unit = column_unit(found.variable)
     label, scale = ("%", 100.0) if found.unit in ("1", "dimensionless", "") else _unit(found.unit)
     order = np.argsort(found.variable_values)
-    x = found.variable_values[order] * factor + offset
+    x = unit.of(found.variable_values[order])
     y, band = found.curve[order] * scale, 1.96 * found.band[order] * scale
     colour = LEARNED if found.learned else CURVE
     axes.axhline(0.0, color=look.FAINT, linewidth=0.8)
@@ -146,7 +147,7 @@ def _draw(axes: Axes, found: Variation) -> None:
         color=look.INK if found.learned else look.FAINT,
         fontsize=9,
     )
-    axes.set_xlabel(f"{found.variable.replace('_', ' ')}{f' [{unit}]' if unit else ''}")
+    axes.set_xlabel(f"{found.variable.replace('_', ' ')}{f' [{unit.label}]' if unit.label else ''}")
     axes.set_ylabel(f"change [{label}]")
 
 

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from importlib.metadata import version
 from typing import Any
 
+from thermohyd.identify.bench.columns import column_unit
 from thermohyd.identify.bench.provenance import file_rows, record_rows
-from thermohyd.identify.bench.shown_units import reading_unit, significant
+from thermohyd.identify.bench.shown_units import significant
 from thermohyd.identify.diagnosis.result import DiagnosisResult
 
 from . import diagnosis_words as words, fit_report as report_content
@@ -75,7 +76,7 @@ def _sentence(text: str) -> str:
 def _noise(result: DiagnosisResult) -> list[_NoiseRow]:
     rows = []
     for found in result.noise:
-        unit = reading_unit(found.channel)
+        unit = column_unit(found.channel)
         rows.append(
             _NoiseRow(
                 reading=words.reading_words(found.test, found.channel),

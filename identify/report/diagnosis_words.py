@@ -3,10 +3,11 @@
 import math
 from dataclasses import dataclass
 
+from thermohyd.identify.bench.columns import column_unit
 from thermohyd.identify.bench.record import is_dynamic
 from thermohyd.identify.bench.shown_units import DisplayUnit, amount, beside, display_unit, effect_unit, significant
 from thermohyd.identify.diagnosis.result import Candidate, DiagnosisResult, NamedEffect, Region, Variation
-from thermohyd.identify.diagnosis.where import condition_unit, miss_words, region_words
+from thermohyd.identify.diagnosis.where import miss_words, region_words
 
 
 # p-values below are all the same to a reader, and the far tail of any noise model is a guess.
@@ -367,7 +368,7 @@ def _variation(found: Variation) -> str:
 def _span(found: Variation) -> str:
     if found.variable == "direction":
         return "rising against falling"
-    unit, factor, offset = condition_unit(found.variable)
-    ends = [float(end(found.variable_values)) * factor + offset for end in (min, max)]
+    unit = column_unit(found.variable)
+    ends = [unit.of(float(end(found.variable_values))) for end in (min, max)]
     low, high = (f"{end:,.0f}" if abs(end) >= 1000.0 else f"{end:.3g}" for end in ends)
-    return f"{low} to {high}{f' {unit}' if unit else ''}"
+    return f"{low} to {high}{f' {unit.label}' if unit.label else ''}"

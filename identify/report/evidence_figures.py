@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from thermohyd.identify.bench.record import kind_of_test
-from thermohyd.identify.bench.shown_units import effect_unit
+from thermohyd.identify.bench.shown_units import CELSIUS, UM, effect_unit
 from thermohyd.identify.diagnosis.result import Candidate, DiagnosisResult, Evidence
 
 from . import style as look
@@ -29,7 +29,7 @@ def evidence_figure(parts: list[Evidence]) -> Figure:
     """All channels of one effect; each panel says which share of the effect's z its rows hold."""
     total = sum(float(part.contribution.sum()) for part in parts)
     chosen = sorted(parts, key=lambda part: -abs(float(part.contribution.sum())))[:MOST_PANELS]
-    celsius, means = look.group(np.concatenate([part.temperature for part in chosen]) - 273.15, 4.0)
+    celsius, means = look.group(np.concatenate([part.temperature for part in chosen]) - CELSIUS, 4.0)
     colours = look.temperature_colours(len(means))
     with look.style():
         columns = min(2, len(chosen))
@@ -69,7 +69,7 @@ def evidence_figure(parts: list[Evidence]) -> Figure:
 
 def _draw(axes: Axes, part: Evidence, group: np.ndarray, colours: list[str]) -> None:
     """Sums over bins of the position, one step line per temperature and direction."""
-    position = part.position * (1.0 if kind_of_test(part.test) in AXES else 1e6)
+    position = part.position * (1.0 if kind_of_test(part.test) in AXES else UM)
     bins = max(4, min(BINS, len(position) // 4))
     edges = np.linspace(position.min(), position.max() + 1e-9, bins + 1)
     axes.axhline(0.0, color=look.FAINT, linewidth=0.8)

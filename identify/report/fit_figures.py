@@ -10,8 +10,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
+from thermohyd.identify.bench.columns import column_unit
 from thermohyd.identify.bench.record import is_dynamic, kind_of_test
-from thermohyd.identify.bench.shown_units import display_unit, reading_unit
+from thermohyd.identify.bench.shown_units import UM, display_unit
 from thermohyd.identify.fitting.result import ChannelFit, FitResult
 
 from . import style as look
@@ -45,7 +46,7 @@ def _histories(pairs: Sequence[Pair], run_names: Sequence[str], words: tuple[str
     for row, pair in zip(grid, pairs, strict=True):
         for axes, code in zip(row, shown, strict=True):
             _draw(axes, pair, pair[1].run == code, words)
-        unit = reading_unit(pair[1].channel).label
+        unit = column_unit(pair[1].channel).label
         row[0].set_ylabel(f"{pair[1].channel.replace('_', ' ')} [{unit}]")
     for axes, code in zip(grid[0], shown, strict=True):
         name = run_names[code] if code < len(run_names) and run_names[code] else ""
@@ -59,7 +60,7 @@ def _histories(pairs: Sequence[Pair], run_names: Sequence[str], words: tuple[str
 
 def _draw(axes: Axes, pair: Pair, rows: np.ndarray, words: tuple[str, str]) -> None:
     before, after = pair
-    unit = reading_unit(after.channel).factor
+    unit = column_unit(after.channel).factor
     order = np.flatnonzero(rows)[np.argsort(after.position[rows], kind="stable")]
     x = after.position[order]
     axes.plot(x, after.measured[order] * unit, ".", color=DATA, markersize=2.6, label="bench", rasterized=True)
@@ -78,7 +79,7 @@ def _bode(pairs: Sequence[Pair], run_names: Sequence[str], words: tuple[str, str
             _draw(axes, pair, pair[1].run == code, words)
         axes.set_xscale("log")
         look.plain_numbers(axes.xaxis)
-        unit = reading_unit(pair[1].channel).label
+        unit = column_unit(pair[1].channel).label
         if pair[1].channel == "amplitude_ratio":
             axes.set_yscale("log")
             look.plain_numbers(axes.yaxis)
@@ -137,7 +138,7 @@ def run_names_of(result: FitResult, test: str) -> tuple[str, ...]:
 
 def _null(result: FitResult) -> float:
     estimate = result.parameters.get("null_bias")
-    return 0.0 if estimate is None else estimate.value * 1e6
+    return 0.0 if estimate is None else estimate.value * UM
 
 
 def _test_figure(test: str, fits: list[ChannelFit], null: float, run_names: tuple[str, ...]) -> Figure:
@@ -165,7 +166,7 @@ def _draw_data(axes: Axes, fit: ChannelFit, sweeps: list[Sweep], view: str, null
             low, high = sweep.predicted - sweep.band, sweep.predicted + sweep.band
             axes.fill_between(sweep.x, low, high, color=sweep.colour, alpha=0.22, linewidth=0.0)
         axes.plot(sweep.x, sweep.predicted, color=sweep.colour)
-    unit = reading_unit(fit.channel).label
+    unit = column_unit(fit.channel).label
     title = {"whole": "whole sweep", "null": "around null", "logarithmic": "logarithmic"}[view]
     axes.set_title(f"{READINGS.get(fit.channel, fit.channel)}, {title}", loc="left", color=look.FAINT)
     look.label_axes(axes, "", f"{READINGS.get(fit.channel, fit.channel)} [{unit}]" if view == "whole" else "")

@@ -15,6 +15,7 @@ from rich.table import Table
 from rich.text import Text
 from scipy.special import chdtri, fdtri
 
+from thermohyd.identify.bench.columns import column_unit
 from thermohyd.identify.bench.provenance import record_line
 from thermohyd.identify.bench.record import BenchRecord
 from thermohyd.identify.bench.shown_units import (
@@ -22,7 +23,6 @@ from thermohyd.identify.bench.shown_units import (
     beside,
     decimals_for,
     display_unit,
-    reading_unit,
     significant,
 )
 from thermohyd.identify.fitting.result import FitResult, ParameterEstimate
@@ -121,7 +121,7 @@ def test_rows(result: FitResult) -> list[TestRow]:
     """One row per channel of each test."""
     rows = []
     for fit in result.channels:
-        unit = reading_unit(fit.channel)
+        unit = column_unit(fit.channel)
         noise = fit.noise * unit.factor
         digits = decimals_for(noise) + 1
         rows.append(

@@ -20,7 +20,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
-from thermohyd.identify.bench.shown_units import reading_unit
+from thermohyd.identify.bench.columns import column_unit
+from thermohyd.identify.bench.shown_units import BAR, CELSIUS, UM
 from thermohyd.identify.fitting.result import ChannelFit
 
 
@@ -173,12 +174,12 @@ class Sweep:
 
 def temperature_groups(fit: ChannelFit) -> tuple[np.ndarray, list[float]]:
     """(group of each row, degC of each group)."""
-    return group(fit.temperature - 273.15, 4.0)
+    return group(fit.temperature - CELSIUS, 4.0)
 
 
 def pressure_groups(fit: ChannelFit) -> tuple[np.ndarray, list[float]]:
     """(group of each row, bar of supply pressure of each group)."""
-    bar = fit.supply_pressure * 1e-5
+    bar = fit.supply_pressure * BAR
     return group(bar, max(4.0, 0.06 * float(bar.max())))
 
 
@@ -193,7 +194,7 @@ def colour_groups(fit: ChannelFit) -> tuple[np.ndarray, list[float], bool]:
 
 def sweeps_of(fit: ChannelFit) -> list[Sweep]:
     """Every sweep of a channel, thinned where the eye cannot tell."""
-    unit = reading_unit(fit.channel).factor
+    unit = column_unit(fit.channel).factor
     t_group, shown, _ = colour_groups(fit)
     p_group, _ = pressure_groups(fit)
     colours = temperature_colours(len(shown))
@@ -208,7 +209,7 @@ def sweeps_of(fit: ChannelFit) -> list[Sweep]:
         sweeps.append(
             Sweep(
                 rows=rows,
-                x=fit.position[rows] * 1e6,
+                x=fit.position[rows] * UM,
                 measured=fit.measured[rows] * unit,
                 predicted=fit.predicted[rows] * unit,
                 band=1.96 * fit.predicted_std[rows] * unit,

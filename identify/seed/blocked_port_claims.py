@@ -5,10 +5,11 @@ The pressure/opening gain is computed as slope and as secant, which differ where
 
 import numpy as np
 
+from thermohyd.identify.bench.shown_units import CST, L_MIN
+
 from .curves import LITTLE, Claim, SeedCurves, percent, thickest_within, verdict
 
 
-L_MIN, CST = 6e4, 1e6
 BARS = (0.0, 0.025, 0.05)  # Figure 4
 BAR_VISCOSITY = 300e-6
 

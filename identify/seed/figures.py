@@ -7,10 +7,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from thermohyd.identify.bench.shown_units import CELSIUS, CST, L_MIN
 from thermohyd.identify.flow_curve_fit import TO_SI, FlowCurveFit, TwoTermFit
 from thermohyd.identify.report import style as look
 
-from .blocked_port_claims import BAR_VISCOSITY, BARS, L_MIN, PRESSURE_OPENINGS, bar_secant, bar_slope, heat_gap
+from .blocked_port_claims import BAR_VISCOSITY, BARS, PRESSURE_OPENINGS, bar_secant, bar_slope, heat_gap
 from .curves import MODELS, SeedCurves
 from .flow_claims import SMALL, bar_flow_gain
 
@@ -42,7 +43,7 @@ def key(figure: Figure, axes: Axes, columns: int = 7) -> None:
 
 def temperature_label(curves: SeedCurves, index: int) -> str:
     """Such as "28 °C, 100 cSt"."""
-    return f"{curves.temperature[index] - 273.15:.0f} °C, {1e6 * curves.viscosity[index]:.0f} cSt"
+    return f"{curves.temperature[index] - CELSIUS:.0f} °C, {CST * curves.viscosity[index]:.0f} cSt"
 
 
 def model_keys(axes: Axes) -> None:
@@ -118,7 +119,7 @@ def figure_5(curves: SeedCurves) -> Figure:
     """Leakage against temperature for several openings."""
     with look.style():
         figure, (left, right) = sheet("Figure 5: leakage against temperature, 70 bar")
-        warm = curves.temperature - 273.15
+        warm = curves.temperature - CELSIUS
         for colour, share in zip(look.temperature_colours(len(OPENINGS)), OPENINGS, strict=True):
             at = curves.at_opening(share)
             for model, name in enumerate(MODELS):
@@ -138,7 +139,6 @@ def figure_5(curves: SeedCurves) -> Figure:
     return figure
 
 
-CELSIUS = 273.15
 WARM = "oil temperature [°C]"
 
 
@@ -228,7 +228,6 @@ def heat_figure(curves: SeedCurves) -> Figure:
     return figure
 
 
-CST, UM = 1e6, 1e6
 SYMBOLS = (("$X_0$", "um"), ("$Q_0$", "l/min"), ("$k$", "um/(l/min)"))
 
 
@@ -247,7 +246,7 @@ def macro_figure(macro: FlowCurveFit, two_terms: Sequence[TwoTermFit], drawn: Se
             axes.plot(curve[::8], 100.0 * macro.position[::8] / macro.stroke, ".", color=colour, markersize=3.5)
             flow = fine * np.abs(macro.flow[i]).max()
             opening = np.asarray(law(flow, viscosity[i : i + 1]))
-            label = f"{macro.fits[i].temperature - 273.15:.0f} °C, {CST * viscosity[i]:.0f} cSt"
+            label = f"{macro.fits[i].temperature - CELSIUS:.0f} °C, {CST * viscosity[i]:.0f} cSt"
             axes.plot(flow * L_MIN, 100.0 * opening / macro.stroke, color=colour, label=label)
         title(axes, "points: full model; lines: smooth laws")
         look.label_axes(axes, "flow [l/min]", "opening [% of stroke]")

@@ -2,13 +2,13 @@
 
 import numpy as np
 
+from thermohyd.identify.bench.shown_units import CELSIUS, CST, L_MIN, UM
 from thermohyd.identify.flow_curve_fit import FlowCurveFit, TwoTermFit
 
-from .blocked_port_claims import CST, L_MIN, heat_gap
+from .blocked_port_claims import heat_gap
 from .curves import Claim, SeedCurves, percent, thickest_within, verdict
 
 
-UM = 1e6
 SMALL = 0.01  # the opening of Figure 8, which the paper does not state
 DISTINCT = 1.5  # two regions of the flow curve are told apart where their gains differ by so much
 
@@ -60,7 +60,7 @@ def _changes(curves: SeedCurves) -> Claim:
         verdict(bool(full[0] < 0.5 * full[-1])),
         f"{full[-1]:.2f} to {full[0]:.2f} l/min",
         f"full-stroke flow {full[-1]:.2f} l/min at 30 cSt, {full[curves.at_viscosity(1000e-6)]:.2f} at 1000, {full[0]:.2f} at 4000; "
-        f"the slope at full stroke is largest at {curves.temperature[np.argmax(large)] - 273.15:.0f} degC",
+        f"the slope at full stroke is largest at {curves.temperature[np.argmax(large)] - CELSIUS:.0f} degC",
         "Down to about 0 degC the large openings stay turbulent and only the null region changes; below, the whole stroke does.",
         {"full_stroke_flow_30cSt": float(full[-1]), "full_stroke_flow_4000cSt": float(full[0])},
     )
@@ -105,7 +105,7 @@ def _eq6(curves: SeedCurves, macro: FlowCurveFit, two_terms: list[TwoTermFit]) -
         verdict(bool(share.max() < 0.02 and np.all(np.abs(null_gain - 1.0) < 0.25)), bool(share[-1] < 0.02)),
         f"{percent(share.max())} off; < 2 % to {warm:.0f} cSt",
         f"over the whole stroke each temperature's own fit misses the opening by at most {worst.max() * UM:.1f} um "
-        f"({percent(share.max())} of stroke, {curves.temperature[np.argmax(worst)] - 273.15:.0f} degC), by less than 2 % up to "
+        f"({percent(share.max())} of stroke, {curves.temperature[np.argmax(worst)] - CELSIUS:.0f} degC), by less than 2 % up to "
         f"{warm:.0f} cSt; with smooth laws in temperature by {macro.worst * UM:.1f} um ({percent(macro.worst / stroke)}). "
         f"Its null gain is {null_gain[0]:.1f} times the model's at 4000 cSt and {null_gain[-1]:.2f} times at 30",
         "Cold oil is laminar over the whole stroke: the flow grows as the gap squared, X as sqrt(Q), without the asymptote that Eq. 6 "

@@ -15,6 +15,7 @@ from rich.console import Console
 from rich.text import Text
 
 from thermohyd import seed_paper as paper
+from thermohyd.identify.bench.shown_units import BAR, CELSIUS, CST, L_MIN, UM
 from thermohyd.identify.flow_curve_fit import flow_curve_formulas, flow_curve_json
 from thermohyd.identify.report.fit_json import json_text
 from thermohyd.identify.report.page import page
@@ -27,7 +28,6 @@ from .figures import macro_figure
 from .study import SeedStudy
 
 
-BAR, L_MIN, CST, CELSIUS = 1e-5, 6e4, 1e6, 273.15
 OPENINGS = (0.0, 0.01, 0.025, 0.03, 0.05, 0.1, 1.0)  # whose gains go into gains.csv
 
 
@@ -131,19 +131,19 @@ def _eq6(study: SeedStudy) -> pd.DataFrame:
                 "model": model,
                 "temperature [degC]": fit.temperature - CELSIUS,
                 "viscosity [cSt]": fit.viscosity * CST,
-                "X0 [um]": x0 * 1e6,
-                "X0_std [um]": dx0 * 1e6,
+                "X0 [um]": x0 * UM,
+                "X0_std [um]": dx0 * UM,
                 "Q0 [l/min]": q0 * L_MIN,
                 "Q0_std [l/min]": dq0 * L_MIN,
-                "k [um/(l/min)]": k * 1e6 / L_MIN,
-                "k_std [um/(l/min)]": dk * 1e6 / L_MIN,
-                "worst_error [um]": fit.worst * 1e6,
+                "k [um/(l/min)]": k * UM / L_MIN,
+                "k_std [um/(l/min)]": dk * UM / L_MIN,
+                "worst_error [um]": fit.worst * UM,
                 "worst_error [% of stroke]": 100.0 * fit.worst / macro.stroke,
-                "smooth_worst_error [um]": fit.smooth_worst * 1e6,
+                "smooth_worst_error [um]": fit.smooth_worst * UM,
                 "smooth_worst_error [% of stroke]": 100.0 * fit.smooth_worst / macro.stroke,
             }
             if model == "HM":
-                row["two_terms_worst_error [um]"] = study.two_terms[i].worst * 1e6
+                row["two_terms_worst_error [um]"] = study.two_terms[i].worst * UM
             rows.append(row)
     return pd.DataFrame(rows)
 
@@ -216,7 +216,7 @@ def print_seed(study: SeedStudy, console: Console) -> None:
     console.print(
         Text(
             f"{_score(study)}\n"
-            f"Eq. 6 misses the opening by at most {own * 1e6:.1f} um ({100 * own / macro.stroke:.1f} % of stroke) at each temperature "
-            f"alone, {macro.worst * 1e6:.1f} um ({100 * macro.worst / macro.stroke:.1f} %) with smooth laws."
+            f"Eq. 6 misses the opening by at most {own * UM:.1f} um ({100 * own / macro.stroke:.1f} % of stroke) at each temperature "
+            f"alone, {macro.worst * UM:.1f} um ({100 * macro.worst / macro.stroke:.1f} %) with smooth laws."
         )
     )

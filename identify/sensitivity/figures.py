@@ -12,13 +12,15 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from thermohyd.identify.bench.columns import unit_of_test
+from thermohyd.identify.bench.shown_units import BAR, CELSIUS, figure_unit
 from thermohyd.identify.report import style as look
 
 from .curves import TESTS
 from .drift import CAUSES
 from .factors import FACTORS
 from .result import SensitivityResult
-from .words import OF_DRIFT, OF_TEST, SHORT, bench_unit, conditions_in_words, with_unit
+from .words import OF_DRIFT, SHORT, conditions_in_words, with_unit
 
 
 # Two tones of seven hues: parameters of the valve in the strong ones, conditions and oil in the pale ones, dashed.
@@ -83,7 +85,7 @@ def curve_figure(result: SensitivityResult, test: str) -> Figure:
     with look.style():
         figure = sheet(
             f"{TITLES[test]}: what moves it",
-            f"{s.name}, supply {s.supply_pressure * 1e-5:.0f} bar. Sensitivities relative to {relative}, per relative change "
+            f"{s.name}, supply {s.supply_pressure * BAR:.0f} bar. Sensitivities relative to {relative}, per relative change "
             "of the factor; dagger: per tolerance",
             12.0,
             4.6,
@@ -101,7 +103,7 @@ def curve_figure(result: SensitivityResult, test: str) -> Figure:
             for i in shown:
                 name = c.factors[i].name
                 panel.plot(x, normalised[i, rows], color=COLOURS[name], linestyle=dashes(name), linewidth=1.4)
-            panel.set_title(f"sensitivities at {temperature - 273.15:.0f} °C", loc="left", color=look.FAINT)
+            panel.set_title(f"sensitivities at {temperature - CELSIUS:.0f} °C", loc="left", color=look.FAINT)
             panel.axhline(0.0, color=look.FAINT, linewidth=0.7)
             panel.set_ylim(-largest, largest)
             position_axis(panel, stroke)
@@ -122,14 +124,14 @@ def _worth_showing(normalised: np.ndarray) -> list[int]:
 
 def _draw_curve(axes: Axes, result: SensitivityResult, test: str) -> None:
     c, s = result.curves, result.subject
-    unit = OF_TEST[test]
+    unit = unit_of_test(test)
     for temperature, colour in zip(s.temperatures, look.temperature_colours(len(s.temperatures)), strict=True):
         rows = c.rows_at(temperature, s.supply_pressure)
         axes.plot(
             stretched(c.position[rows], s.model.valve.stroke),
             c.value[test][rows] * unit.factor,
             color=colour,
-            label=f"{temperature - 273.15:.0f} °C",
+            label=f"{temperature - CELSIUS:.0f} °C",
         )
     if test == "leakage":
         axes.set_yscale("log")
@@ -163,7 +165,7 @@ def drift_figure(result: SensitivityResult) -> Figure:
         s = result.subject
         figure = sheet(
             "Drift with temperature, and its causes",
-            f"{s.name}, supply {s.supply_pressure * 1e-5:.0f} bar. Areas add up to the drift (black)",
+            f"{s.name}, supply {s.supply_pressure * BAR:.0f} bar. Areas add up to the drift (black)",
             12.0,
             height,
         )
@@ -172,7 +174,7 @@ def drift_figure(result: SensitivityResult) -> Figure:
             left=0.055, right=0.945, top=1.0 - 1.0 / height, bottom=0.85 / height, wspace=0.42, hspace=0.36
         )
         for panel, drift in zip(grid.flat, drifts, strict=False):
-            t = drift.temperature - 273.15
+            t = drift.temperature - CELSIUS
             parts = 100.0 * drift.parts / drift.value
             up, down = np.zeros(len(t)), np.zeros(len(t))
             for cause, part in zip(CAUSES, parts, strict=True):
@@ -185,7 +187,7 @@ def drift_figure(result: SensitivityResult) -> Figure:
             panel.set_ylim(min(1.15 * float(down.min()), -0.06 * size), 1.15 * max(float(up.max()), 0.06 * size))
             panel.set_xlim(t[0], t[-1])
             panel.axhline(0.0, color=look.FAINT, linewidth=0.7)
-            unit = bench_unit(drift.unit)
+            unit = figure_unit(drift.unit)
             panel.set_title(f"{OF_DRIFT[drift.name]}  (dotted, right: {unit.label or '-'})", loc="left", fontsize=9)
             look.label_axes(panel, "temperature [°C]", "drift [%/K]")
             own = panel.twinx()

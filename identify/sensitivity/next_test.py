@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtri
 
+from thermohyd.identify.bench.columns import unit_of_test
 from thermohyd.identify.model.model import Model
 
 from .factors import FACTORS, Factor
@@ -137,7 +138,6 @@ FLOWMETER = (0.01, 0.002)
 GAUGE = (0.0, 0.005)
 POSITION = 0.001  # of the stroke: standard deviation of a position, which steep curves turn into one of the reading
 DEFAULTS = {"leakage": FLOWMETER, "pressure_gain": GAUGE, "flow_gain": FLOWMETER}
-UNITS = {"leakage": ("l/min", 6e4), "pressure_gain": ("bar", 1e-5), "flow_gain": ("l/min", 6e4)}
 
 
 @dataclass(frozen=True)
@@ -163,8 +163,7 @@ class ReadingNoise:
         found = {}
         for test, (of_reading, of_scale) in DEFAULTS.items():
             if test in self.absolute:
-                unit, factor = UNITS[test]
-                found[test] = f"{self.absolute[test] * factor:.3g} {unit} ({self.source})"
+                found[test] = f"{unit_of_test(test).words(self.absolute[test], 3)} ({self.source})"
                 continue
             full = "the supply pressure" if test == "pressure_gain" else "full scale"
             parts = [f"{100 * of_reading:g} % of the reading"] if of_reading else []

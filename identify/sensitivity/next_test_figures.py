@@ -3,6 +3,7 @@
 import numpy as np
 from matplotlib.figure import Figure
 
+from thermohyd.identify.bench.shown_units import BAR, CELSIUS
 from thermohyd.identify.report import style as look
 
 from .curves import TESTS
@@ -75,8 +76,8 @@ def information_figure(result: SensitivityResult) -> Figure:
 
 def _conditions(m: Measurements) -> tuple[list[str], np.ndarray]:
     """(label of each row of the map, row of each point): tests, then temperature, then pressure."""
-    t_group, temperatures = look.group(m.temperature - 273.15, 4.0)
-    p_group, pressures = look.group(m.supply_pressure * 1e-5, max(4.0, 0.06 * float(m.supply_pressure.max()) * 1e-5))
+    t_group, temperatures = look.group(m.temperature - CELSIUS, 4.0)
+    p_group, pressures = look.group(m.supply_pressure * BAR, max(4.0, 0.06 * float(m.supply_pressure.max()) * BAR))
     test = np.array([TESTS.index(name) for name in m.test.tolist()])
     keys = np.stack([test, t_group, p_group], axis=1)
     used, row_of = np.unique(keys, axis=0, return_inverse=True)
@@ -126,8 +127,8 @@ def next_test_figure(result: SensitivityResult) -> Figure:
                         fontweight="bold" if chosen else "normal",
                         color="white" if table[i, j] > 0.6 * largest else look.INK,
                     )
-            panel.set_xticks(range(len(pressures)), [f"{p * 1e-5:.0f}" for p in pressures])
-            panel.set_yticks(range(len(temperatures)), [f"{t - 273.15:.0f}" for t in temperatures])
+            panel.set_xticks(range(len(pressures)), [f"{p * BAR:.0f}" for p in pressures])
+            panel.set_yticks(range(len(temperatures)), [f"{t - CELSIUS:.0f}" for t in temperatures])
             panel.grid(False)
             panel.set_title(TEST_WORDS[test], loc="left")
             look.label_axes(panel, "supply pressure [bar]", "temperature [°C]" if test == TESTS[0] else "")

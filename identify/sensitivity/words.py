@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from thermohyd.identify.bench.shown_units import DisplayUnit, significant
+from thermohyd.identify.bench.shown_units import BAR, CELSIUS, KINDS, figure_unit, significant
 
 from .drift import CAUSES
 from .factors import Factor
@@ -12,34 +12,15 @@ from .next_test import TestChoice
 from .result import SensitivityResult
 
 
-_UNITS = {
-    "m": DisplayUnit("um", 1e6),
-    "Pa": DisplayUnit("bar", 1e-5),
-    "K": DisplayUnit("K", 1.0),
-    "dimensionless": DisplayUnit("", 1.0),
-    "m3/s": DisplayUnit("l/min", 6e4),
-    "Pa/m": DisplayUnit("bar/um", 1e-11),
-    "m2/s": DisplayUnit("l/min/um", 6e-2),
-    "s": DisplayUnit("s", 1.0),
-    "m3/(s Pa)": DisplayUnit("l/min/bar", 6e9),
-}
-OF_TEST = {"leakage": _UNITS["m3/s"], "pressure_gain": _UNITS["Pa"], "flow_gain": _UNITS["m3/s"]}
-
-
-def bench_unit(si_unit: str) -> DisplayUnit:
-    """shown = factor * SI; a unit that is not known here is shown as it is."""
-    return _UNITS.get(si_unit, DisplayUnit(si_unit, 1.0))
-
-
 def with_unit(value: float, si_unit: str, digits: int = 4) -> str:
-    unit = bench_unit(si_unit)
+    unit = figure_unit(si_unit)
     return f"{significant(value * unit.factor, digits)} {unit.label}".rstrip()
 
 
 def factor_value(factor: Factor) -> str:
     """ "15.00 um", "40.0 degC", "table"."""
     if factor.name == "temperature":
-        return f"{factor.value - 273.15:.1f} degC"
+        return f"{factor.value - CELSIUS:.1f} degC"
     if factor.name in ("viscosity", "density"):
         return "table" if factor.value == 1.0 else f"{significant(factor.value)} x table"
     return with_unit(factor.value, factor.unit)
@@ -47,7 +28,7 @@ def factor_value(factor: Factor) -> str:
 
 def factor_tolerance(factor: Factor) -> str:
     """ "+/- 3 um"; "0 to 1" where the interval is cut at a limit."""
-    unit = bench_unit(factor.unit)
+    unit = figure_unit(factor.unit)
     if not math.isclose(factor.high - factor.value, factor.value - factor.low) and factor.name != "temperature":
         low, high = (f"{value * unit.factor:.4g}" for value in (factor.low, factor.high))
         return f"{low} to {high} {unit.label}".rstrip()
@@ -86,8 +67,8 @@ NEGLIGIBLE = 0.005  # a total index below is left out of tables
 
 def conditions_in_words(result: SensitivityResult) -> str:
     s = result.subject
-    back = f", return {s.return_pressure * 1e-5:.3g} bar" if s.return_pressure else ""
-    return f"{s.temperature - 273.15:.0f} degC, supply {s.supply_pressure * 1e-5:.0f} bar{back}"
+    back = f", return {KINDS['pressure'].words(s.return_pressure, 3)}" if s.return_pressure else ""
+    return f"{s.temperature - CELSIUS:.0f} degC, supply {s.supply_pressure * BAR:.0f} bar{back}"
 
 
 # ">" before a heading: its figures stand to the right.
@@ -145,7 +126,7 @@ def drift_rows(result: SensitivityResult) -> list[list[str]]:
         if drift is None:
             continue
         at = int(np.argmin(np.abs(drift.temperature - result.subject.temperature)))
-        unit = bench_unit(drift.unit)
+        unit = figure_unit(drift.unit)
         value, relative = drift.value[at], 100.0 * drift.relative[at]
         # Of a figure that does not drift, shares would be rounding.
         parts = 100.0 * drift.parts[:, at] / drift.value[at]
@@ -174,7 +155,7 @@ def actuator_sentence(result: SensitivityResult) -> str:
 
 
 def test_in_words(choice: TestChoice) -> str:
-    t, p = choice.temperature - 273.15, choice.supply_pressure * 1e-5
+    t, p = choice.temperature - CELSIUS, choice.supply_pressure * BAR
     return f"{TEST_WORDS[choice.test]} at {round(t)} degC and {p:.0f} bar"
 
 

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
 from thermohyd.control_loop import FrequencyResponse, Margins
-from thermohyd.identify.bench.shown_units import decibel
+from thermohyd.identify.bench.shown_units import BAR, decibel
 from thermohyd.identify.report import style as look
 
 from .performance_figures import LINES, WARM, draw_bode
@@ -50,7 +50,7 @@ def step_figure(study: ServoStudy) -> Figure:
             curves = (
                 100.0 * (np.asarray(r.piston_position) - np.asarray(r.piston_position)[:, :1]) / s.step,
                 100.0 * np.asarray(r.spool_position) / s.model.valve.stroke,
-                1e-5 * np.asarray(r.pressure_a),
+                BAR * np.asarray(r.pressure_a),
                 np.maximum(np.asarray(r.temperature_a), np.asarray(r.temperature_b)) - sweep.temperature[:, None],
             )
             for axes, curve in zip(panels.flat, curves, strict=True):
@@ -102,7 +102,7 @@ def bode_of_study(study: ServoStudy) -> Figure:
         np.asarray(f.gain_margin), np.where(loop.stable, np.asarray(f.phase_margin), np.nan),
         np.asarray(f.phase_crossover) * HERTZ, np.asarray(f.gain_crossover) * HERTZ,
     )  # fmt: skip
-    title = f"Position loop at {study.subject.supply_pressure * 1e-5:.4g} bar, linearised at rest"
+    title = f"Position loop at {study.subject.supply_pressure * BAR:.4g} bar, linearised at rest"
     # An unstable loop has no response to show.
     closed = np.where(loop.stable[:, None], np.abs(loop.closed)[:, rows], np.nan)
     return draw_bode(title, study.subject.temperatures, curves, closed, margins, "frequency [Hz]")

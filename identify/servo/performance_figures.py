@@ -11,13 +11,11 @@ from matplotlib.figure import Figure
 from thermohyd.actuator import Actuator
 from thermohyd.actuator_performance import Performance, performance
 from thermohyd.control_loop import FrequencyResponse, Margins, loop_frequency_response, loop_margins
-from thermohyd.identify.bench.shown_units import decibel
+from thermohyd.identify.bench.shown_units import CELSIUS, UM, decibel
 from thermohyd.identify.report import style as look
 from thermohyd.valve import Valve
 
 
-CELSIUS = 273.15
-L_MIN = 6e4
 MODELS = {"HM": 0.0, "THM": 1.0}
 LINES = {"HM": "-", "THM": (0, (4.0, 2.0))}
 WARM = "oil temperature [°C]"
@@ -123,8 +121,8 @@ PANELS = (
     _Panel("loop gain over its limit", "$K_l/(2\\xi_h\\omega_h)$ [-]", lambda p, m, a: np.asarray(p.stability_ratio), True, 1.0),
     _Panel("gain margin with the spool", "[dB]", lambda p, m, a: decibel(m.gain_margin), False, 0.0),
     _Panel("time constant", "$\\tau_e$ [s]", lambda p, m, a: np.asarray(p.time_constant), True),
-    _Panel("static error, dry friction", "[µm]", lambda p, m, a: 1e6 * np.asarray(p.static_error)),
-    _Panel("load error", "[µm]", lambda p, m, a: 1e6 * np.asarray(p.load_error)),
+    _Panel("static error, dry friction", "[µm]", lambda p, m, a: UM * np.asarray(p.static_error)),
+    _Panel("load error", "[µm]", lambda p, m, a: UM * np.asarray(p.load_error)),
     _Panel("null consumption", "[W]", lambda p, m, a: np.asarray(p.null_consumption), True),
 )  # fmt: skip
 

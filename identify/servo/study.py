@@ -25,7 +25,7 @@ from thermohyd.dynamics.temperature_sweep import (
     run_lengths,
     step_sweep,
 )
-from thermohyd.identify.bench.shown_units import decibel, significant
+from thermohyd.identify.bench.shown_units import BAR, CELSIUS, CST, decibel, significant
 from thermohyd.identify.result import Result
 from thermohyd.identify.sensitivity.varied import valve_of_model
 from thermohyd.oil import walther_viscosity
@@ -77,7 +77,7 @@ class ServoStudy(Result):
 
     @property
     def celsius(self) -> np.ndarray:
-        return np.array(self.subject.temperatures) - 273.15
+        return np.array(self.subject.temperatures) - CELSIUS
 
     def to_dict(self) -> dict[str, Any]:
         """The content of `servo.json`."""
@@ -169,7 +169,7 @@ def rows(study: ServoStudy, model: str) -> list[list[str]]:
         found.append(
             [
                 f"{celsius:.0f}",
-                number(study.viscosity[i] * 1e6, 3),
+                number(study.viscosity[i] * CST, 3),
                 number(step.figures.time_to_90[i] * 1e3, 3),
                 number(step.figures.settling_time[i] * 1e3, 3),
                 f"{100.0 * step.figures.overshoot[i]:.1f}",
@@ -178,7 +178,7 @@ def rows(study: ServoStudy, model: str) -> list[list[str]]:
                 _fixed(f.phase_margin[i], 0) if loop.stable[i] else UNSTABLE,
                 number(float(f.bandwidth[i]) / (2.0 * np.pi), 3) if loop.stable[i] else "-",
                 _fixed(decibel(f.peak[i]), 1) if loop.stable[i] else "-",
-                f"{step.largest_pressure[i] * 1e-5:.0f}",
+                f"{step.largest_pressure[i] * BAR:.0f}",
                 f"{step.heating[i]:.1f}",
             ]
         )

@@ -6,8 +6,10 @@ from dataclasses import dataclass, fields, replace
 from thermohyd.actuator import Actuator
 from thermohyd.dynamics.machine import motion_of
 from thermohyd.effects.library import effect, effect_info
+from thermohyd.identify.bench.columns import column_unit
 from thermohyd.identify.bench.errors import BenchInputError
 from thermohyd.identify.bench.record import ActuatorData, BenchRecord
+from thermohyd.identify.bench.shown_units import KINDS
 from thermohyd.identify.fitting.motion_readings import actuator_of
 from thermohyd.identify.model.model import Model
 from thermohyd.identify.model.model_file import model_of_fit, nominal_model
@@ -47,14 +49,12 @@ def subject_of(source: Source, request: Request, say: Callable[[str], None] = la
     actuator, notes = _actuator(source, model, request)
     supply, back = _pressures(source.record, request)
     if back >= supply:
-        raise BenchInputError(
-            f"the supply pressure {supply * 1e-5:.4g} bar must be above the return pressure {back * 1e-5:.4g} bar"
-        )
+        high, low = (KINDS["pressure"].words(pressure, 4) for pressure in (supply, back))
+        raise BenchInputError(f"the supply pressure {high} must be above the return pressure {low}")
     half = 0.5 * float(actuator.piston_stroke)
     if abs(request.step) >= half:
-        raise BenchInputError(
-            f"--step: {request.step * 1e3:.4g} mm must be smaller than half the piston's stroke, {half * 1e3:.4g} mm"
-        )
+        step, most = (column_unit("setpoint").words(length, 4) for length in (request.step, half))
+        raise BenchInputError(f"--step: {step} must be smaller than half the piston's stroke, {most}")
     without = tuple(name for name, amount in model.effects.items() if amount and not effect_info(name).small_signal)
     return Subject(
         (source.record.name if source.record else "") or model.valve.name or "valve",

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from thermohyd.identify.bench.shown_units import decibel
+from thermohyd.identify.bench.columns import column_unit
+from thermohyd.identify.bench.shown_units import KINDS, decibel
 
 from .study import MODELS, ServoStudy, number
 
@@ -13,8 +14,9 @@ SWINGS = 0.02  # of the step, from lowest to highest at the end of a run
 
 def conditions_in_words(study: ServoStudy) -> str:
     s = study.subject
-    back = f", return {s.return_pressure * 1e-5:.3g} bar" if s.return_pressure else ""
-    return f"step of {s.step * 1e3:.3g} mm at {s.supply_pressure * 1e-5:.4g} bar{back}"
+    bar = KINDS["pressure"]
+    back = f", return {bar.words(s.return_pressure, 3)}" if s.return_pressure else ""
+    return f"step of {column_unit('setpoint').words(s.step, 3)} at {bar.words(s.supply_pressure, 4)}{back}"
 
 
 def actuator_in_words(study: ServoStudy) -> str:
@@ -64,7 +66,7 @@ def large_motions(study: ServoStudy) -> list[str]:
     """Where a loop that is stable at rest keeps swinging after the step; how much of the margin large motions take."""
     said, rise = [], study.gain_rise["THM"]
     kept, late = _still_moving(study, beyond=True), _still_moving(study, beyond=False)
-    step = f"a step of {study.subject.step * 1e3:.3g} mm"
+    step = f"a step of {column_unit('setpoint').words(study.subject.step, 3)}"
     if kept:
         said.append(
             f"Stable at rest, it KEEPS SWINGING after {step} at {_list(kept)} degC: the margins at null do not cover "

@@ -12,8 +12,8 @@ from helpers.commands import command
 from reference.sample_whole_servo import JACK, SERVO, VALVE
 
 from thermohyd.data import sample_record
+from thermohyd.identify.bench.columns import column_unit
 from thermohyd.identify.bench.read import read_record
-from thermohyd.identify.bench.shown_units import reading_unit
 from thermohyd.identify.fitting.fit import fit, run_fit, static_values
 from thermohyd.identify.fitting.fit_motion import run_fit_motion
 from thermohyd.identify.fitting.parameters import IN_MOTION
@@ -213,7 +213,7 @@ def test_the_fitted_model_predicts_every_test(record, name, tmp_path, monkeypatc
             column = f"{channel}_predicted [{UNITS[channel]}]"
             np.testing.assert_allclose(content[test][column], table[column], rtol=1e-8, atol=1e-12)
             gap = table[column] - table[f"{channel} [{UNITS[channel]}]"]
-            rms = told[test][channel]["residual_rms"] * reading_unit(channel).factor
+            rms = told[test][channel]["residual_rms"] * column_unit(channel).factor
             assert np.sqrt(np.mean(gap**2)) == pytest.approx(rms, rel=1e-3)
             spread = table[f"{channel}_predicted_std [{UNITS[channel]}]"].to_numpy(dtype=float)
             assert np.mean(spread > 0.0) > 0.9

@@ -6,6 +6,7 @@ import sys
 import numpy as np
 import pytest
 
+from thermohyd.identify.bench.shown_units import KINDS
 from thermohyd.identify.bench.units import UnitError, from_si, parse_quantity, parse_unit, to_si
 
 
@@ -121,3 +122,10 @@ def test_there_and_back(unit):
 def test_units_are_not_loaded_before_the_first_one_is_read():
     code = "import sys, thermohyd.identify.bench.units; sys.exit('pint' in sys.modules or 'jax' in sys.modules)"
     subprocess.run([sys.executable, "-P", "-c", code], check=True)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_shown_unit_is_read_back(kind):
+    unit = KINDS[kind]
+    assert parse_quantity(f"{unit.of(300.0)!r} {unit.label}", kind) == pytest.approx(300.0, rel=1e-12)
+    assert parse_quantity(f"300 {unit.si or unit.label}", kind) == 300.0
