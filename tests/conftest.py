@@ -9,9 +9,7 @@ from pathlib import Path
 # Nearly all of the suite's time is XLA's, compiling: without its dearer passes it takes less of it, and programs run as fast.
 # The algebraic simplifier alone takes half the time of a large derivative. Set before JAX is imported, here and in the
 # processes that tests start; the pinned jaxlib knows these flags.
-FLAGS = (
-    "--xla_backend_optimization_level=1 --xla_llvm_disable_expensive_passes=true --xla_disable_hlo_passes=algsimp"
-)
+FLAGS = "--xla_backend_optimization_level=1 --xla_llvm_disable_expensive_passes=true --xla_disable_hlo_passes=algsimp"
 os.environ["XLA_FLAGS"] = f"{FLAGS} {os.environ.get('XLA_FLAGS', '')}"
 
 import jax  # noqa: E402

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from helpers.quick_compile import quick_jit
 from helpers.valves import STROKE, random_conditions, random_parameters, seed_oil, seed_valve, temperature_at, valve_of
 from hypothesis import given, settings, strategies as st
 
@@ -34,7 +35,7 @@ def compiled(test: str, warm: bool):
     def reading(z, eta, conditions, unit):
         return TESTS[test](valve_of(z * SCALE, eta if warm else None), conditions) / unit
 
-    return jax.jit(reading), jax.jit(lambda *args: (jax.jacfwd(reading)(*args), jax.jacrev(reading)(*args)))
+    return quick_jit(reading), quick_jit(lambda *args: (jax.jacfwd(reading)(*args), jax.jacrev(reading)(*args)))
 
 
 def agree(test, eta, values, conditions, step=1e-4, rtol=1e-6):
@@ -124,8 +125,8 @@ def test_second_derivatives_of_a_gain():
     def gain(temperature):
         return pressure_gain(seed_valve(1.0), eqx.tree_at(lambda c: c.temperature, c, temperature))
 
-    gain = jax.jit(gain)
-    slope = jax.jit(lambda t: jax.jvp(gain, (t,), (jnp.ones_like(t),))[1])(c.temperature)
+    gain = quick_jit(gain)
+    slope = quick_jit(lambda t: jax.jvp(gain, (t,), (jnp.ones_like(t),))[1])(c.temperature)
     numeric = (gain(c.temperature + 0.01) - gain(c.temperature - 0.01)) / 0.02
     np.testing.assert_allclose(np.asarray(slope), np.asarray(numeric), rtol=1e-6)
 
