@@ -147,6 +147,21 @@ def test_batch_of_any_program():
 
     draw = np.random.default_rng(0).normal
     x, y, shared = jnp.asarray(draw(size=(5, 4))), jnp.asarray(draw(size=5)), jnp.asarray(draw(size=(4, 4)))
+    same_as_vmap(function, x, y, shared)
+
+
+def test_a_primitive_that_nobody_listed_is_left_to_vmap():
+    """Equal shapes in and out, and yet every number depends on its neighbours: a window, a running logarithm, an FFT."""
+
+    def function(x, y, shared):
+        window = jax.lax.reduce_window(x, 0.0, jax.lax.add, (3,), (1,), "SAME")
+        return window * y, jax.lax.cumlogsumexp(x), jnp.real(jnp.fft.fft(x)), shared[0] + x
+
+    draw = np.random.default_rng(1).normal
+    same_as_vmap(function, *(jnp.asarray(draw(size=size)) for size in ((5, 4), 5, (4, 4))))
+
+
+def same_as_vmap(function, x, y, shared):
     expected = jax.vmap(function, in_axes=(0, 0, None))(x, y, shared)
     found = over_batch(function, [x.T, y, shared], [True, True, False], 5)
     for one, entries in zip(expected, found, strict=True):

@@ -28,9 +28,14 @@ from .rosenbrock import DENSE, GAMMA, TABLEAU, Rodas5P
 # Where a primitive that calls another program keeps it.
 _INNER = {"jit": "jaxpr", "closed_call": "call_jaxpr", "custom_jvp_call": "call_jaxpr", "checkpoint": "jaxpr"}
 _ARITHMETIC = {"mul": operator.mul, "add": operator.add, "add_any": operator.add, "sub": operator.sub}
-# Of equal shapes in and out, and yet not number by number.
-_ALONG_AXES = {"sort", "cumsum", "cumprod", "cummax", "cummin", "cumlogsumexp", "gather", "scatter", "dot_general",
-               "dynamic_slice", "dynamic_update_slice", "while", "cond", "scan", "argmax", "argmin", "triangular_solve"}  # fmt: skip
+# Primitives that act number by number. Every other one is left to `jax.vmap`, those of equal shapes in and out included (a
+# sort, a running sum, a window): number by number they would silently mix what belongs apart.
+_ELEMENTWISE = {"abs", "acos", "acosh", "add", "add_any", "and", "asin", "asinh", "atan", "atan2", "atanh", "cbrt",
+                "ceil", "clamp", "convert_element_type", "copy", "cos", "cosh", "digamma", "div", "eq", "erf",
+                "erf_inv", "erfc", "exp", "exp2", "expm1", "floor", "ge", "gt", "integer_pow", "is_finite", "le",
+                "lgamma", "log", "log1p", "logistic", "lt", "max", "min", "mul", "ne", "neg", "nextafter", "not",
+                "or", "pow", "reduce_precision", "rem", "round", "rsqrt", "select_n", "sign", "sin", "sinh", "sqrt",
+                "square", "stop_gradient", "sub", "tan", "tanh", "xor"}  # fmt: skip
 
 
 def each(shape: tuple[int, ...], entry: Callable[[tuple[int, ...]], Any]) -> np.ndarray:
@@ -118,8 +123,7 @@ def _elementwise(eqn: Any, shape: tuple[int, ...]) -> bool:
     fits = lambda given: (
         given == () or (len(given) == len(shape) and all(n in (1, m) for n, m in zip(given, shape, strict=True)))
     )
-    plain = not eqn.primitive.multiple_results and eqn.primitive.name not in _ALONG_AXES
-    return plain and all(fits(var.aval.shape) for var in eqn.invars)
+    return eqn.primitive.name in _ELEMENTWISE and all(fits(var.aval.shape) for var in eqn.invars)
 
 
 def _whole(eqn: Any, given: list[np.ndarray], count: int) -> list[np.ndarray]:
