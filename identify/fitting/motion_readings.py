@@ -6,7 +6,8 @@ then become residuals and columns: weighted, masked, whitened where the noise co
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import equinox as eqx
@@ -169,7 +170,7 @@ class Readings:
     failure: int
 
 
-@dataclass
+@dataclass(frozen=True)
 class DynamicSimulator:
     """Tests, and the valve and actuator with everything that the vector does not hold. tolerance: of the steps, scaled."""
 
@@ -179,39 +180,36 @@ class DynamicSimulator:
     heat: str
     polarity: int
     tolerance: float = TOLERANCE
-    _runs: dict[str, Any] = field(default_factory=dict)
+
+    @cached_property
+    def _steps(self) -> list[StepRuns]:
+        return step_runs({name: test for name, test in self.tests.items() if test.kind != "frequency"})
+
+    @cached_property
+    def _frequencies(self) -> dict[str, FrequencyRuns]:
+        return {name: frequency_runs(test) for name, test in self.tests.items() if test.kind == "frequency"}
 
     def read(self, names: tuple[str, ...], effects: tuple[str, ...], vector: np.ndarray) -> Readings:
         """Readings and derivatives of all channels that the tests could have, at `vector`: parameters, then amounts."""
         plan = Plan(names, effects, self.heat, self.tolerance)  # pyright: ignore[reportArgumentType]  # one of two words
         given = Given(self.valve, self.actuator, jnp.asarray(float(self.polarity)))
         p = jnp.asarray(vector, dtype=float)
-        found = Readings({}, {}, 0)
-        failure = 0
-        for name, test in self.tests.items():
-            runs = self._runs_of(name, test)
-            if isinstance(runs, StepRuns):
-                failure = max(failure, self._step(name, plan, p, given, runs, found))
-            else:
-                failure = max(failure, self._frequency(name, test, plan, p, given, runs, found))
-        return Readings(found.values, found.slopes, failure)
+        into = Readings({}, {}, 0)
+        failures = [self._step(plan, p, given, runs, into) for runs in self._steps]
+        failures += [self._frequency(name, plan, p, given, runs, into) for name, runs in self._frequencies.items()]
+        return Readings(into.values, into.slopes, max(failures, default=0))
 
-    def _runs_of(self, name: str, test: DynamicTest) -> StepRuns | FrequencyRuns:
-        if name not in self._runs:
-            self._runs[name] = frequency_runs(test) if test.kind == "frequency" else step_runs(test)
-        return self._runs[name]
-
-    def _step(self, name: str, plan: Plan, p: Any, given: Given, runs: StepRuns, into: Readings) -> int:
+    def _step(self, plan: Plan, p: Any, given: Given, runs: StepRuns, into: Readings) -> int:
         values, slopes, failures = (np.array(part) for part in readings_and_slopes(plan, p, given, runs.inputs))
         values[failures != 0] = slopes[failures != 0] = np.nan
-        for i, channel in enumerate(STEP_READINGS):
-            into.values[name, channel] = values[runs.run, runs.place, i]
-            into.slopes[name, channel] = slopes[runs.run, runs.place, i].T
+        for name, (run, place) in runs.rows.items():
+            for i, channel in enumerate(STEP_READINGS):
+                into.values[name, channel] = values[run, place, i]
+                into.slopes[name, channel] = slopes[run, place, i].T
         return int(np.max(failures))
 
-    def _frequency(
-        self, name: str, test: DynamicTest, plan: Plan, p: Any, given: Given, runs: FrequencyRuns, into: Readings
-    ) -> int:
+    def _frequency(self, name: str, plan: Plan, p: Any, given: Given, runs: FrequencyRuns, into: Readings) -> int:
+        test = self.tests[name]
         values, slopes, found = (
             np.array(part)
             for part in responses_all(

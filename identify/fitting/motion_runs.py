@@ -1,5 +1,6 @@
 """Turn the runs of a dynamic test into inputs of the simulator, stacked and padded to one length."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import equinox as eqx
@@ -18,11 +19,11 @@ BEHIND = 1e-9  # of a run's span, between pads behind its end
 
 @dataclass(frozen=True)
 class StepRuns:
-    """All runs of a step test. inputs: arrays lead with (runs,). run, place (rows,): where each row of the record lies."""
+    """All runs of step tests that share a program. inputs: arrays lead with (runs,). rows {test: (run, place)}: where each
+    row of the record lies, both (rows,)."""
 
     inputs: StepInputs
-    run: np.ndarray
-    place: np.ndarray
+    rows: dict[str, tuple[np.ndarray, np.ndarray]]
 
 
 @dataclass(frozen=True)
@@ -44,13 +45,29 @@ def _places(test: DynamicTest) -> tuple[list[np.ndarray], np.ndarray, np.ndarray
     return rows, run, place
 
 
-def step_runs(test: DynamicTest) -> StepRuns:
-    """The runs of a step test, each with its of_run clock kept."""
-    assert test.time is not None
-    rows, run, place = _places(test)
-    longest = padded_size(max(len(of_run) for of_run in rows))
-    inputs = [_inputs(test, of_run, test.time[of_run]) for of_run in rows]
-    return StepRuns(_stacked(inputs, [_padded(test.time[of_run], longest) for of_run in rows]), run, place)
+def step_runs(tests: Mapping[str, DynamicTest]) -> list[StepRuns]:
+    """The runs of step tests, each with its own clock kept; tests with the same kind of command are stacked together.
+
+    Whatever their sampling rates, such tests are one program then, which takes half a minute to compile.
+    """
+    alike: dict[tuple[str, bool], list[str]] = {}
+    for name, test in tests.items():
+        alike.setdefault((test.command_kind, test.external_force is not None), []).append(name)
+    return [_together({name: tests[name] for name in names}) for names in alike.values()]
+
+
+def _together(tests: Mapping[str, DynamicTest]) -> StepRuns:
+    inputs: list[StepInputs] = []
+    clocks: list[np.ndarray] = []
+    rows = {}
+    for name, test in tests.items():
+        assert test.time is not None
+        of_runs, run, place = _places(test)
+        rows[name] = len(inputs) + run, place
+        clocks += [test.time[of_run] for of_run in of_runs]
+        inputs += [_inputs(test, of_run, test.time[of_run]) for of_run in of_runs]
+    longest = padded_size(max(len(clock) for clock in clocks))
+    return StepRuns(_stacked(inputs, [_padded(clock, longest) for clock in clocks]), rows)
 
 
 def frequency_runs(test: DynamicTest) -> FrequencyRuns:

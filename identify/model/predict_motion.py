@@ -14,7 +14,7 @@ from thermohyd.identify.bench.errors import BenchInputError
 from thermohyd.identify.bench.record import BenchRecord, DynamicTest
 from thermohyd.identify.bench.shown_units import KINDS
 from thermohyd.identify.fitting.motion_readings import DynamicSimulator, Key, actuator_of, valve_of
-from thermohyd.identify.fitting.parameters import IN_MOTION
+from thermohyd.identify.fitting.parameters import IN_MOTION, SEEN_IN_MOTION
 
 from .model import Model
 
@@ -29,7 +29,10 @@ def predict_motion(model: Model, record: BenchRecord) -> dict[Key, tuple[np.ndar
     assert data is not None
     machine = data.actuator if data.given or model.actuator is None else model.actuator
     covered = model.free if model.covariance is not None else ()
-    free = tuple(n for n in covered if (n in model.dynamics or n in model.parameters) and n != "heat_retention")
+    # In the order of a fit's vector: the program that a fit of this record compiled serves here, too.
+    free = tuple(
+        n for n in (*IN_MOTION, *SEEN_IN_MOTION) if n in covered and (n in model.dynamics or n in model.parameters)
+    )
     amounts = tuple(n for n in covered if n in model.effects and _acts(n))
     held = {n: a for n, a in model.effects.items() if n not in amounts and a != 0.0}
     own = BenchRecord(record.folder, record.name, model.valve, model.oil, record.tests)
