@@ -12,10 +12,17 @@ SOURCES := pyproject.toml constraints.txt README.md LICENSE \
 	$(shell find thermohyd identify data -type f ! -path '*/__pycache__/*')
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: help demo test lint typecheck pytest bench hidden hidden-dynamic hidden-logs joint-coverage clean
+# For the inner loop: what reads, writes and prints, and a sample of every kind of physics and estimation.
+QUICK := identify/bench identify/report identify/noise identify/model/test_model_file.py identify/fitting/test_covariance.py \
+	identify/fitting/test_least_squares.py identify/diagnosis/test_search.py identify/diagnosis/test_screening.py \
+	identify/diagnosis/test_where.py simulator/test_against_reference.py simulator/test_dynamics_field.py \
+	test_import_direction.py test_effect_names.py test_citations.py
+
+.PHONY: help demo test quick lint typecheck pytest bench hidden hidden-dynamic hidden-logs joint-coverage clean
 help:
 	@echo "make demo    fit one sample record, diagnose another, write demo-report/"
 	@echo "make test    ruff, pyright and pytest against the installed package"
+	@echo "make quick   half of the tests, those that compile little, in about a minute"
 	@echo "make bench   the benchmarks, each with its peer"
 	@echo "make hidden  76 records with a hidden effect, diagnosed and scored (SET=2: other seeds, SET=3: faint effects; half an hour)"
 	@echo "make hidden-dynamic  30 records of an actuator with hidden physics, diagnosed and scored (SET=2: other seeds; half an hour)"
@@ -45,7 +52,11 @@ typecheck: $(VENV)/.installed-dev
 		| sed -e 's|$(CURDIR)/build/typecheck/||' -e 's,thermohyd/\(identify\|data\)/,\1/,'
 
 pytest: $(VENV)/.installed-dev
-	$(BIN)/pytest -n 2 --dist loadfile
+	$(BIN)/pytest -n 2 --dist loadfile --max-worker-restart=0
+
+quick: $(VENV)/.installed-dev
+	$(BIN)/ruff check --quiet
+	$(BIN)/pytest -q -n 2 --dist loadfile $(addprefix tests/,$(QUICK))
 
 bench: $(VENV)/.installed-dev
 	@for script in $(filter-out benchmarks/hidden_% benchmarks/joint_%,$(wildcard benchmarks/[a-z]*.py)); do \

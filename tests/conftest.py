@@ -1,8 +1,9 @@
 """Double precision and strict promotion for every test; hypothesis without deadlines and with fixed examples."""
 
+import contextlib
+import ctypes
 import gc
 import os
-from collections.abc import Iterator
 from pathlib import Path
 
 
@@ -29,14 +30,16 @@ settings.load_profile("project")
 
 # Each compiled program holds a dozen memory maps, and Linux gives a process 65,530 (vm.max_map_count): a worker that keeps
 # all its programs grows to 5 GB and then dies of a segmentation fault while it compiles.
-MOST_MAPS = 12_000
+MOST_MAPS = 8_000  # after a test file
+MOST_WITHIN = 20_000  # between the tests of a file
 
 
-@pytest.fixture(scope="module", autouse=True)
-def programs_are_let_go() -> Iterator[None]:
-    """After a test file the compiled programs go, if they are many; what another file needs again is on disk."""
-    yield
+def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> None:
+    """The compiled programs go once they are many; what is needed again is on disk."""
     maps = Path("/proc/self/maps")
-    if maps.exists() and maps.read_bytes().count(b"\n") > MOST_MAPS:
+    most = MOST_WITHIN if nextitem is not None and nextitem.path == item.path else MOST_MAPS
+    if maps.exists() and maps.read_bytes().count(b"\n") > most:
         jax.clear_caches()
         gc.collect()
+        with contextlib.suppress(OSError, AttributeError):  # another C library than glibc
+            ctypes.CDLL("libc.so.6").malloc_trim(0)
