@@ -24,6 +24,9 @@ jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_compilation_cache_dir", str(Path(__file__).parents[1] / "build" / "compiled-for-tests"))
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
 
+# Tracing makes millions of objects that live: at the usual threshold a twentieth of the time goes into looking for garbage.
+gc.set_threshold(100_000, 20, 20)
+
 settings.register_profile("project", deadline=None, derandomize=True)
 settings.load_profile("project")
 
