@@ -78,5 +78,6 @@ def test_slopes_agree_with_central_differences(tests, samples):
 def test_chunks_do_not_show(tests, samples, monkeypatch):
     whole = tests.outputs(samples)[0]
     monkeypatch.setattr("thermohyd.identify.sensitivity.static_figures.CHUNK", 5)
-    # A program for fewer rows rounds in its own way, and a processor with wider vectors in another: 8e-13 was seen.
-    np.testing.assert_allclose(tests.outputs(samples[:7])[0], whole[:7], rtol=3e-12)
+    # A program for fewer rows rounds in its own way, as does a processor with wider vectors, and a gain is a difference of
+    # flows that nearly cancel: 3.2e-12 was seen. A chunk that showed would be another sample's row, wrong in the first digit.
+    np.testing.assert_allclose(tests.outputs(samples[:7])[0], whole[:7], rtol=1e-10)
