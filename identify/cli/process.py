@@ -3,6 +3,7 @@
 Results go to stdout, progress and warnings to stderr; with --json all readable words go to stderr. No tracebacks unless asked for.
 """
 
+import io
 import os
 import sys
 from collections.abc import Iterable, Iterator
@@ -98,6 +99,10 @@ def consoles(json: bool) -> Consoles:
 
 
 def _console(stderr: bool) -> Console:
+    stream = sys.stderr if stderr else sys.stdout
+    if isinstance(stream, io.TextIOWrapper):
+        # rich cuts the cells of a narrow table with an ellipsis, which an ASCII pipe or log cannot hold: better a "?"
+        stream.reconfigure(errors="replace")
     console = Console(stderr=stderr, highlight=False)
     if not console.is_terminal and "COLUMNS" not in os.environ:
         console.width = WIDTH_OF_FILES

@@ -95,16 +95,7 @@ def plan_parameters(valve: ValveData, start: dict[str, StartValue]) -> dict[str,
     plans: dict[str, ParameterPlan] = {}
     for info in (*identified_by_default(valve).values(), heat_retention()):
         chosen = start.get(info.name)
-        if chosen is None:
-            held = info.name == "heat_retention"
-            plans[info.name] = ParameterPlan(info, info.nominal, held, info.lower, info.upper)
-            continue
-        lower = info.lower if chosen.lower is None else chosen.lower
-        upper = info.upper if chosen.upper is None else chosen.upper
-        prior = Prior(chosen.value, chosen.prior_std) if chosen.prior_std else None
-        plans[info.name] = ParameterPlan(
-            info, chosen.value, chosen.fixed, min(lower, chosen.value), max(upper, chosen.value), prior, given=True
-        )
+        plans[info.name] = _plan(info, chosen, held=info.name == "heat_retention" and chosen is None)
     return plans
 
 
@@ -151,7 +142,7 @@ def readings_of(tests: Mapping[str, TestRecord]) -> int:
     return sum(len(channel.value) for test in tests.values() for channel in test.channels)
 
 
-def _plan(info, chosen: StartValue | None, held: bool) -> ParameterPlan:
+def _plan(info: ParameterInfo, chosen: StartValue | None, held: bool) -> ParameterPlan:
     if chosen is None:
         return ParameterPlan(info, info.nominal, held, info.lower, info.upper)
     lower = info.lower if chosen.lower is None else chosen.lower

@@ -30,6 +30,13 @@ def test_factors_agree_with_a_units_library(name):
     assert size(EFFECTS[name].unit) / size(unit.label) == pytest.approx(unit.factor, rel=1e-12)
 
 
+@pytest.mark.parametrize("name", EFFECTS)
+def test_every_effect_has_a_bench_unit(name):
+    """Kelvins and seconds are read at the bench as they are; everything else would be a forgotten row of the table."""
+    unit = EFFECTS[name].unit
+    assert effect_unit(name, unit).label != unit or unit in ("K", "s")
+
+
 def test_amounts_in_words():
     assert amount("pilot_leakage", 2.377e-9, "m3/s/sqrt(Pa)", 3.2e-11) == "0.04510 +/- 0.00061 l/min/sqrt(bar)"
     assert amount("flowmeter_scale", 0.021, "1", 0.0011) == "2.10 +/- 0.11 %"

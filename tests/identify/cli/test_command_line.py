@@ -1,5 +1,6 @@
 """The shell around the commands: what goes to which stream, exit statuses, files whole or none, no needless imports."""
 
+import io
 import json
 import os
 import subprocess
@@ -8,12 +9,14 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
+from helpers.fake_diagnosis import fake_diagnosis
 from helpers.fake_fit import fake_fit
 from typer.testing import CliRunner
 
 from thermohyd.identify.bench.errors import BenchInputError
 from thermohyd.identify.cli import jax_setup
 from thermohyd.identify.cli.commands import app
+from thermohyd.identify.cli.process import consoles
 
 
 def stand_in(monkeypatch, name: str, **functions) -> None:
@@ -274,3 +277,15 @@ def test_cache_does_not_grow_for_ever(monkeypatch, tmp_path):
         os.utime(folder / name, (1e9 - age, 1e9 - age))
     assert jax_setup.compilation_cache() == folder
     assert sorted(file.name for file in folder.iterdir()) == ["middle", "newest"]
+
+
+def test_a_narrow_stream_without_an_ellipsis_gets_the_report(monkeypatch):
+    """A log of ASCII, narrower than the tables: cells are cut, nothing fails."""
+    written = io.BytesIO()
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(written, encoding="ascii"))
+    monkeypatch.setenv("COLUMNS", "60")
+    console = consoles(json=False).results
+    fake_diagnosis("named", points=12).print_on(console)
+    fake_fit().print_on(console)
+    sys.stdout.flush()
+    assert "?" in written.getvalue().decode("ascii")
