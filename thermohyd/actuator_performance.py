@@ -16,6 +16,7 @@ from jaxtyping import Array, ArrayLike, Float
 from thermohyd.effects.effect import AbstractConditionEffect, AbstractHeatEffect, AbstractReadingEffect
 
 from .actuator import Actuator
+from .arguments import Heat, share_of_heat
 from .conditions import Conditions
 from .oil import Oil, bulk_modulus, density, expansion, specific_heat
 from .ports import port_flows
@@ -108,12 +109,15 @@ def without_instruments(valve: Valve) -> Valve:
     return replace(valve, effects=kept, null_bias=0.0 * valve.null_bias)
 
 
-def with_heat(valve: Valve, heat: float | Array | None) -> Valve:
-    """The valve with the share eta of heat kept (0 HM, 1 THM); None leaves it as it is. An effect on eta is dropped then."""
+def with_heat(valve: Valve, heat: Heat | float | Array | None) -> Valve:
+    """The valve with the share eta of heat kept: 0 or "isothermal" (HM) to 1 or "adiabatic" (THM), and without effects on eta.
+
+    None leaves it as it is.
+    """
     if heat is None:
         return valve
     kept = tuple(effect for effect in valve.effects if not isinstance(effect, AbstractHeatEffect))
-    return replace(valve, effects=kept, heat_retention=jnp.asarray(heat, dtype=jnp.result_type(float)))
+    return replace(valve, effects=kept, heat_retention=jnp.asarray(share_of_heat(heat), dtype=jnp.result_type(float)))
 
 
 def null_state(valve: Valve, conditions: Conditions) -> NullState:
@@ -235,13 +239,13 @@ def performance(
     temperature: ArrayLike,
     supply_pressure: ArrayLike,
     return_pressure: ArrayLike = 0.0,
-    heat: float | Array | None = None,
+    heat: Heat | float | Array | None = None,
     gamma: float = 2.0,
 ) -> Performance:
     """Performance of the actuator on the valve, at null: the seed paper's Eqs. 1 to 4 and appendix (docs/physics.md section 11).
 
     temperature [K], supply_pressure, return_pressure [Pa, gauge] broadcast to the shape of every figure. heat: the share eta
-    of the throttling heat that the oil keeps, 0 isothermal (HM), 1 adiabatic (THM); None: the valve's own. gamma: of Eq. 1,
+    of the throttling heat that the oil keeps, 0 or "isothermal" (HM), 1 or "adiabatic" (THM); None: the valve's own. gamma: of Eq. 1,
     below 2. Effects of the valve act, those of the bench's instruments do not: conditions are the true ones. It can be
     jitted, vmapped and differentiated in everything, forward and reverse. Exact for small motions about null at mid stroke
     (HM, THM); half way to the end of a jack's stroke omega_h is some per cent low.

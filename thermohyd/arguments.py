@@ -3,7 +3,7 @@
 Only values that are known are looked at: a tracer (inside jit, vmap, grad) passes untouched, and nothing is computed for it.
 """
 
-from typing import Any
+from typing import Any, Literal
 
 import jax.numpy as jnp
 import numpy as np
@@ -16,6 +16,11 @@ LOWEST_PRESSURE, HIGHEST_PRESSURE = -101325.0, 5e8  # Pa gauge: absolute vacuum;
 BAR_LIMIT = 1e3  # Pa: a supply below 0.01 bar was meant in bar
 CONSTANT_BAR_LIMIT = 100.0  # Pa: so was a return or load pressure that stands at a whole fraction of a millibar
 ZERO_CELSIUS = 273.15
+
+
+# What stays of the throttling heat in the oil: a word, or its share eta.
+Heat = Literal["adiabatic", "isothermal"]
+SHARES: dict[str, float] = {"isothermal": 0.0, "adiabatic": 1.0}
 
 
 class ArgumentValueError(ValueError):
@@ -39,6 +44,29 @@ def as_array(value: Any) -> Array:
 def as_optional_array(value: Any) -> Array | None:
     """The same, where None means that there is none."""
     return None if value is None else as_array(value)
+
+
+def share_of_heat(heat: Any) -> Any:
+    """The share eta that a word stands for; a number, an array or None as it is. Raises ArgumentValueError."""
+    if not isinstance(heat, str):
+        return heat
+    if heat not in SHARES:
+        raise ArgumentValueError(
+            f'heat must be "adiabatic", "isothermal" or a share from 0 to 1, not {described(heat)}'
+        )
+    return SHARES[heat]
+
+
+def heat_of_chambers(heat: Any) -> Heat:
+    """The word for how chambers keep their heat, given as that word, 0 or 1. Raises ArgumentValueError."""
+    for word, share in SHARES.items():
+        if heat == (word if isinstance(heat, str) else share):
+            return "adiabatic" if share else "isothermal"
+    given = described(heat) if isinstance(heat, str) else heat
+    raise ArgumentValueError(
+        f'heat must be "adiabatic" (1) or "isothermal" (0) here, not {given}: between the two, chambers exchange heat with '
+        "their walls (walls=), and edges keep the valve's heat_retention"
+    )
 
 
 def described(value: Any) -> str:

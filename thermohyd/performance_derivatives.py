@@ -18,6 +18,7 @@ from .actuator_performance import (
     with_heat,
     without_instruments,
 )
+from .arguments import Heat
 from .conditions import Conditions
 from .valve import Valve
 
@@ -123,7 +124,7 @@ def performance_with_derivatives(
     temperature: ArrayLike,
     supply_pressure: ArrayLike,
     return_pressure: ArrayLike = 0.0,
-    heat: float | Array | None = None,
+    heat: Heat | float | Array | None = None,
     gamma: float = 2.0,
 ) -> PerformanceDerivatives:
     """`performance`, and the derivative of every figure with respect to conditions, geometry, effects, oil and actuator.

@@ -13,10 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from thermohyd.actuator_performance import performance
+from thermohyd.arguments import Heat
 from thermohyd.control_loop import loop_margins
-from thermohyd.dynamics.machine import Heat
 from thermohyd.dynamics.temperature_sweep import (
-    KEPT,
     ROWS,
     LoopSweep,
     StepSweep,
@@ -34,6 +33,7 @@ from .subject import Subject
 
 
 if TYPE_CHECKING:
+    import pandas as pd
     from matplotlib.figure import Figure
     from rich.console import Console
 
@@ -85,6 +85,19 @@ class ServoStudy(Result):
 
         return servo_json(self)
 
+    def to_dataframe(self) -> "pd.DataFrame":
+        """One row per model ("THM", "HM") and temperature [K], SI: the loop's small-signal figures, gain_margin_of_large_motions,
+        stable, and the figures of the step response; see `LoopFigures` and `StepFigures`."""
+        import pandas as pd
+
+        tables = {}
+        for model, loop in self.loops.items():
+            columns = {name: np.asarray(getattr(loop.figures, name)) for name in vars(loop.figures)}
+            columns |= {"gain_margin_of_large_motions": self.large_margin(model), "stable": np.asarray(loop.stable)}
+            columns |= {name: np.asarray(figure) for name, figure in self.steps[model].figures._asdict().items()}
+            tables[model] = pd.DataFrame(columns, index=pd.Index(self.subject.temperatures, name="temperature"))
+        return pd.concat(tables, names=["model"])
+
     def print_on(self, console: "Console") -> None:
         from .report import print_servo
 
@@ -131,7 +144,7 @@ def servo_study(subject: Subject, *, rows: int = ROWS, progress: Callable[[str],
             valve, subject.actuator, warm, heat=heat, step=subject.step, seconds=lengths, rows=rows, **about
         )
         say(f"linear formulas ({model})")
-        found = performance(still, subject.actuator, temperature=warm, heat=KEPT[heat], **about)
+        found = performance(still, subject.actuator, temperature=warm, heat=heat, **about)
         margins = loop_margins(found, subject.actuator)
         names = ("flow_gain", "loop_gain", "natural_frequency", "damping_ratio")
         own = {name: np.asarray(getattr(found, name)) for name in names}

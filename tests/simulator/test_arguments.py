@@ -11,7 +11,7 @@ import pytest
 from helpers.valves import seed_valve
 
 import thermohyd
-from thermohyd.arguments import ArgumentTypeError, ArgumentValueError
+from thermohyd.arguments import ArgumentTypeError, ArgumentValueError, heat_of_chambers, share_of_heat
 from thermohyd.conditions import Conditions, operating_points
 from thermohyd.oil_definition import walther_coefficients
 from thermohyd.static_tests import leakage_flow
@@ -125,6 +125,22 @@ MISUSE = {
         VALUE,
         "temperature: temperatures are in kelvin; 40 looks like degC: use 313.15",
     ),
+    "th.performance(valve(), th.Actuator(), temperature=300.0, supply_pressure=70e5, heat='warm')": (
+        VALUE,
+        'heat must be "adiabatic", "isothermal" or a share from 0 to 1, not the text "warm"',
+    ),
+    **{
+        f"{call}, heat=0.5)": (
+            VALUE,
+            'heat must be "adiabatic" (1) or "isothermal" (0) here, not 0.5: between the two, chambers exchange heat with '
+            "their walls (walls=), and edges keep the valve's heat_retention",
+        )
+        for call in (
+            "th.simulate_step(valve(), th.Actuator(), inputs()",
+            "th.simulate_many(valve(), th.Actuator(), inputs()",
+            "th.frequency_response(valve(), th.Actuator(), inputs(), np.array([1.0])",
+        )
+    },
 }
 # What looks odd and is meant: overlap, a supply that is off, ramps, noise about zero, a load either way, a long jack.
 LEGAL = {
@@ -189,6 +205,14 @@ def test_what_is_traced_is_never_looked_at():
     at = operating_points(0.0, supply_pressure=70e5, temperature=313.15)
     flow = lambda clearance: leakage_flow(seed_valve(clearance=clearance), at).sum()
     assert np.isfinite(jax.grad(flow)(2e-6))
+
+
+def test_heat_is_a_word_or_the_share_that_it_stands_for():
+    assert [heat_of_chambers(heat) for heat in ("adiabatic", 1, 1.0)] == ["adiabatic"] * 3
+    assert [heat_of_chambers(heat) for heat in ("isothermal", 0, 0.0)] == ["isothermal"] * 3
+    assert [share_of_heat(heat) for heat in ("isothermal", 0.3, "adiabatic", None)] == [0.0, 0.3, 1.0, None]
+    with pytest.raises(ArgumentValueError, match='not the text "warm"'):
+        heat_of_chambers("warm")
 
 
 def test_the_types_are_the_usual_ones():

@@ -14,6 +14,7 @@ from jax.core import Tracer
 from jaxtyping import Array, Bool, Complex, Float
 
 from thermohyd.actuator import Actuator
+from thermohyd.arguments import Heat, heat_of_chambers
 from thermohyd.effects.effect import AbstractEffect
 from thermohyd.numerics import require_float64
 from thermohyd.valve import Valve
@@ -21,7 +22,7 @@ from thermohyd.valve import Valve
 from .equilibrium import equilibrium, scaling_of
 from .inputs import StepInputs
 from .integrate import FAILURES, NO_EQUILIBRIUM
-from .machine import POSITION, Heat, Plant, State, Walls, plant_of, transducer_gain
+from .machine import POSITION, Plant, State, Walls, plant_of, transducer_gain
 from .vector_field import rates_at
 
 
@@ -120,7 +121,7 @@ def frequency_response(
     *,
     output: Output = "spool_position",
     absolute: bool = False,
-    heat: Heat = "adiabatic",
+    heat: Heat | float = "adiabatic",
     walls: Walls | None = None,
     polarity: int = 1,
     throw: bool = True,
@@ -142,7 +143,7 @@ def frequency_response(
     if output == "piston_position" and inputs.kind != "setpoint" and not absolute:
         raise ValueError("a piston position in open loop has no low-frequency asymptote: ask for the absolute ratio")
     built = Walls() if walls is None else walls
-    plant = plant_of(valve, actuator, inputs, heat=heat, walls=built, polarity=polarity)
+    plant = plant_of(valve, actuator, inputs, heat=heat_of_chambers(heat), walls=built, polarity=polarity)
     refuse_without_response(valve.effects)
     frequency = jnp.asarray(frequency, dtype=jnp.result_type(float))
     response = cast(FrequencyResponse, _response(plant, frequency, output, absolute))

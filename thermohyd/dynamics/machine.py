@@ -9,7 +9,7 @@ values, or None where a record has none. Which are None is known while tracing, 
 """
 
 import abc
-from typing import ClassVar, Literal
+from typing import ClassVar
 
 import equinox as eqx
 import jax
@@ -17,6 +17,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from thermohyd.actuator import Actuator
+from thermohyd.arguments import Heat
 from thermohyd.conditions import Conditions
 from thermohyd.edge import MeteringEdge
 from thermohyd.effects.effect import AbstractConditionEffect, AbstractEffect, Coupling
@@ -130,9 +131,6 @@ def motion_of(actuator: Actuator, effects: tuple[AbstractEffect, ...]) -> Motion
         if isinstance(effect, AbstractMotionEffect):
             motion = effect.motion(motion)
     return motion
-
-
-Heat = Literal["adiabatic", "isothermal"]
 
 
 class Surroundings(eqx.Module):

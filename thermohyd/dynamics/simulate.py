@@ -10,13 +10,14 @@ from jax.core import Tracer
 from jaxtyping import Array, Float, Int, Real
 
 from thermohyd.actuator import Actuator
+from thermohyd.arguments import Heat, heat_of_chambers
 from thermohyd.numerics import require_float64
 from thermohyd.valve import Valve
 
 from .equilibrium import equilibrium, scaling_of
 from .inputs import StepInputs
 from .integrate import FAILURES, NO_EQUILIBRIUM, Gradient, integrate
-from .machine import Heat, Walls, plant_of, transducer_gain
+from .machine import Walls, plant_of, transducer_gain
 
 
 RTOL, ATOL = 3e-9, 3e-9
@@ -82,19 +83,19 @@ def simulated(
     return StepReadings(inputs.time, *shown, steps=run.steps, failure=failure)
 
 
-def check_choices(
-    caller: str, *, heat: Heat, walls: Walls | None, polarity: int | Array, gradient: Gradient = "forward"
-) -> None:
-    """Raise RuntimeError in single precision, ValueError for a choice that does not exist."""
+def checked_heat(
+    caller: str, *, heat: Heat | float, walls: Walls | None, polarity: int | Array, gradient: Gradient = "forward"
+) -> Heat:
+    """The word for `heat`. Raises RuntimeError in single precision, ValueError for a choice that does not exist."""
     require_float64(caller)
-    if heat not in ("adiabatic", "isothermal"):
-        raise ValueError(f'heat must be "adiabatic" or "isothermal", not {heat!r}')
+    heat = heat_of_chambers(heat)
     if gradient not in ("forward", "reverse"):
         raise ValueError(f'gradient must be "forward" or "reverse", not {gradient!r}')
     if not isinstance(polarity, Tracer) and polarity not in (1, -1):
         raise ValueError(f"polarity must be 1 or -1, not {polarity!r}")
     if heat == "isothermal" and walls is not None:
         raise ValueError('walls exchange heat with adiabatic chambers only: leave them out, or set heat = "adiabatic"')
+    return heat
 
 
 def simulate_step(
@@ -102,7 +103,7 @@ def simulate_step(
     actuator: Actuator,
     inputs: StepInputs,
     *,
-    heat: Heat = "adiabatic",
+    heat: Heat | float = "adiabatic",
     walls: Walls | None = None,
     polarity: int | Array = 1,
     gradient: Gradient = "forward",
@@ -113,9 +114,9 @@ def simulate_step(
 ) -> StepReadings:
     """Run the actuator on the valve through a step test; readings at the rows of `inputs` (docs/physics.md section 9).
 
-    inputs: from `step_inputs`. heat: "adiabatic" (THM: chambers keep their heat, but for what `walls` take) or "isothermal"
-    (HM: all oil at T_s). polarity: +1 or -1, of an open-loop current. Effects of the valve act where they make sense: static
-    ones on edges, oil, lines and paths, a gauge's on the reading of the spool, dynamic ones (`DYNAMIC_EFFECTS`) here only.
+    inputs: from `step_inputs`. heat: "adiabatic" or 1 (THM: chambers keep their heat, but for what `walls` take), "isothermal"
+    or 0 (HM: all oil at T_s). polarity: +1 or -1, of an open-loop current. Effects of the valve act where they make sense:
+    static ones on edges, oil, lines and paths, a gauge's on the reading of the spool, dynamic ones (`DYNAMIC_EFFECTS`) here only.
     The run starts in equilibrium under the first row; see `equilibrium`.
 
     It can be jitted, vmapped (inputs stacked, with equal `knots`) and differentiated in every array of valve, actuator,
@@ -139,7 +140,7 @@ def simulate_step(
     sentence in single precision and, with `throw`, where there is no equilibrium or the integration fails; where the call is
     traced, `failure` says so and the readings are NaN. Raises ValueError for a choice that does not exist.
     """
-    check_choices("simulate_step", heat=heat, walls=walls, polarity=polarity, gradient=gradient)
+    heat = checked_heat("simulate_step", heat=heat, walls=walls, polarity=polarity, gradient=gradient)
     # Arrays, not numbers: those would be compiled in.
     as_array = lambda value: jnp.asarray(value, dtype=jnp.result_type(float))
     readings = cast(

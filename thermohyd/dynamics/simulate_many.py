@@ -13,14 +13,15 @@ import numpy as np
 from jaxtyping import Array
 
 from thermohyd.actuator import Actuator
+from thermohyd.arguments import Heat
 from thermohyd.numerics import jitted, known_options
 from thermohyd.valve import Valve
 
 from .batch import BatchedRodas5P
 from .inputs import StepInputs
 from .integrate import FAILURES
-from .machine import Heat, Walls
-from .simulate import ATOL, MAX_STEPS, RTOL, StepReadings, check_choices, simulated
+from .machine import Walls
+from .simulate import ATOL, MAX_STEPS, RTOL, StepReadings, checked_heat, simulated
 
 
 # Scenarios per program: enough to fill vectors and to hide what starting a loop costs, few enough for a core's cache.
@@ -90,7 +91,7 @@ def simulate_many(
     inputs: StepInputs,
     *,
     in_axes: Along = (0, 0, None),
-    heat: Heat = "adiabatic",
+    heat: Heat | float = "adiabatic",
     walls: Walls | None = None,
     polarity: int = 1,
     rtol: float | Array = RTOL,
@@ -116,7 +117,7 @@ def simulate_many(
     Raises RuntimeError in single precision and, with `throw`, where a scenario fails, which it names; without `throw`, its
     readings are NaN and `failure` says why. Raises ValueError for stacks of different lengths or a choice that does not exist.
     """
-    check_choices("simulate_many", heat=heat, walls=walls, polarity=polarity)
+    heat = checked_heat("simulate_many", heat=heat, walls=walls, polarity=polarity)
     given = (valve, actuator, inputs)
     if len(in_axes) != 3 or any(axis not in (0, None) for axis in in_axes):
         raise ValueError(f"in_axes must be three entries, each 0 or None, not {in_axes!r}")

@@ -14,6 +14,7 @@ from jaxtyping import Array, Bool, Complex, Float, Real
 
 from thermohyd.actuator import Actuator
 from thermohyd.actuator_performance import with_heat, without_instruments
+from thermohyd.arguments import Heat, heat_of_chambers, share_of_heat
 from thermohyd.conditions import Conditions
 from thermohyd.numerics import quickly, require_float64
 from thermohyd.static_tests import control_flow
@@ -22,7 +23,7 @@ from thermohyd.valve import Valve
 from .inputs import StepInputs, step_inputs
 from .integrate import FAILURES, NO_EQUILIBRIUM
 from .linear import PULSATION, LoopFigures, broken, linearise, loop_figures, refuse_without_response
-from .machine import Heat, Walls, plant_of
+from .machine import Walls, plant_of
 from .simulate import StepFigures, StepReadings, simulate_step, step_figures
 
 
@@ -107,7 +108,7 @@ def loop_sweep(
     *,
     supply_pressure: float,
     return_pressure: float = 0.0,
-    heat: Heat = "adiabatic",
+    heat: Heat | float = "adiabatic",
 ) -> LoopSweep:
     """Margins, bandwidth and peak of the position loop at rest about mid stroke, at temperatures [K], with d/dT.
 
@@ -125,7 +126,9 @@ def loop_sweep(
         np.array([0.0, 1.0]), 0.0, "setpoint",
         supply_pressure=supply_pressure, return_pressure=return_pressure, temperature=300.0,
     )  # fmt: skip
-    figures, slope, (opened, matrix, found, delay) = cast(tuple, _linear(valve, actuator, inputs, warm, heat))
+    figures, slope, (opened, matrix, found, delay) = cast(
+        tuple, _linear(valve, actuator, inputs, warm, heat_of_chambers(heat))
+    )
     _require(np.where(np.asarray(found), 0, NO_EQUILIBRIUM), np.asarray(warm))
     return LoopSweep(warm, figures, slope, opened, np.linalg.eigvals(np.asarray(matrix)), delay[0])
 
@@ -148,7 +151,7 @@ def step_sweep(
     *,
     supply_pressure: float,
     return_pressure: float = 0.0,
-    heat: Heat = "adiabatic",
+    heat: Heat | float = "adiabatic",
     step: float,
     seconds: float | Real[np.ndarray, " temperatures"],
     rows: int = ROWS,
@@ -175,7 +178,7 @@ def step_sweep(
         )  # fmt: skip
         runs.append(own)
     stacked = jax.tree.map(lambda *parts: jnp.stack(parts), *runs)
-    readings = cast(StepReadings, _runs(valve, actuator, stacked, heat, jnp.asarray(rtol), max_steps))
+    readings = cast(StepReadings, _runs(valve, actuator, stacked, heat_of_chambers(heat), jnp.asarray(rtol), max_steps))
     _require(np.asarray(readings.failure), warm)
     time, position = np.asarray(readings.time), np.asarray(readings.piston_position)
     figures = [step_figures(*run, step) for run in zip(time, position, strict=True)]
@@ -218,7 +221,6 @@ def _require(failure: np.ndarray, temperature: np.ndarray) -> None:
 
 
 OPENINGS = np.geomspace(1e-3, 1.0, 48)  # of the stroke
-KEPT = {"adiabatic": 1.0, "isothermal": 0.0}
 
 
 def largest_gain_rise(
@@ -227,7 +229,7 @@ def largest_gain_rise(
     *,
     supply_pressure: float,
     return_pressure: float = 0.0,
-    heat: str = "adiabatic",
+    heat: Heat | float = "adiabatic",
 ) -> np.ndarray:
     """Largest flow per opening Q(x)/x over the stroke as a factor of that at null, at temperatures [K]; 1 where null is steepest.
 
@@ -237,7 +239,7 @@ def largest_gain_rise(
     """
     require_float64("largest_gain_rise")
     warm = np.asarray(temperatures, dtype=float)
-    bare = with_heat(without_instruments(valve), KEPT[heat])
+    bare = with_heat(without_instruments(valve), share_of_heat(heat))
     opening = np.tile(OPENINGS, warm.size) * float(valve.stroke)
     full = lambda value: jnp.full(opening.size, float(value))
     conditions = Conditions(
