@@ -5,12 +5,14 @@ it imports when it is called.
 """
 
 from abc import ABC, abstractmethod
+from html import escape
 from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 
 if TYPE_CHECKING:
+    import pandas as pd
     from matplotlib.figure import Figure
     from rich.console import Console
 
@@ -32,6 +34,10 @@ class Result(ABC):
         """The result as plain Python, SI units, without NaN: what the command writes as JSON."""
 
     @abstractmethod
+    def to_dataframe(self) -> "pd.DataFrame":
+        """What the result is a table of, for further work."""
+
+    @abstractmethod
     def figures(self) -> "dict[str, Figure]":
         """Matplotlib figures by file name without ending, in the order of the report. They belong to no pyplot window."""
 
@@ -50,6 +56,10 @@ class Result(ABC):
         text = StringIO()
         self.print_on(Console(file=text, width=width, highlight=False, color_system=None, force_terminal=False))
         return text.getvalue()
+
+    def _repr_html_(self) -> str:
+        """How a notebook shows the result: as a terminal does, unless its class knows better."""
+        return f"<pre>{escape(self.summary())}</pre>"
 
     def save(self, folder: str | Path) -> list[Path]:
         """Write the files that the command's --out writes, all of them or none, into a folder that is made if need be.

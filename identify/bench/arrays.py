@@ -261,7 +261,7 @@ def _record(bench: BenchFile, frames: Mapping[str, pd.DataFrame], readings_requi
     record = record_of(bench, tables, Path(bench.valve.name), readings_required=readings_required)
     files = [
         RecordFile(name, _hash(used[name]), len(used[name].frame), test.rows if test.channels else 0)
-        for name, test in record.all_tests.items()
+        for name, test in record.tests.items()
     ]
     now = datetime.now().astimezone().isoformat(timespec="seconds")
     made = Provenance(f"{record.name} (arrays)", tuple(files), now, version("thermohyd"))

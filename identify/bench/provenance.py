@@ -58,10 +58,10 @@ def record_json(record: BenchRecord) -> dict[str, Any]:
         },
         "oil": asdict(record.oil),
         "geometry": asdict(record.valve),
-        "conditions": {name: _ranges(test) for name, test in record.all_tests.items()},
+        "conditions": {name: _ranges(test) for name, test in record.tests.items()},
     }
-    if record.dynamic is not None:
-        content["actuator"] = asdict(record.dynamic.actuator)
+    if record.actuator is not None:
+        content["actuator"] = asdict(record.actuator)
     return content
 
 
@@ -92,7 +92,7 @@ def record_rows(record: BenchRecord) -> list[tuple[str, str]]:
     if made is not None:
         rows.append(("read", f"{made.date.replace('T', ' ')} by thermohyd {made.version}"))
     rows += [("valve", _geometry(record)), ("oil", _oil(record))]
-    for name, test in record.all_tests.items():
+    for name, test in record.tests.items():
         rows.append((name.replace("_", " "), f"{test.rows:,} rows: {_shown(_ranges(test), _CONDITIONS)}"))
     return rows
 
@@ -127,7 +127,7 @@ def _oil(record: BenchRecord) -> str:
 
 def _of_all(record: BenchRecord) -> dict[str, list[float]]:
     found: dict[str, list[float]] = {}
-    for test in record.all_tests.values():
+    for test in record.tests.values():
         for name, (low, high) in _ranges(test).items():
             known = found.get(name, [low, high])
             found[name] = [min(known[0], low), max(known[1], high)]

@@ -17,7 +17,7 @@ from .errors import BenchInputError, listed, quoted, suggestion
 from .headers import likely_header, mapping
 from .plausibility import check_supply, condition_warnings, static_warnings
 from .provenance import provenance_of
-from .record import BenchRecord, Channel, DynamicData, DynamicTest, TestRecord
+from .record import BenchRecord, Channel, DynamicTest, TestRecord
 from .sweeps import first_step_back, sweep_direction, sweep_rate
 from .test_file import BenchTable, read_bench_csv
 from .test_tables import DynamicTestTable, StaticTest
@@ -102,14 +102,6 @@ def runs(table: BenchTable) -> tuple[np.ndarray, tuple[str, ...]]:
         return np.zeros(table.rows, dtype=int), ("",)
     codes, names = pd.factorize(table.run)
     return codes.astype(int), tuple(str(name) for name in names)
-
-
-def read_dynamic(bench: BenchFile, tables: dict[str, BenchTable], *, readings_required: bool) -> DynamicData | None:
-    """The dynamic tests with their actuator; None where the record has none. Raises BenchInputError."""
-    if bench.actuator is None:
-        return None
-    tests = {name: _read(test, tables[name], bench, readings_required) for name, test in bench.dynamic.items()}
-    return DynamicData(bench.actuator, tests, bench.actuator_given)
 
 
 def _read(test: DynamicTestTable, table: BenchTable, bench: BenchFile, required: bool) -> DynamicTest:
@@ -256,7 +248,7 @@ def read_record(folder: str | Path, *, readings_required: bool = True) -> BenchR
     bench = read_bench_toml(folder / NAME)
     record = record_of(bench, read_tables(bench), folder, readings_required=readings_required)
     try:
-        provenance = provenance_of(folder, folder / NAME, record.all_tests.values())
+        provenance = provenance_of(folder, folder / NAME, record.tests.values())
     except OSError as error:  # gone since it was read
         raise BenchInputError(f"cannot be read ({error.strerror})", file=error.filename) from None
     return replace(record, provenance=provenance)
@@ -267,8 +259,7 @@ def record_of(
 ) -> BenchRecord:
     """The record that a description and the tables of its tests make, wherever both come from. Raises BenchInputError."""
     tests = {test.name: _read_test(test, tables[test.name], bench, readings_required) for test in bench.tests.values()}
-    dynamic = read_dynamic(bench, tables, readings_required=readings_required)
-    moving = {} if dynamic is None else dynamic.tests
+    moving = {name: _read(test, tables[name], bench, readings_required) for name, test in bench.dynamic.items()}
     warnings = [w for name, test in tests.items() for w in static_warnings(test, tables[name], bench)]
     for name, test in moving.items():
         warnings += condition_warnings(test, tables[name], bench)
@@ -277,10 +268,11 @@ def record_of(
         bench.valve.name,
         bench.valve,
         bench.oil,
-        tests,
+        {**tests, **moving},
         bench.start,
         warnings=tuple(warnings),
-        dynamic=dynamic,
+        actuator=bench.actuator,
+        actuator_given=bench.actuator_given,
     )
 
 

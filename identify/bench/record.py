@@ -139,6 +139,16 @@ class TestRecord:
         """What the rows are drawn over (rows,), SI: the position here, time or frequency in a dynamic test."""
         return self.spool_position
 
+    @property
+    def conditions(self) -> dict[str, np.ndarray]:
+        """{quantity: (rows,)}: the columns that say where the test was run, SI; the command of a dynamic test by its kind."""
+        found = {name: getattr(self, name) for name in ("supply_pressure", "return_pressure", "temperature")}
+        return found | {name: column for name, column in self._driven.items() if column is not None and len(column)}
+
+    @property
+    def _driven(self) -> dict[str, np.ndarray | None]:
+        return {"spool_position": self.spool_position, "load_pressure": self.load_pressure}
+
 
 @dataclass(frozen=True)
 class ActuatorData:
@@ -188,19 +198,19 @@ class DynamicTest(TestRecord):
         return kind_of_test(self.name)
 
     @property
+    def _driven(self) -> dict[str, np.ndarray | None]:
+        return {self.command_kind: self.command, "frequency": self.frequency, "external_force": self.external_force}
+
+    @property
     def place(self) -> np.ndarray:
         found = self.time if self.frequency is None else self.frequency
         assert found is not None
         return found
 
 
-@dataclass(frozen=True)
-class DynamicData:
-    """The dynamic part of a record: its actuator and its step and frequency tests. given: [actuator] is in the file."""
-
-    actuator: ActuatorData
-    tests: dict[str, DynamicTest]
-    given: bool = True
+def dynamic_among(tests: Mapping[str, TestRecord]) -> dict[str, DynamicTest]:
+    """The step and frequency tests among these."""
+    return {name: test for name, test in tests.items() if isinstance(test, DynamicTest)}
 
 
 @dataclass(frozen=True)
@@ -230,7 +240,8 @@ class Provenance:
 class BenchRecord:
     """A bench record, read and checked: from a folder with `bench.toml` by `read_record`, or from arrays or DataFrames.
 
-    folder: of a record from arrays, its name alone.
+    folder: of a record from arrays, its name alone. tests: static ones, then dynamic ones. actuator: of the dynamic tests,
+    None where there are none; actuator_given: described in the file, and not the example that stands in.
     """
 
     folder: Path
@@ -240,13 +251,19 @@ class BenchRecord:
     tests: dict[str, TestRecord]
     start: dict[str, StartValue] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
-    dynamic: DynamicData | None = None
+    actuator: ActuatorData | None = None
+    actuator_given: bool = True
     provenance: Provenance | None = None  # None: not read from files
 
     @property
-    def all_tests(self) -> dict[str, TestRecord]:
-        """Static tests, then dynamic ones."""
-        return self.tests if self.dynamic is None else {**self.tests, **self.dynamic.tests}
+    def static_tests(self) -> dict[str, TestRecord]:
+        """The tests whose rows are each at equilibrium."""
+        return {name: test for name, test in self.tests.items() if not test.in_motion}
+
+    @property
+    def dynamic_tests(self) -> dict[str, DynamicTest]:
+        """The step and frequency tests."""
+        return dynamic_among(self.tests)
 
     @property
     def source(self) -> str:

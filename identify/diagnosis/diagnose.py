@@ -16,7 +16,7 @@ from thermohyd.identify.fitting.library import Library, motion_library
 from thermohyd.identify.fitting.parameters import IN_MOTION, ParameterPlan, Prior
 from thermohyd.identify.fitting.problem import Noise, Problem
 from thermohyd.identify.fitting.result import FitResult
-from thermohyd.identify.noise.level import run_differences
+from thermohyd.identify.noise.level import repeat_differences
 from thermohyd.numerics import require_float64
 
 from .case import Case, Progress, choose, open_case
@@ -42,25 +42,25 @@ def open_motion(
     # Here, not above: the diagnosis of static tests does not wait for the solvers of motion.
     from thermohyd.identify.fitting.fit_motion import run_fit_motion
 
-    data = record.dynamic
-    assert data is not None
+    assert record.actuator is not None
+    moving = record.dynamic_tests
     known = None if static is None else {name: estimate.value for name, estimate in static.parameters.items()}
     known = None if known is None else {name: v for name, v in known.items() if name not in (effects or {})}
     also = () if static is None else static.free
     fitted = run_fit_motion(record, say, known, also)
     own = {name: fitted.plans[name] for name in (*IN_MOTION, *(n for n in fitted.free if n not in IN_MOTION))}
-    if any(test.time is not None for test in data.tests.values()) and "null_bias" not in own:
+    if any(test.time is not None for test in moving.values()) and "null_bias" not in own:
         own |= _null(record, fitted.plans["null_bias"], static)
     fitted = replace(fitted, plans={**fitted.plans, **own})
     tests = fitted.tests
-    library = motion_library(data.tests, data.actuator.heat)
+    library = motion_library(moving, record.actuator.heat)
     problem = Problem(
         record, tests, fitted.plans, library, first_noise(fitted.noise), known_effects=dict(effects or {}), also=also
     )
     repeats = {}
-    for name, test in data.tests.items():
+    for name, test in moving.items():
         for channel in test.channels:
-            pieces = run_differences(test, channel)
+            pieces = repeat_differences(test, channel)
             size = float(np.sqrt(np.mean(fitted.noise[name, channel.name].std ** 2)))
             repeats[name, channel.name] = repeats_in([piece / size for piece in pieces])
     noise = {
@@ -186,12 +186,12 @@ def diagnose(record: BenchRecord, *, learn: bool = False, progress: Progress | N
     began = time.perf_counter()
     say = progress or (lambda _: None)
     stage = lambda case: diagnose_stage(case, learn=learn, say=say)
-    if record.dynamic is None:
+    if not record.dynamic_tests:
         result = stage(open_case(record, say)).result
-    elif not record.tests:
+    elif not record.static_tests:
         result = in_words_of_motion(stage(open_motion(record, say)).result)
     else:
-        static = stage(open_case(replace(record, dynamic=None), say))
+        static = stage(open_case(replace(record, tests=record.static_tests, actuator=None), say))
         amounts = {effect.name: effect.value for effect in static.result.effects}
         motion = stage(open_motion(record, say, static.result.after, amounts))
         motion = replace(motion, result=in_words_of_motion(motion.result))

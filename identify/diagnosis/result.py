@@ -225,7 +225,7 @@ class DiagnosisResult(Result):
     @property
     def plain_model(self) -> str:
         """What the record was compared with before anything was added, in words."""
-        return "ideal valve" if self.record.dynamic is None else "plain model"
+        return "ideal valve" if not self.record.dynamic_tests else "plain model"
 
     @property
     def open(self) -> bool:

@@ -48,8 +48,9 @@ def fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | None 
     """
     require_float64("fit")
     began = time.perf_counter()
-    static = run_fit(record, starts=starts, progress=progress) if record.tests or record.dynamic is None else None
-    if record.dynamic is None:
+    moving = bool(record.dynamic_tests)
+    static = run_fit(record, starts=starts, progress=progress) if record.static_tests or not moving else None
+    if not moving:
         assert static is not None
         result = _with_intervals(static, progress)
     else:
@@ -78,14 +79,14 @@ def run_fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | N
     tests: dict[str, TestRecord] = {}
     warnings = list(record.warnings)
     plans = plan_parameters(record.valve, record.start)
-    free = free_parameters(record, plans, record.tests)
-    for name, test in record.tests.items():
+    free = free_parameters(record, plans, record.static_tests)
+    for name, test in record.static_tests.items():
         if test.rows > 2000:
             say(f"reducing {name}: {test.rows:,} rows")
         turned = reversed_channels(test)
         warnings += [warning_of(test, channel) for channel in turned]
         tests[name] = reduce_test(with_signs_turned(test, turned))
-    free_parameters(record, plans, tests)
+    free_parameters(record, plans, tests)  # once more: a raw log has fewer points than rows
     noise = {(t.name, c.name): initial_noise(t, c) for t in tests.values() for c in t.channels}
     problem = StaticSearch(record, tests, plans, free)
     say(f"fitting {len(free)} parameters to {readings_of(tests):,} readings")

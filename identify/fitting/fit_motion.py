@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 
 from thermohyd.identify.bench.record import BenchRecord, TestRecord
-from thermohyd.identify.noise.level import ChannelNoise, first_noise_of
+from thermohyd.identify.noise.level import ChannelNoise, initial_noise
 
 from .least_squares import LeastSquaresResult
 from .library import NOTHING, Library
-from .motion_readings import dynamic_of
+from .motion_readings import require_actuator
 from .outcome import Fitted, Key
 from .parameters import IN_MOTION, free_parameters, plan_motion, readings_of
 from .problem import MOST_STEPS, Fit, Noise, Problem, noise_settled_by, solution_of, white_noise
@@ -42,11 +42,11 @@ def run_fit_motion(
     Raises BenchInputError where the record determines nothing.
     """
     say = progress or (lambda _: None)
-    data = dynamic_of(record)
-    tests: dict[str, TestRecord] = dict(data.tests)
-    plans = plan_motion(record.valve, data.actuator, record.start, known)
+    plans = plan_motion(record.valve, require_actuator(record), record.start, known)
+    moving = record.dynamic_tests
+    tests: dict[str, TestRecord] = dict(moving)
     free, readings = free_parameters(record, plans, tests), readings_of(tests)
-    noise = {(n, c.name): first_noise_of(t, c) for n, t in data.tests.items() for c in t.channels}
+    noise = {(n, c.name): initial_noise(t, c) for n, t in moving.items() for c in t.channels}
     say(f"fitting {len(free)} parameters of motion to {readings:,} readings")
     problem = Problem(record, tests, plans, NOTHING, white_noise(noise), also=also)
     ends = [_grown(problem, {}, say)]

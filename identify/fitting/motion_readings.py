@@ -17,20 +17,22 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from thermohyd.actuator import Actuator
+from thermohyd.arguments import Heat
 from thermohyd.dynamics.equilibrium import equilibrium, scaling_of
 from thermohyd.dynamics.inputs import StepInputs
 from thermohyd.dynamics.integrate import NO_EQUILIBRIUM, integrate
 from thermohyd.dynamics.linear import Output, frequency_response
-from thermohyd.dynamics.machine import Heat, Plant, State, Walls, plant_of, transducer_gain
+from thermohyd.dynamics.machine import Plant, State, Walls, plant_of, transducer_gain
 from thermohyd.effects.library import classes_of, effect_info, with_effects
 from thermohyd.identify.bench.errors import BenchInputError
-from thermohyd.identify.bench.record import ActuatorData, BenchRecord, DynamicData, DynamicTest
+from thermohyd.identify.bench.record import ActuatorData, BenchRecord, DynamicTest
 from thermohyd.numerics import quickly
 from thermohyd.valve import Valve
 
 from .motion_runs import FrequencyRuns, StepRuns, frequency_runs, step_runs
 from .parameters import IN_MOTION, ParameterPlan
 from .static_readings import base_valve
+from .uncertainty import Key
 
 
 def actuator_of(data: ActuatorData, rated_current: float | None, values: Mapping[str, float] | None = None) -> Actuator:
@@ -141,7 +143,7 @@ def responses_all(
     seen = tuple(name for name in plan.effects if effect_info(name).small_signal)
     entries = [i for i, name in enumerate((*plan.names, *plan.effects)) if name in (*plan.names, *seen)]
 
-    def all_of(p: Array) -> tuple[Array, Array]:
+    def all_of(p: Array) -> tuple[Array, tuple[Array, Array]]:
         valve, actuator = machine(given.valve, given.actuator, plan.names, seen, jnp.stack([p[i] for i in entries]))
 
         def one(inputs: StepInputs, frequency: Array) -> tuple[Array, Array]:
@@ -151,14 +153,11 @@ def responses_all(
             )  # fmt: skip
             return jnp.stack([found.amplitude_ratio, jnp.deg2rad(found.phase)], axis=-1), found.found
 
-        return jax.vmap(one)(inputs, frequency)
+        values, found = jax.vmap(one)(inputs, frequency)
+        return values, (values, found)
 
-    values, found = all_of(p)
-    slopes = jax.jacfwd(lambda q: all_of(q)[0])(p)
+    slopes, (values, found) = jax.jacfwd(all_of, has_aux=True)(p)
     return values, slopes, found
-
-
-Key = tuple[str, str]  # test, channel
 
 
 @dataclass(frozen=True)
@@ -275,15 +274,15 @@ def readings_of(tests: Mapping[str, DynamicTest]) -> list[tuple[Key, DynamicTest
 
 def simulator_of(record: BenchRecord, plans: Mapping[str, ParameterPlan], effects=None) -> DynamicSimulator:
     """The record's dynamic tests on its machine, held parameters at their starts."""
-    data = dynamic_of(record)
+    machine = require_actuator(record)
     values = {name: plan.start for name, plan in plans.items() if name != "heat_retention" or plan.start > 0.0}
     valve = valve_of(record, values, effects)
-    actuator = actuator_of(data.actuator, record.valve.rated_current, values)
-    return DynamicSimulator(data.tests, valve, actuator, data.actuator.heat, record.valve.polarity)
+    actuator = actuator_of(machine, record.valve.rated_current, values)
+    return DynamicSimulator(record.dynamic_tests, valve, actuator, machine.heat, record.valve.polarity)
 
 
-def dynamic_of(record: BenchRecord) -> DynamicData:
-    """The record's dynamic part. Raises BenchInputError where it has none."""
-    if record.dynamic is None:
+def require_actuator(record: BenchRecord) -> ActuatorData:
+    """The machine of the record's dynamic tests. Raises BenchInputError where it has none."""
+    if record.actuator is None:
         raise BenchInputError("holds no dynamic test; add [tests.step] or [tests.frequency]", file=record.folder)
-    return record.dynamic
+    return record.actuator

@@ -126,7 +126,7 @@ def fit_result(
         noise_freedom=_noise_freedom(fitted, points),
         channels=channels,
         identifiability=words,
-        rows=sum(fitted.record.all_tests[name].rows for name in fitted.tests),
+        rows=sum(fitted.record.tests[name].rows for name in fitted.tests),
         points=points,
         seconds=0.0,
         converged=solution.converged,

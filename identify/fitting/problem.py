@@ -14,12 +14,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from thermohyd.effects.library import effect_info
-from thermohyd.identify.bench.record import BenchRecord, DynamicTest, TestRecord
+from thermohyd.identify.bench.record import BenchRecord, TestRecord, dynamic_among
 from thermohyd.identify.model.learned_terms import ABSOLUTE, LearnedTerm, term_values
 from thermohyd.identify.noise.correlation import NoiseCorrelation
 from thermohyd.identify.noise.level import ChannelNoise
 from thermohyd.identify.noise.whitening import whiten_on_host, whitening_of
-from thermohyd.identify.reduction.monotone_pieces import piece_bounds
+from thermohyd.identify.reduction.monotone_pieces import run_ids
 
 from .boxes import Box
 from .least_squares import LeastSquaresResult, solve
@@ -37,10 +37,9 @@ from .static_readings import (
     prior_rows,
     static_data,
 )
-from .uncertainty import settled_noise
+from .uncertainty import Key, settled_noise
 
 
-Key = tuple[str, str]  # test, channel
 # residual (rows,) and its columns (entries, rows) at a point (entries,), readings only
 Evaluation = Callable[[np.ndarray], tuple[Any, Any]]
 
@@ -183,7 +182,7 @@ class StaticReadings:
         for channel in data.channels:
             key = (channel.test, channel.name)
             test = self.tests[channel.test]
-            sweeps = noise_sweeps(test)
+            sweeps = run_ids(test)
             whitening.append(whitening_of(self.noise.correlation[key], sweeps, coarse_size(test.rows)))
             weight = channel.weight
             if self.used is not None:
@@ -259,7 +258,7 @@ class MotionReadings:
         if correlation == NoiseCorrelation():
             return values
         test = self.tests[key[0]]
-        return whiten_on_host(whitening_of(correlation, noise_sweeps(test), test.rows), values.T).T
+        return whiten_on_host(whitening_of(correlation, run_ids(test), test.rows), values.T).T
 
 
 @dataclass(frozen=True)
@@ -294,7 +293,7 @@ class Problem:
     @cached_property
     def readings(self) -> tuple[Readings, ...]:
         """Static tests first, then dynamic ones, as far as there are any."""
-        moving = {name: test for name, test in self.tests.items() if isinstance(test, DynamicTest)}
+        moving = dynamic_among(self.tests)
         still = {name: test for name, test in self.tests.items() if name not in moving}
         rows = self.rows()
         used = None if self.used is None else {key: self.used[place] for key, place in rows.items()}
@@ -341,7 +340,7 @@ class Problem:
 
     def sweeps(self, test: str) -> np.ndarray:
         """Stretches of a test's rows along which its noise remembers."""
-        return noise_sweeps(self.tests[test])
+        return run_ids(self.tests[test])
 
     def rows(self) -> dict[Key, slice]:
         """Where each channel's rows lie in a `Fit`'s residual."""
@@ -496,14 +495,6 @@ class Problem:
             chosen, order, free, values, result.cost, result.residual[real], result.jacobian[real], used, pressed,
             result.converged, result.message, result,
         )  # fmt: skip
-
-
-def noise_sweeps(test: TestRecord) -> np.ndarray:
-    """Stretches of rows along which noise remembers: one sweep after the other within a run hangs together."""
-    ids = np.zeros(test.rows, dtype=int)
-    for number, (start, stop) in enumerate(piece_bounds(test.run)):
-        ids[start:stop] = number
-    return ids
 
 
 def solution_of(problem: Problem, fit: Fit, seen: Fit | None = None) -> LeastSquaresResult:

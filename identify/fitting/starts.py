@@ -14,14 +14,9 @@ from dataclasses import replace
 import numpy as np
 
 from thermohyd.identify.bench.record import Channel, TestRecord
+from thermohyd.identify.reduction.monotone_pieces import piece_bounds, sweep_ids
 
 from .least_squares import LeastSquaresResult
-
-
-def _sweeps(test: TestRecord) -> list[np.ndarray]:
-    """Row numbers of each stretch of one run in one direction under the same nominal conditions."""
-    changed = (np.diff(test.run) != 0) | (np.diff(test.direction) != 0)
-    return [part for part in np.split(np.arange(test.rows), np.flatnonzero(changed) + 1) if len(part) >= 5]
 
 
 def _crossing(position: np.ndarray, value: np.ndarray) -> float | None:
@@ -61,7 +56,8 @@ def null_position(tests: dict[str, TestRecord]) -> float | None:
         channel = None if test is None else next((c for c in test.channels if c.name == channel_name), None)
         if test is None or channel is None:
             continue
-        found = [way(test.spool_position[rows], channel.value[rows]) for rows in _sweeps(test)]
+        sweeps = [slice(*bounds) for bounds in piece_bounds(sweep_ids(test)) if bounds[1] - bounds[0] >= 5]
+        found = [way(test.spool_position[rows], channel.value[rows]) for rows in sweeps]
         sure = [null for null in found if null is not None]
         if sure:
             return float(np.median(sure))

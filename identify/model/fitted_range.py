@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from thermohyd.identify.bench.columns import column_unit
-from thermohyd.identify.bench.record import BenchRecord, DynamicTest, TestRecord, is_dynamic
+from thermohyd.identify.bench.record import BenchRecord, TestRecord, is_dynamic
 from thermohyd.identify.bench.shown_units import DisplayUnit, significant
 from thermohyd.identify.reduction.monotone_pieces import PRESSURE_STEP, TEMPERATURE_STEP
 
@@ -54,20 +54,12 @@ class Outside:
         return [(int(self.lines[a]), int(self.lines[b - 1])) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
-def conditions(test: TestRecord) -> dict[str, np.ndarray]:
-    """The columns that say where a test was run, SI; the command of a dynamic test by its kind."""
-    found = {name: getattr(test, name) for name in ("supply_pressure", "return_pressure", "temperature")}
-    if isinstance(test, DynamicTest):
-        further = {test.command_kind: test.command, "frequency": test.frequency}
-    else:
-        further = {"spool_position": test.spool_position, "load_pressure": test.load_pressure}
-    return found | {name: column for name, column in further.items() if column is not None and len(column)}
-
-
 def ranges_of(tests: Mapping[str, TestRecord]) -> Ranges:
     """{test: {quantity: (least, greatest)}} over the rows of each test, SI."""
     return {
-        test.name: {name: (float(np.min(a)), float(np.max(a))) for name, a in conditions(test).items()}
+        test.name: {
+            name: (float(np.min(a)), float(np.max(a))) for name, a in test.conditions.items() if name in QUANTITIES
+        }
         for test in tests.values()
         if test.rows
     }
@@ -75,12 +67,12 @@ def ranges_of(tests: Mapping[str, TestRecord]) -> Ranges:
 
 def outside(model: Model, record: BenchRecord) -> list[Outside]:
     """What lies outside, test by test; ranges only where the model holds those of its fit. `model`: as in the record."""
-    return [entry for test in record.all_tests.values() for entry in _of_test(model, test)]
+    return [entry for test in record.tests.values() for entry in _of_test(model, test)]
 
 
 def _of_test(model: Model, test: TestRecord) -> Iterator[Outside]:
     lines = np.arange(1, test.rows + 1) if test.lines is None else test.lines
-    columns = conditions(test)
+    columns = test.conditions
     ranges = fitted_ranges(model, test)
     size = max(abs(end) for end in ranges.get("supply_pressure", (0.0, 0.0)))
     for name, column in columns.items():
@@ -140,14 +132,14 @@ def names_of_rows(entries: list[Outside], test: str, rows: int) -> list[str]:
 
 def sentences(entries: list[Outside], record: BenchRecord, model: Model) -> list[str]:
     """What the user is told: one sentence per test and quantity, and what the standard deviations stand for."""
-    told = [_sentence(entry, record.all_tests[entry.test]) for entry in entries]
+    told = [_sentence(entry, record.tests[entry.test]) for entry in entries]
     if told:
         told.append(STANDS_FOR)
     if model.covariance is not None and not model.fitted:
         told.append(
             'the model does not say what it was fitted to (no "fitted_range"): rows outside of that cannot be pointed out'
         )
-    for test in record.all_tests.values():
+    for test in record.tests.values():
         if model.fitted and test.name not in model.fitted:
             alike = tests_alike(model, test)
             than = (

@@ -248,8 +248,8 @@ class ModelReader:
 
 def model_of_fit(result: FitResult, learned: Iterable[LearnedTerm] = ()) -> Model:
     """The model that a fit found; what it fitted beside the valve's own parameters are effects."""
-    own, dynamic = _parameter_names(result), result.record.dynamic
-    moving = () if dynamic is None else IN_MOTION
+    own, actuator = _parameter_names(result), result.record.actuator
+    moving = () if actuator is None else IN_MOTION
     values = {name: estimate.value for name, estimate in result.parameters.items()}
     return Model(
         result.record.valve,
@@ -259,9 +259,9 @@ def model_of_fit(result: FitResult, learned: Iterable[LearnedTerm] = ()) -> Mode
         result.covariance,
         {name: value for name, value in values.items() if name not in own and name not in moving},
         tuple(learned),
-        None if dynamic is None else dynamic.actuator,
+        actuator,
         {name: values[name] for name in moving if name in values},
-        ranges_of(result.record.all_tests),
+        ranges_of(result.record.tests),
     )
 
 
@@ -269,11 +269,11 @@ def nominal_model(record: BenchRecord) -> Model:
     """The model that a record describes before any fit: nominal values, or those of its `[start]`."""
     values = {info.name: info.nominal for info in identified_by_default(record.valve).values()}
     values |= {name: start.value for name, start in record.start.items() if name not in IN_MOTION}
-    if record.dynamic is None:
+    if record.actuator is None:
         return Model(record.valve, record.oil, values)
-    moving = {info.name: info.nominal for info in identified_in_motion(record.dynamic.actuator).values()}
+    moving = {info.name: info.nominal for info in identified_in_motion(record.actuator).values()}
     moving |= {name: start.value for name, start in record.start.items() if name in IN_MOTION}
-    return Model(record.valve, record.oil, values, actuator=record.dynamic.actuator, dynamics=moving)
+    return Model(record.valve, record.oil, values, actuator=record.actuator, dynamics=moving)
 
 
 def model_json(result: FitResult, learned: Iterable[LearnedTerm] = ()) -> dict[str, Any]:

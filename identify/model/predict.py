@@ -22,7 +22,7 @@ from thermohyd.effects.effect import AbstractReadingEffect
 from thermohyd.effects.library import classes_of, effect, effect_info, factor_on, with_effects
 from thermohyd.identify.bench.columns import column_unit
 from thermohyd.identify.bench.errors import BenchInputError
-from thermohyd.identify.bench.record import BenchRecord, DynamicData, TestRecord
+from thermohyd.identify.bench.record import BenchRecord, TestRecord
 from thermohyd.identify.bench.units import from_si
 from thermohyd.identify.fitting.starts import reversed_channels, warning_of
 from thermohyd.identify.fitting.static_readings import base_valve, conditions_of, pad, predict, with_parameters
@@ -225,6 +225,10 @@ class Simulation(Result):
         """{test: {column with its unit: values}}, "notes", and "outside_fitted_range": bench units, as the headers say."""
         return simulation_json(self.tables, self.notes, self.outside)
 
+    def to_dataframe(self) -> pd.DataFrame:
+        """The tables of all tests below one another, with a column "test" before theirs; bench units, as the headers say."""
+        return pd.concat(dict(self.tables), names=["test", "row"]).reset_index("test").reset_index(drop=True)
+
     def print_on(self, console: Console) -> None:
         console.print(simulation_table(self.tables))
         for line in note_lines(self.warnings):
@@ -337,7 +341,7 @@ def simulate(record: BenchRecord, model: Model, *, progress: Callable[[str], Non
     static = as_static(model)
     told = [*notes]
     tables: dict[str, pd.DataFrame] = {}
-    for test in record.tests.values():
+    for test in record.static_tests.values():
         say(f"simulating {test.name}: {test.rows:,} rows")
         turned = reversed_channels(test)
         told += [warning_of(test, channel) for channel in turned]
@@ -351,23 +355,22 @@ def simulate(record: BenchRecord, model: Model, *, progress: Callable[[str], Non
             table[f"{name}_predicted [{unit}]"] = from_si(-reading if name in turned else reading, unit)
             table[f"{name}_predicted_std [{unit}]"] = from_si(std, unit)
         tables[test.name] = table
-    if record.dynamic is not None:
-        tables |= _dynamic_tables(record, record.dynamic, model, say)
+    if record.dynamic_tests:
+        tables |= _dynamic_tables(record, model, say)
     beyond = outside(model, record)
     for name in dict.fromkeys(entry.test for entry in beyond):
         tables[name][COLUMN] = names_of_rows(beyond, name, len(tables[name]))
     return Simulation(tables, (*told, *sentences(beyond, record, model)), tuple(beyond), record)
 
 
-def _dynamic_tables(
-    record: BenchRecord, data: DynamicData, model: Model, say: Callable[[str], None]
-) -> dict[str, pd.DataFrame]:
+def _dynamic_tables(record: BenchRecord, model: Model, say: Callable[[str], None]) -> dict[str, pd.DataFrame]:
     from .predict_motion import predict_motion  # a static test does not wait for the solvers of motion
 
-    say(f"simulating {', '.join(data.tests)}")
+    tests = record.dynamic_tests
+    say(f"simulating {', '.join(tests)}")
     tables: dict[str, pd.DataFrame] = {}
     for (name, channel), columns in predict_motion(model, record).items():
-        test = data.tests[name]
+        test = tests[name]
         if name not in tables:
             tables[name] = pd.DataFrame(index=range(test.rows)) if test.table is None else test.table.copy()
         unit = unit_of(test, channel)

@@ -25,9 +25,9 @@ def predict_motion(model: Model, record: BenchRecord) -> dict[Key, tuple[np.ndar
     The record's own [actuator] describes the machine, the model's numbers what was identified; without that table the
     model's actuator does. Raises BenchInputError where neither is there, RuntimeError where a run cannot be simulated.
     """
-    data = record.dynamic
-    assert data is not None
-    machine = data.actuator if data.given or model.actuator is None else model.actuator
+    tests = record.dynamic_tests
+    assert record.actuator is not None
+    machine = record.actuator if record.actuator_given or model.actuator is None else model.actuator
     covered = model.free if model.covariance is not None else ()
     # In the order of a fit's vector: the program that a fit of this record compiled serves here, too.
     free = tuple(
@@ -38,7 +38,7 @@ def predict_motion(model: Model, record: BenchRecord) -> dict[Key, tuple[np.ndar
     own = BenchRecord(record.folder, record.name, model.valve, model.oil, record.tests)
     valve = valve_of(own, model.parameters, held)
     actuator = actuator_of(machine, model.valve.rated_current, model.dynamics)
-    simulator = DynamicSimulator(data.tests, valve, actuator, machine.heat, model.valve.polarity)
+    simulator = DynamicSimulator(tests, valve, actuator, machine.heat, model.valve.polarity)
     names = free or IN_MOTION[:1]  # a vector cannot be empty
     vector = [getattr(machine, n) if n not in model.dynamics and n in IN_MOTION else model.value(n) for n in names]
     read = simulator.read(names, amounts, np.array([*vector, *(model.effects[n] for n in amounts)]))
@@ -49,7 +49,7 @@ def predict_motion(model: Model, record: BenchRecord) -> dict[Key, tuple[np.ndar
     matrix = None if model.covariance is None or not order else model.covariance[np.ix_(pick, pick)]
     found = {}
     for (name, channel), values in read.values.items():
-        test = data.tests[name]
+        test = tests[name]
         if test.channels and channel not in [c.name for c in test.channels]:
             continue
         slopes = read.slopes[name, channel]
@@ -77,8 +77,7 @@ def unit_of(test: DynamicTest, channel: str) -> str:
 
 def require_actuator(model: Model, record: BenchRecord) -> None:
     """Raise BenchInputError where nobody says which actuator a dynamic record is of."""
-    data = record.dynamic
-    if data is not None and not data.given and model.actuator is None:
+    if record.dynamic_tests and not record.actuator_given and model.actuator is None:
         raise BenchInputError(
             "has dynamic tests but no [actuator], and the model has none either; add [actuator]", file=record.folder
         )

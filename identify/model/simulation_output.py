@@ -55,8 +55,8 @@ def simulation_table(tables: dict[str, pd.DataFrame]) -> Table:
 
 def spare_the_record(record: BenchRecord, folder: Path | None) -> None:
     """Raises BenchInputError where the predictions, CSVs named after their tests, would overwrite files of the record."""
-    own = {test.path.resolve() for test in record.all_tests.values()}
-    for test in record.all_tests:
+    own = {test.path.resolve() for test in record.tests.values()}
+    for test in record.tests:
         if folder is not None and (folder / f"{test}.csv").resolve() in own:
             raise BenchInputError(
                 f"--out would overwrite the record's own {test}.csv; name another folder", file=folder

@@ -9,12 +9,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from thermohyd.identify.bench.record import Channel, DynamicTest, TestRecord
+from thermohyd.identify.bench.record import Channel, TestRecord
 from thermohyd.identify.reduction.monotone_pieces import monotone_pieces, piece_bounds, sweep_ids
 from thermohyd.identify.reduction.rounding import local_steps
 
 
 LOG_ROWS = 2000  # from here on, sweeps are looked for under the dither of a log
+FEWEST_PAIRS, FEWEST_IN_MOTION = (
+    8,
+    60,
+)  # rows compared with their repeats; two runs share more than noise where they are short
 THIRD_DIFFERENCE = np.array([1.0, -3.0, 3.0, -1.0])  # blind to any parabola; variance 20 for white noise of 1
 MEDIAN_OF_CHI2 = 0.4549  # one degree of freedom
 
@@ -68,26 +72,28 @@ def noise_from_repeats(test: TestRecord, channel: Channel) -> RepeatNoise | None
     """Noise from the differences between runs that repeat a sweep; None where no run does.
 
     A repeat has the same direction and conditions (1 % of supply, 1 K), rates within 20 % and overlapping positions;
-    the later run is interpolated to the earlier one's positions, which the variance allows for. Curve and model fall
-    out of the difference.
+    the later run is interpolated to the earlier one's positions, which the variance allows for. In a dynamic test it has the
+    same rows, command and conditions. Curve and model fall out of the difference.
     """
     differences = repeat_differences(test, channel)
     rows = sum(len(d) for d in differences)
-    if rows < 8:
+    if rows < (FEWEST_IN_MOTION if test.in_motion else FEWEST_PAIRS):
         return None
     variance = sum(float(d @ d) for d in differences) / rows
     lagged = sum(float(d[1:] @ d[:-1]) for d in differences) / max(rows - len(differences), 1)
     correlation = float(np.clip(lagged / variance, -1.0, 1.0)) if variance > 0 else 0.0
-    source = f"differences between repeated sweeps ({rows} pairs of rows)"
+    source = f"differences between repeated {'runs' if test.in_motion else 'sweeps'} ({rows} pairs of rows)"
     return RepeatNoise(float(np.sqrt(variance)), correlation, rows, source)
 
 
 def repeat_differences(test: TestRecord, channel: Channel, std: np.ndarray | None = None) -> list[np.ndarray]:
-    """Differences between sweeps and their repeats, row by row, one array per pair, scaled to the noise of one row.
+    """Differences between sweeps or runs and their repeats, row by row, one array per pair, scaled to the noise of one row.
 
     SI; or, where the rows' noise is believed to be `std` (rows,), in units of it.
     """
     std = np.ones(test.rows) if std is None else std
+    if test.in_motion:
+        return _run_differences(test, channel, std)
     if test.rows < LOG_ROWS:
         sweeps, direction = sweep_ids(test), test.direction
     else:
@@ -112,15 +118,36 @@ def repeat_differences(test: TestRecord, channel: Channel, std: np.ndarray | Non
     return differences
 
 
+def _run_differences(test: TestRecord, channel: Channel, std: np.ndarray) -> list[np.ndarray]:
+    """Differences between runs with the same rows, command and conditions; frequency tests are not compared."""
+    if test.time is None:
+        return []
+    columns = test.conditions.values()
+    rows = [np.flatnonzero(test.run == code) for code in np.unique(test.run)]
+    differences, used = [], set()
+    for i, a in enumerate(rows):
+        for j in range(i + 1, len(rows)):
+            b = rows[j]
+            if j in used or i in used or len(a) != len(b):
+                continue
+            same = np.allclose(test.time[a] - test.time[a[0]], test.time[b] - test.time[b[0]], rtol=0.0, atol=1e-6)
+            if same and all(np.allclose(c[a], c[b], rtol=1e-3, atol=1e-9) for c in columns):
+                differences.append((channel.value[a] - channel.value[b]) / np.hypot(std[a], std[b]))
+                used |= {i, j}
+    return differences
+
+
 def noise_from_neighbours(test: TestRecord, channel: Channel) -> NeighbourNoise:
     """Rough noise from third differences along each sweep, at the rows' own positions; median based.
 
-    Differences of noise alternate in sign (77 % of neighbours), those of a bending curve do not: `valid` asks for 60 %.
+    Differences of noise alternate in sign (77 % of neighbours), those of a bending curve do not: `valid` asks for 60 %. Rows
+    of a dynamic test are taken as evenly spaced, and never as `valid`: a run bends between one row and the next.
     """
     differences, alternating = [], []
     sweeps = sweep_ids(test)
+    along = np.arange(float(test.rows)) if test.in_motion else test.spool_position
     for start, stop in piece_bounds(sweeps):
-        x, y = test.spool_position[start:stop], channel.value[start:stop]
+        x, y = along[start:stop], channel.value[start:stop]
         if stop - start < 4:
             continue
         e = _divided_third(x, y)
@@ -130,7 +157,7 @@ def noise_from_neighbours(test: TestRecord, channel: Channel) -> NeighbourNoise:
         return NeighbourNoise(0.0, False)
     e, signs = np.concatenate(differences), np.concatenate(alternating)
     std = float(np.sqrt(np.median(e**2) / MEDIAN_OF_CHI2))
-    return NeighbourNoise(std, bool(len(signs) >= 8 and np.mean(signs) > 0.6 and std > 0))
+    return NeighbourNoise(std, bool(not test.in_motion and len(signs) >= 8 and np.mean(signs) > 0.6 and std > 0))
 
 
 def _divided_third(x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -255,46 +282,3 @@ def reweighted(noise: ChannelNoise, misfit: np.ndarray, share_left: float) -> Ch
     if extra <= float(np.mean(noise.std**2)):  # less than twice the noise's variance: chance, or nothing to speak of
         return replace(noise, used=noise.std)
     return replace(noise, used=np.sqrt(noise.std**2 + extra))
-
-
-def first_noise_of(test: DynamicTest, channel: Channel) -> ChannelNoise:
-    """The noise known before any fit; where nothing is known, a first guess from third differences along the rows."""
-    floor = local_steps(channel.value) / np.sqrt(12.0)
-    if channel.std is not None:
-        std = np.maximum(channel.std, floor)
-        return ChannelNoise(std, channel.std_source, True, channel.std_source.startswith("declared"), std)
-    repeated = run_differences(test, channel)
-    rows = sum(len(d) for d in repeated)
-    if rows >= 60:
-        size = float(np.sqrt(sum(float(d @ d) for d in repeated) / rows))
-        std = np.maximum(np.full(test.rows, size), floor)
-        return ChannelNoise(std, f"differences between repeated runs ({rows} pairs of rows)", True, False, std)
-    differences = [
-        np.convolve(channel.value[test.run == code], THIRD_DIFFERENCE, "valid") / np.sqrt(20.0)
-        for code in np.unique(test.run)
-        if np.sum(test.run == code) >= 4
-    ]
-    guess = float(np.sqrt(np.median(np.concatenate(differences) ** 2) / MEDIAN_OF_CHI2)) if differences else 0.0
-    smallest = 1e-4 * max(float(np.ptp(channel.value)), float(np.max(np.abs(channel.value))), 1e-300)
-    std = np.maximum(np.full(test.rows, max(guess, smallest)), floor)
-    return ChannelNoise(std, FROM_RESIDUALS, False, False, std)
-
-
-def run_differences(test: DynamicTest, channel: Channel) -> list[np.ndarray]:
-    """Differences between runs with the same rows, command and conditions, scaled to the noise of one row (SI)."""
-    if test.time is None:
-        return []
-    columns = [test.command, test.supply_pressure, test.return_pressure, test.temperature]
-    columns += [] if test.external_force is None else [test.external_force]
-    rows = [np.flatnonzero(test.run == code) for code in np.unique(test.run)]
-    differences, used = [], set()
-    for i, a in enumerate(rows):
-        for j in range(i + 1, len(rows)):
-            b = rows[j]
-            if j in used or i in used or len(a) != len(b):
-                continue
-            same = np.allclose(test.time[a] - test.time[a[0]], test.time[b] - test.time[b[0]], rtol=0.0, atol=1e-6)
-            if same and all(np.allclose(c[a], c[b], rtol=1e-3, atol=1e-9) for c in columns):
-                differences.append((channel.value[a] - channel.value[b]) / np.sqrt(2.0))
-                used |= {i, j}
-    return differences

@@ -34,6 +34,11 @@ def sweep_ids(test: TestRecord) -> np.ndarray:
     return _numbered(test.run, test.direction, condition_ids(test, window=1))
 
 
+def run_ids(test: TestRecord) -> np.ndarray:
+    """Number of the run that each row belongs to, its sweeps one after the other: noise remembers along these."""
+    return _numbered(test.run)
+
+
 def monotone_pieces(test: TestRecord) -> tuple[np.ndarray, np.ndarray]:
     """Number of the monotone piece that each row of a raw log belongs to, and the piece's direction (+1, -1) per row.
 

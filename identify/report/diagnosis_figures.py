@@ -158,7 +158,7 @@ def _unit(si_unit: str) -> tuple[str, float]:
 
 def diagnosis_figures(result: DiagnosisResult) -> dict[str, Figure]:
     """{file name without ending: figure}; a model that stayed as it was is drawn once, not before and after."""
-    names = {name: test.run_names for name, test in result.record.all_tests.items()}
+    names = {name: test.run_names for name, test in result.record.tests.items()}
     figures = _tests(result, names)
     before, after = (_static(fit) for fit in (result.before, result.after))
     if before.channels:

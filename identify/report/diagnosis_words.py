@@ -125,7 +125,7 @@ def where_rows(result: DiagnosisResult, regions: tuple[Region, ...]) -> list[Whe
     rows = []
     for region in regions:
         size, side = miss_words(region.channel, region.mean, region.rms)
-        record = result.record.all_tests.get(region.test)
+        record = result.record.tests.get(region.test)
         rows.append(
             WhereRow(
                 reading=reading_words(region.test, region.channel),

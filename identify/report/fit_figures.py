@@ -132,7 +132,7 @@ def test_figures(result: FitResult) -> dict[str, Figure]:
 
 def run_names_of(result: FitResult, test: str) -> tuple[str, ...]:
     """Names of a test's runs, as the user wrote them."""
-    record = result.record.all_tests.get(test)
+    record = result.record.tests.get(test)
     return () if record is None else record.run_names
 
 

@@ -67,9 +67,9 @@ class TestRow:
 
 def model_words(record: BenchRecord) -> str:
     """Which model was fitted."""
-    if record.dynamic is None:
+    if not record.dynamic_tests:
         return "static servovalve model"
-    return "models of the servovalve and of the actuator" if record.tests else "actuator's model"
+    return "models of the servovalve and of the actuator" if record.static_tests else "actuator's model"
 
 
 def shout(result: FitResult) -> str:

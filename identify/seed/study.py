@@ -19,6 +19,7 @@ from .flow_claims import flow_claims
 
 
 if TYPE_CHECKING:
+    import pandas as pd
     from matplotlib.figure import Figure
     from rich.console import Console
 
@@ -54,6 +55,14 @@ class SeedStudy(Result):
         from .report import seed_json
 
         return seed_json(self)
+
+    def to_dataframe(self) -> "pd.DataFrame":
+        """One row per claim of the paper, by its key: where, title, claim, holds, short, computed, why."""
+        import pandas as pd
+
+        columns = ["where", "title", "claim", "holds", "short", "computed", "why"]
+        rows = {claim.key: [getattr(claim, name) for name in columns] for claim in self.claims}
+        return pd.DataFrame.from_dict(rows, orient="index", columns=columns).rename_axis("key")
 
     def print_on(self, console: "Console") -> None:
         from .report import print_seed

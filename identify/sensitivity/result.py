@@ -17,6 +17,7 @@ from .static_figures import Output
 
 
 if TYPE_CHECKING:
+    import pandas as pd
     from matplotlib.figure import Figure
     from rich.console import Console
 
@@ -106,6 +107,22 @@ class SensitivityResult(Result):
         from .report import sensitivity_json
 
         return sensitivity_json(self)
+
+    def to_dataframe(self) -> "pd.DataFrame":
+        """One row per factor and output, by name, the most important factor first: slope (SI units of output per factor),
+        elasticity (see `elasticity`), total and first-order Sobol index over the tolerances."""
+        import pandas as pd
+
+        sobol, elasticity = self.tolerances.sobol, self.elasticity()
+        rows = {
+            (self.factors[i].name, output.name): (
+                self.slope[i, o], elasticity[i, o], sobol.total[o, i], sobol.first[o, i]
+            )
+            for i in self.ranking() for o, output in enumerate(self.outputs)
+        }  # fmt: skip
+        columns = ["slope", "elasticity", "total_index", "first_order_index"]
+        index = pd.MultiIndex.from_tuples(rows, names=["factor", "output"])
+        return pd.DataFrame(list(rows.values()), index=index, columns=columns)
 
     def print_on(self, console: "Console") -> None:
         from .report import print_sensitivity

@@ -86,7 +86,7 @@ def subject_of_model(model: Model, settings: Settings, name: str = "") -> Subjec
 def subject_of_fit(fit: FitResult, settings: Settings) -> Subject:
     """A study of a fitted record: its temperatures, pressures and noise, and what the fit left uncertain."""
     record = fit.record
-    temperatures, pressures, back = conditions_of(record.tests.values())
+    temperatures, pressures, back = conditions_of(record.static_tests.values())
     temperature = (
         min(temperatures, key=lambda t: abs(t - REFERENCE)) if settings.temperature is None else settings.temperature
     )
@@ -114,7 +114,7 @@ def subject_of_fit(fit: FitResult, settings: Settings) -> Subject:
 
 def subject_of_record(record: BenchRecord, model: Model, settings: Settings) -> Subject:
     """A study of a model at a record's conditions; the readings are not used."""
-    temperatures, pressures, back = conditions_of(record.tests.values())
+    temperatures, pressures, back = conditions_of(record.static_tests.values())
     own = replace(
         settings,
         temperature=settings.temperature or min(temperatures, key=lambda t: abs(t - REFERENCE)),
@@ -198,7 +198,7 @@ class Source:
         Raises BenchInputError, and RuntimeError where the fit does not converge.
         """
         model = self.own_model()
-        if self.record is not None and not self.record.tests:
+        if self.record is not None and not self.record.static_tests:
             raise BenchInputError(
                 "holds dynamic tests only; sensitivity studies a valve at the conditions of its static tests",
                 file=self.record.folder,
@@ -207,7 +207,7 @@ class Source:
             return subject_of_model(seed_model() if model is None else model, self.settings)
         if model is not None:
             return subject_of_record(self.record, model, self.settings)
-        if not all(test.channels for test in self.record.tests.values()):
+        if not all(test.channels for test in self.record.static_tests.values()):
             return subject_of_record(self.record, nominal_model(self.record), self.settings)
         return subject_of_fit(self.fit or fitted(self.record, say), self.settings)
 

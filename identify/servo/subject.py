@@ -75,7 +75,7 @@ def _model(source: Source, say: Callable[[str], None]) -> Model:
         return own
     if source.record is None:
         return seed_model()
-    if not all(test.channels for test in source.record.all_tests.values()):
+    if not all(test.channels for test in source.record.tests.values()):
         return nominal_model(source.record)
     return model_of_fit(source.fit or fitted(source.record, say))
 
@@ -83,8 +83,8 @@ def _model(source: Source, say: Callable[[str], None]) -> Model:
 def _actuator(source: Source, model: Model, request: Request) -> tuple[Actuator, list[str]]:
     """(the jack, what was assumed about it): of the record, else of the model, with the settings and the gain on top."""
     own, notes = source.settings.actuator, []
-    of_record = source.record.dynamic if source.record else None
-    data = of_record.actuator if of_record is not None and of_record.given else model.actuator
+    of_record = source.record.actuator if source.record and source.record.actuator_given else None
+    data = of_record or model.actuator
     if data is None:
         data = ActuatorData()
         if not own and source.named:
@@ -106,7 +106,7 @@ def _pressures(record: BenchRecord | None, request: Request) -> tuple[float, flo
     """Supply and return pressure: asked for, else the record's (the lowest supply of several), else those of the example."""
     supply, back = SUPPLY, RETURN
     if record is not None:
-        _, pressures, back = conditions_of(record.all_tests.values())
+        _, pressures, back = conditions_of(record.tests.values())
         supply = min(pressures)
     return (
         supply if request.supply_pressure is None else request.supply_pressure,

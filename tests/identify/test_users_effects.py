@@ -15,7 +15,7 @@ from rich.console import Console
 
 from thermohyd.effects.library import DYNAMIC_EFFECTS, EFFECTS, with_effects
 from thermohyd.identify.bench.errors import BenchInputError
-from thermohyd.identify.bench.record import ActuatorData, BenchRecord, Channel, DynamicData, DynamicTest, StartValue
+from thermohyd.identify.bench.record import ActuatorData, BenchRecord, Channel, DynamicTest, StartValue
 from thermohyd.identify.diagnosis.diagnose import diagnose
 from thermohyd.identify.diagnosis.result import DiagnosisResult
 from thermohyd.identify.fitting.motion_readings import DynamicSimulator, actuator_of
@@ -94,7 +94,7 @@ def moving_record(library) -> BenchRecord:
     read = simulator.read(names, effects, np.array(vector))
     assert not read.failure
     channels = tuple(noisy(name, read.values["step", name]) for name in NOISE if ("step", name) in read.values)
-    return replace(bare, dynamic=DynamicData(JACK, {"step": replace(step, channels=channels)}))
+    return replace(bare, tests={**bare.tests, "step": replace(step, channels=channels)}, actuator=JACK)
 
 
 @pytest.fixture(scope="module")
@@ -145,7 +145,7 @@ def test_the_model_is_read_back_and_predicts_the_readings(results, static_record
     assert list(model.effects) == [name]
     record = static_record if name == "meter_tare" else moving_record
     tables = simulate(record, model).tables
-    for test in record.all_tests.values():
+    for test in record.tests.values():
         for channel in test.channels:
             [column] = [head for head in tables[test.name] if head.startswith(f"{channel.name}_predicted [")]
             size = UNITS[column.split("[")[1].rstrip("]")]

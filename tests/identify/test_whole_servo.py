@@ -72,12 +72,12 @@ def diagnose_run(tmp_path_factory):
 
 
 def test_the_record_has_two_step_tests_of_different_rates(record):
-    assert tuple(record.all_tests) == TESTS
+    assert tuple(record.tests) == TESTS
     assert not record.warnings
-    steps = [test for test in record.all_tests.values() if test.name.startswith("step")]
+    steps = [test for test in record.tests.values() if test.name.startswith("step")]
     assert [np.diff(test.place[:2])[0] for test in steps] == pytest.approx([1e-3, 6e-3])
     assert [len(test.run_names) for test in steps] == [len(plan.steps) for plan in SERVO.steps.values()]
-    assert {name: [c.name for c in test.channels] for name, test in record.all_tests.items()} == READINGS
+    assert {name: [c.name for c in test.channels] for name, test in record.tests.items()} == READINGS
 
 
 def test_the_truth_lies_inside_the_intervals(fitted):
@@ -112,8 +112,8 @@ def test_holding_the_valve_claims_too_much(record, fitted):
 
 
 def test_all_tests_are_in_the_result(record, fitted):
-    assert {c.test for c in fitted.channels} == {*record.tests, *record.dynamic.tests}
-    assert fitted.rows == sum(t.rows for t in (*record.tests.values(), *record.dynamic.tests.values()))
+    assert {c.test for c in fitted.channels} == {*record.tests}
+    assert fitted.rows == sum(t.rows for t in record.tests.values())
     assert "ideal valve" in fitted.verdict[0]
     assert any("actuator's model" in line for line in fitted.verdict)
 
@@ -125,7 +125,7 @@ def test_the_command_tells_the_same_test_by_test(fitted, fit_run):
         assert content["parameters"][name]["value"] == pytest.approx(estimate.value, rel=1e-9)
     assert {test: list(channels) for test, channels in content["channels"].items()} == READINGS
     assert tuple(content["residual_rms"]) == tuple(content["noise"]) == TESTS
-    assert content["rows"] == sum(test.rows for test in fitted.record.all_tests.values())
+    assert content["rows"] == sum(test.rows for test in fitted.record.tests.values())
     assert set(content["parameters"]) == set(content["correlation"]) == set(content["covariance"]["of"]) == set(TRUTH)
     words = " ".join(fit_run.ran.stderr.split())
     for test, channels in READINGS.items():
@@ -208,7 +208,7 @@ def test_the_fitted_model_predicts_every_test(record, name, tmp_path, monkeypatc
     told = run.content.get("fit", run.content)["channels"]
     for test, channels in READINGS.items():
         table = pd.read_csv(tmp_path / f"{test}.csv")
-        assert len(table) == record.all_tests[test].rows
+        assert len(table) == record.tests[test].rows
         for channel in channels:
             column = f"{channel}_predicted [{UNITS[channel]}]"
             np.testing.assert_allclose(content[test][column], table[column], rtol=1e-8, atol=1e-12)

@@ -69,9 +69,9 @@ def column(header: Any, values: pd.Series) -> tuple[str, object]:
 def assert_same(one: BenchRecord, other: BenchRecord) -> None:
     for name in ("name", "valve", "oil", "start"):
         assert getattr(one, name) == getattr(other, name), name
-    assert list(one.all_tests) == list(other.all_tests)
-    for name, test in one.all_tests.items():
-        assert_alike(test, other.all_tests[name])
+    assert list(one.tests) == list(other.tests)
+    for name, test in one.tests.items():
+        assert_alike(test, other.tests[name])
 
 
 def assert_alike(one: object, other: object, where: str = "") -> None:
@@ -99,7 +99,7 @@ def test_frames_give_what_their_csv_gives(name):
     read = read_record(sample_record(name))
     made = BenchRecord.from_dataframe(frames(name), **arguments(name))
     assert_same(read, made)
-    assert read.dynamic is None or read.dynamic.actuator == made.dynamic.actuator  # pyright: ignore[reportOptionalMemberAccess]
+    assert read.actuator == made.actuator
 
 
 @pytest.mark.parametrize("name", SAMPLES)
@@ -109,7 +109,7 @@ def test_arrays_with_units_give_what_their_csv_gives(name):
     made = BenchRecord.from_arrays(tests, **said, options=arguments(name)["options"])
     read = read_record(sample_record(name))
     assert_same(read, made)
-    assert read.dynamic is None or read.dynamic.actuator == made.dynamic.actuator  # pyright: ignore[reportOptionalMemberAccess]
+    assert read.actuator == made.actuator
 
 
 def test_a_fit_gets_the_same_numbers():
@@ -125,10 +125,10 @@ def test_a_fit_gets_the_same_numbers():
 
 def test_numbers_are_si_and_the_records_own_classes_are_taken():
     read = read_record(sample_record("seed_actuator"))
-    assert read.dynamic is not None
-    options = {name: {"output": t.output} for name, t in read.dynamic.tests.items() if name == "frequency"}
+    assert read.actuator is not None
+    options = {name: {"output": t.output} for name, t in read.dynamic_tests.items() if name == "frequency"}
     tests = {}
-    for name, test in read.dynamic.tests.items():
+    for name, test in read.dynamic_tests.items():
         columns: dict[str, Any] = {c.name: c.value for c in test.channels} | {
             f"{c.name}_std": c.std for c in test.channels if c.std is not None
         }
@@ -138,11 +138,11 @@ def test_numbers_are_si_and_the_records_own_classes_are_taken():
             columns[condition] = getattr(test, condition)[0]  # a number for all rows
         tests[name] = {key: values for key, values in columns.items() if values is not None}
     made = BenchRecord.from_arrays(
-        tests, valve=read.valve, oil=read.oil, actuator=read.dynamic.actuator, start=read.start, options=options
+        tests, valve=read.valve, oil=read.oil, actuator=read.actuator, start=read.start, options=options
     )
     assert_same(read, made)
-    assert made.dynamic is not None
-    assert made.dynamic.actuator == read.dynamic.actuator
+    assert made.actuator is not None
+    assert made.actuator == read.actuator
 
 
 SWEEP = {"spool_position": np.linspace(-2e-4, 2e-4, 9), "leakage_flow": np.full(9, 2e-6)}

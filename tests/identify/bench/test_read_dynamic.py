@@ -29,11 +29,11 @@ def read(folder, toml=BENCH, step=STEP, f=RESPONSE, **options):
 
 def test_both_tests_in_si(tmp_path):
     record = read(tmp_path)
-    assert not record.tests
-    assert record.dynamic is not None
-    step, response = record.dynamic.tests["step"], record.dynamic.tests["frequency"]
-    assert (record.dynamic.actuator.moving_mass, record.dynamic.actuator.piston_area) == (80.0, pytest.approx(12e-4))
-    assert record.dynamic.actuator.closed_loop
+    assert not record.static_tests
+    assert record.actuator is not None
+    step, response = record.dynamic_tests["step"], record.dynamic_tests["frequency"]
+    assert (record.actuator.moving_mass, record.actuator.piston_area) == (80.0, pytest.approx(12e-4))
+    assert record.actuator.closed_loop
     assert (step.command_kind, step.run_names) == ("setpoint", ("a", "b"))
     assert step.external_force is not None
     np.testing.assert_allclose(step.external_force, 1e3)
@@ -49,8 +49,8 @@ def test_both_tests_in_si(tmp_path):
 def test_static_and_dynamic_together(tmp_path):
     toml = BENCH.replace("[tests.step]", '[tests.leakage]\nfile = "leakage.csv"\n[tests.step]')
     record = read(tmp_path, toml)
-    assert list(record.tests) == ["leakage"]
-    assert list(record.all_tests) == ["leakage", "step", "frequency"]
+    assert list(record.static_tests) == ["leakage"]
+    assert list(record.tests) == ["leakage", "step", "frequency"]
 
 
 OWN = BENCH.replace("[tests.step]\n", '[tests.step_slow]\nkind = "step"\n')
@@ -61,8 +61,8 @@ def test_several_step_tests_have_names_of_their_own(tmp_path):
     record = read_record(
         write_record(tmp_path, again + OWN, step=STEP, f=RESPONSE, again=STEP.replace("0.1,a", "0.2,a"))
     )
-    assert record.dynamic is not None
-    tests = record.dynamic.tests
+    assert record.actuator is not None
+    tests = record.dynamic_tests
     assert {name: (test.name, test.kind) for name, test in tests.items()} == {
         "step": ("step", "step"),
         "frequency_cold": ("frequency_cold", "frequency"),
@@ -97,15 +97,15 @@ def test_a_name_that_no_test_can_have(tmp_path, name, kind, words):
 @pytest.mark.parametrize(("unit", "kind"), [("um", "spool_position"), ("mA", "current"), ("%", "spool_position")])
 def test_an_open_loop_is_told_by_position_or_current(tmp_path, unit, kind):
     record = read(tmp_path, BENCH.replace(CLOSED, ""), STEP.replace("command [mm]", f"command [{unit}]"))
-    assert record.dynamic is not None
-    assert record.dynamic.tests["step"].command_kind == kind
+    assert record.actuator is not None
+    assert record.dynamic_tests["step"].command_kind == kind
 
 
 def test_predictions_need_no_reading(tmp_path):
     step = "time [s],command [mm]\n0,0\n0.1,1\n"
     record = read(tmp_path, BENCH.replace("noise", "# noise"), step, readings_required=False)
-    assert record.dynamic is not None
-    assert record.dynamic.tests["step"].channels == ()
+    assert record.actuator is not None
+    assert record.dynamic_tests["step"].channels == ()
 
 
 SPOILED = {

@@ -35,14 +35,14 @@ def test_fit_json_speaks_of_both_tests(seed_fit):
     content = json.loads(json_text(fit_json(seed_fit)))
     assert set(content["channels"]) == {"step", "frequency"}
     assert content["parameters"]["spool_frequency"]["unit"] == "Hz"
-    assert content["rows"] == sum(test.rows for test in seed_fit.record.dynamic.tests.values())
+    assert content["rows"] == sum(test.rows for test in seed_fit.record.dynamic_tests.values())
 
 
 def test_model_json_predicts_what_the_fit_drew(seed_fit, seed_record, tmp_path):
     path = tmp_path / "model.json"
     path.write_text(json_text(model_json(seed_fit)), encoding="utf-8")
     model = load_model(path)
-    assert model.actuator == seed_record.dynamic.actuator
+    assert model.actuator == seed_record.actuator
     assert model.dynamics == pytest.approx({n: seed_fit.parameters[n].value for n in IN_MOTION})
     tables = simulate_record(seed_record, model)
     drawn = {(c.test, c.channel): c for c in seed_fit.channels}
@@ -60,8 +60,8 @@ def test_without_a_fit_the_table_of_the_actuator_speaks(seed_record):
 
 
 def test_the_horizon_is_a_share_of_every_run(seed_record):
-    test = seed_record.dynamic.tests["step"]
+    test = seed_record.dynamic_tests["step"]
     inside = within(test, 0.3)
     for code in range(3):
         assert np.mean(inside[test.run == code]) == pytest.approx(0.3, abs=0.01)
-    assert within(seed_record.dynamic.tests["frequency"], 0.3).all()
+    assert within(seed_record.dynamic_tests["frequency"], 0.3).all()

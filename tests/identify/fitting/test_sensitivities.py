@@ -11,7 +11,7 @@ from thermohyd.identify.fitting.parameters import IN_MOTION, plan_motion
 
 @pytest.fixture(scope="module")
 def simulator(seed_record):
-    plans = plan_motion(seed_record.valve, seed_record.dynamic.actuator, seed_record.start)
+    plans = plan_motion(seed_record.valve, seed_record.actuator, seed_record.start)
     # Tight: what two runs differ by is known to the tolerance of their steps.
     return replace(simulator_of(seed_record, plans), tolerance=1e-9)
 

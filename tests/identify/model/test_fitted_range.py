@@ -34,9 +34,7 @@ def bench(**columns):
 
 
 FITTED = bench()
-MODEL = Model(
-    FITTED.valve, FITTED.oil, PARAMETERS, ("clearance",), np.array([[1e-16]]), fitted=ranges_of(FITTED.all_tests)
-)
+MODEL = Model(FITTED.valve, FITTED.oil, PARAMETERS, ("clearance",), np.array([[1e-16]]), fitted=ranges_of(FITTED.tests))
 
 
 def test_what_was_fitted_is_inside():
@@ -60,6 +58,9 @@ def test_rows_beyond_are_named_by_quantity():
     assert [("temperature" in name) for name in names] == warm.tolist()
     assert [("spool_position; stroke" in name) for name in names] == far.tolist()
     assert all(name == "" for name, w, f in zip(names, warm, far, strict=True) if not w and not f)
+    table = found.to_dataframe()
+    assert table[COLUMN].tolist() == names
+    assert set(table["test"]) == {"leakage"}
     text = "\n".join(found.notes)
     assert (
         f"leakage: {warm.sum()} of 256 rows lie outside what the model was fitted to: temperature 90.00 degC, " in text

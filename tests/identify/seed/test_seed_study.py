@@ -100,6 +100,12 @@ def test_every_claim_is_asserted(study):
     assert {claim.key for claim in study.claims} == set(VERDICTS)
 
 
+def test_as_a_table(study):
+    table = study.to_dataframe()
+    assert dict(table["holds"]) == VERDICTS
+    assert table.loc[[*VERDICTS], "claim"].str.len().min() > 20
+
+
 @pytest.mark.parametrize("key", VERDICTS)
 def test_verdict_and_figures(study, key):
     claim = claim_of(study, key)

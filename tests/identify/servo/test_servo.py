@@ -94,6 +94,16 @@ def test_figures_are_those_of_the_readings(study):
     assert np.all(sweep.heating > 1.0)
 
 
+def test_as_a_table(study):
+    table = study.to_dataframe()
+    assert table.index.names == ["model", "temperature"]
+    warm = table.loc["THM"].iloc[WARM]
+    assert warm["phase_margin"] == np.asarray(study.loops["THM"].figures.phase_margin)[WARM]
+    assert warm["settling_time"] == study.steps["THM"].figures.settling_time[WARM]
+    assert len(table) == 2 * len(study.subject.temperatures)
+    assert "phase margin" in study._repr_html_()
+
+
 def test_a_loop_beyond_its_margins_is_said_to_be(stiffer):
     """At 70 degC at rest; below, where it is stable at rest, after a large step: as the margin of large motions says."""
     for model in ("THM", "HM"):
