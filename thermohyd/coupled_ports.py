@@ -220,7 +220,7 @@ def coupled_loaded_ports(
 
     Where the oil keeps heat both port temperatures are unknowns: what crosses over may come back through the load. With
     overlapped edges, eta near 1 and a load that returns what crossed over, nothing cools that oil and no steady state
-    exists; the temperatures that come out there mean nothing.
+    exists: such rows are NaN.
     """
     supply_opening, return_opening = openings(edges, conditions)
     supply, return_ = at_opening(edges.supply, supply_opening), at_opening(edges.return_, return_opening)

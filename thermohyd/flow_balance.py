@@ -64,6 +64,10 @@ LONGEST_COUPLED_STEP = 3.0
 ROOM_KEPT = 0.25
 # A row whose balances all hold to this is not moved, so that a coupling of strength zero leaves the uncoupled root alone.
 BALANCED = 1e-13
+# A row whose imbalances stay larger has no root that was found. Of 15,360 extreme rows of a load flow (any load up to 1.3
+# times the supply, coupling up to its limits) 74 end above it, 59 of these above 0.01, and 4 between 1e-9 and it; where the
+# oil keeps half of its heat or all of it, and some rows have no steady state, 255 and 392 end above it.
+ROOT = 1e-6
 
 Unknowns = Float[Array, "unknowns ..."]
 Coupled = Callable[[Unknowns], Unknowns]
@@ -103,8 +107,9 @@ def coupled_root(
     """The root of k balances in k unknowns for each row; arrays of shape (k, rows), a row depends on itself only.
 
     A fixed number of evaluations: from the best point so far a Newton step, then its half, quarter ... until the largest
-    imbalance falls. `room`, affine in the unknowns, is positive where the balances make sense, and stays so. Derivatives,
-    forward and reverse and of any order, are those of the root (implicit function theorem), not of the iteration.
+    imbalance falls. `room`, affine in the unknowns, is positive where the balances make sense, and stays so. A row whose
+    root is not found becomes NaN. Derivatives, forward and reverse and of any order, are those of the root (implicit
+    function theorem), not of the iteration.
     """
 
     def solve(fn: Coupled, z: Unknowns) -> Unknowns:
@@ -130,9 +135,11 @@ def coupled_root(
 
         rows = z.shape[1:]
         state = (z, jnp.full(rows, jnp.inf), jnp.zeros_like(z), jnp.ones(rows))
-        best, _, move, share = jax.lax.fori_loop(0, steps, step, state)
-        # The last full step has not been looked at, but near the root it is the best one.
-        return jnp.where(share == 1.0, best + move, best)
+        best, size, move, share = jax.lax.fori_loop(0, steps, step, state)
+        # The last full step has not been looked at, but near the root it is the best one: it squares the imbalance.
+        ahead = share == 1.0
+        found = size < jnp.where(ahead, ROOT**0.5, ROOT)
+        return jnp.where(found, jnp.where(ahead, best + move, best), jnp.nan)
 
     def tangent_solve(linear: Coupled, y: Unknowns) -> Unknowns:
         return _eliminate(_columns(linear, y), y)

@@ -8,7 +8,13 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from thermohyd.data import oil_preset
-from thermohyd.identify.fitting.parameters import IN_MOTION, heat_retention, identified_by_default, identified_in_motion
+from thermohyd.identify.fitting.parameters import (
+    IN_MOTION,
+    STIFFEST_OIL,
+    heat_retention,
+    identified_by_default,
+    identified_in_motion,
+)
 from thermohyd.oil_definition import OilDefinition, walther_coefficients
 
 from .columns import CONDITIONS, KIND_OF, SIZES, impossible, wrong_size
@@ -93,13 +99,13 @@ def read_start(table: TomlTable, valve: ValveData, actuator: ActuatorData | None
         "edge_radius": _Limits("length", 0.0, stroke, "from zero to the stroke"),
         "clearance": _Limits("length", 1e-9, stroke, "above zero, up to the stroke"),
         "underlap": within,
-        "discharge_coefficient": _Limits("plain number", 1e-3, 10.0, "from 0.001 to 10"),
+        "discharge_coefficient": _Limits("plain number", 1e-3, STIFFEST_OIL, f"from 0.001 to {STIFFEST_OIL:g}"),
         "transition_number": _Limits("plain number", 1e-3, 1e6, "from 0.001 to 1000000"),
         "null_bias": within,
         "heat_retention": _Limits("plain number", 0.0, 1.0, "from 0 (isothermal) to 1 (adiabatic)"),
         "spool_frequency": _Limits("frequency", 0.01, 1e5, "from 0.01 to 100000 Hz"),
         "spool_damping": _Limits("plain number", 1e-3, 100.0, "from 0.001 to 100"),
-        "bulk_modulus_factor": _Limits("plain number", 1e-3, 10.0, "from 0.001 to 10"),
+        "bulk_modulus_factor": _Limits("plain number", 1e-3, STIFFEST_OIL, f"from 0.001 to {STIFFEST_OIL:g}"),
         "viscous_friction": _Limits("viscous friction", 0.0, 1e8, "from 0 to 100000000 N s/m"),
     }
     nominal = {info.name: info.nominal for info in (*identified_by_default(valve).values(), heat_retention())}

@@ -53,6 +53,9 @@ def heat_retention() -> ParameterInfo:
     return ParameterInfo("heat_retention", "dimensionless", 0.0, 0.0, 1.0, 0.3, "share of the heat that the oil keeps")
 
 
+# Walls, hoses and air only soften the oil; what is above 1 is the doubt about the oil's own bulk modulus.
+STIFFEST_OIL = 1.3
+
 # Identified from motion (docs/physics.md section 9.7); names of `thermohyd.actuator.Actuator`.
 IN_MOTION = ("spool_frequency", "spool_damping", "bulk_modulus_factor", "viscous_friction")
 
@@ -63,7 +66,9 @@ def identified_in_motion(actuator: ActuatorData) -> dict[str, ParameterInfo]:
     known = (
         ParameterInfo("spool_frequency", "Hz", hz, 0.02 * hz, 50.0 * hz, 0.3 * hz, "natural frequency of the spool"),
         ParameterInfo("spool_damping", "dimensionless", xi, 0.01, max(20.0, 10.0 * xi), 0.3, "damping of the spool"),
-        ParameterInfo("bulk_modulus_factor", "dimensionless", 1.0, 0.01, 5.0, 0.3, "of the chambers' bulk modulus"),
+        ParameterInfo(
+            "bulk_modulus_factor", "dimensionless", 1.0, 0.01, STIFFEST_OIL, 0.3, "of the chambers' bulk modulus"
+        ),
         ParameterInfo("viscous_friction", "N*s/m", f, 0.0, max(1e6, 20.0 * f), max(f, 500.0), "f of the piston"),
     )
     return {info.name: info for info in known}

@@ -56,8 +56,8 @@ def null_position(tests: dict[str, TestRecord]) -> float | None:
         channel = None if test is None else next((c for c in test.channels if c.name == channel_name), None)
         if test is None or channel is None:
             continue
-        sweeps = [slice(*bounds) for bounds in piece_bounds(sweep_ids(test)) if bounds[1] - bounds[0] >= 5]
-        found = [way(test.spool_position[rows], channel.value[rows]) for rows in sweeps]
+        sweeps = piece_bounds(sweep_ids(test, across_conditions=True))
+        found = [way(test.spool_position[a:b], channel.value[a:b]) for a, b in sweeps if b - a >= 5]
         sure = [null for null in found if null is not None]
         if sure:
             return float(np.median(sure))

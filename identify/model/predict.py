@@ -354,6 +354,10 @@ def simulate(record: BenchRecord, model: Model, *, progress: Callable[[str], Non
             # Beside a gauge that the record shows to be wired the other way round, the prediction turns with it.
             table[f"{name}_predicted [{unit}]"] = from_si(-reading if name in turned else reading, unit)
             table[f"{name}_predicted_std [{unit}]"] = from_si(std, unit)
+            if lost := int(np.sum(np.isnan(reading))):
+                told.append(
+                    f"{test.name}: {lost:,} of {test.rows:,} rows have no prediction: no steady state was found there"
+                )
         tables[test.name] = table
     if record.dynamic_tests:
         tables |= _dynamic_tables(record, model, say)

@@ -15,10 +15,9 @@ from thermohyd.identify.reduction.rounding import local_steps
 
 
 LOG_ROWS = 2000  # from here on, sweeps are looked for under the dither of a log
-FEWEST_PAIRS, FEWEST_IN_MOTION = (
-    8,
-    60,
-)  # rows compared with their repeats; two runs share more than noise where they are short
+# Rows compared with their repeats, of a static and of a dynamic test: fewer say too little of their scatter.
+FEWEST_PAIRS = 8
+FEWEST_IN_MOTION = 60
 THIRD_DIFFERENCE = np.array([1.0, -3.0, 3.0, -1.0])  # blind to any parabola; variance 20 for white noise of 1
 MEDIAN_OF_CHI2 = 0.4549  # one degree of freedom
 

@@ -24,13 +24,16 @@ def piece_bounds(ids: np.ndarray) -> Iterator[tuple[int, int]]:
     return zip(starts.tolist(), np.append(starts[1:], len(ids)).tolist(), strict=True)
 
 
-def sweep_ids(test: TestRecord) -> np.ndarray:
+def sweep_ids(test: TestRecord, *, across_conditions: bool = False) -> np.ndarray:
     """Number of the sweep that each row of a test belongs to: same run, direction and conditions, one row after the other.
 
-    A run of a dynamic test is one sweep, whatever its measured supply pressure does.
+    A run of a dynamic test is one sweep, whatever its measured supply pressure does. across_conditions: so is every stretch
+    of one direction, for who only looks at the shape of a curve and must not be thrown by noisy pressures.
     """
     if test.in_motion:
         return test.run
+    if across_conditions:
+        return _numbered(test.run, test.direction)
     return _numbered(test.run, test.direction, condition_ids(test, window=1))
 
 

@@ -219,8 +219,8 @@ class Machine:
         half = 0.5 * self.jack.piston_stroke
         if abs(z) <= half:
             return 0.0
-        side = np.sign(z)
-        return float(side * max(1e8 * (abs(z) - half) + 1e5 * side * v, 0.0))
+        side, depth = np.sign(z), abs(z) - half
+        return float(side * max(1e8 * depth + 1e5 * min(depth / 1e-5, 1.0) * side * v, 0.0))
 
 
 def volumes(machine: Machine, z: Array) -> tuple[np.ndarray, np.ndarray]:

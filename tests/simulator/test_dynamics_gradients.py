@@ -32,12 +32,13 @@ def machine() -> Machine:
     return replace(base, run=Run("setpoint", time, setpoint, full(210e5), full(2e5), full(313.15), full(1000.0)))
 
 
-def weighted(theta, tolerance, larger, gradient: Gradient):
-    """One number of all readings that the parameters, a dynamic effect and the delay move; order 1 throughout."""
+def weighted(theta, tolerance, larger, stroke, gradient: Gradient):
+    """One number of all readings that the parameters, a dynamic effect and the delay move; order 1 throughout. stroke: the piston's."""
     given = machine()
     valve, jack = valve_of(given), actuator_of(given)
     valve = replace(valve, **{name: getattr(valve, name) * theta[i] for i, name in enumerate(NAMES)})
     jack = replace(jack, **{name: getattr(jack, name) * theta[3 + i] for i, name in enumerate(JACK_NAMES)})
+    jack = replace(jack, piston_stroke=stroke)
     valve = with_effects(valve, {"spool_delay": 2e-3 * theta[6], "jack_leakage": 2e-12 * theta[7]})
     inputs = inputs_of(given)
     inputs = eqx.tree_at(lambda i: i.command.bends, inputs, inputs.command.bends * larger)
@@ -49,21 +50,22 @@ def weighted(theta, tolerance, larger, gradient: Gradient):
 
 
 AT = jnp.ones(8)
+LONG, SHORT = 50e-3, 3e-3  # m: strokes of the piston, without stops in reach and with one on the way
 
 
 @quick_jit
-def forward(theta, tolerance, larger):
+def forward(theta, tolerance, larger, stroke=LONG):
     """(derivatives, the number itself): one program for both."""
-    return jax.jacfwd(lambda theta: (weighted(theta, tolerance, larger, "forward"),) * 2, has_aux=True)(theta)
+    return jax.jacfwd(lambda theta: (weighted(theta, tolerance, larger, stroke, "forward"),) * 2, has_aux=True)(theta)
 
 
 @quick_jit
-def reverse(theta, tolerance, larger):
-    return jax.grad(weighted)(theta, tolerance, larger, "reverse")
+def reverse(theta, tolerance, larger, stroke=LONG):
+    return jax.grad(weighted)(theta, tolerance, larger, stroke, "reverse")
 
 
-def differences(step: float, larger: float) -> np.ndarray:
-    number = lambda theta: float(forward(theta, 1e-11, larger)[1])
+def differences(step: float, larger: float, stroke: float = LONG) -> np.ndarray:
+    number = lambda theta: float(forward(theta, 1e-11, larger, stroke)[1])
     return np.array([(number(AT + unit) - number(AT - unit)) / (2.0 * step) for unit in step * np.eye(8)])
 
 
@@ -89,6 +91,17 @@ def test_derivatives_across_kinks():
     size = np.max(np.abs(expected))
     for tolerance in (1e-7, 1e-9):
         found = np.asarray(forward(AT, tolerance, 30.0)[0])
+        print(f"at {tolerance}: from differences", np.max(np.abs(found - expected)) / size)
+        np.testing.assert_allclose(found, expected, atol=1e-5 * size)
+
+
+def test_derivatives_behind_a_blow_on_the_end_stop():
+    """The piston runs into its stop on the way to a setpoint behind it, and stays there."""
+    expected = differences(1e-5, 30.0, SHORT)
+    size = np.max(np.abs(expected))
+    assert size > 1.01 * np.max(np.abs(differences(1e-4, 30.0))) or not np.allclose(expected, differences(1e-4, 30.0))
+    for tolerance in (1e-8, 1e-10):
+        found = np.asarray(forward(AT, tolerance, 30.0, SHORT)[0])
         print(f"at {tolerance}: from differences", np.max(np.abs(found - expected)) / size)
         np.testing.assert_allclose(found, expected, atol=1e-5 * size)
 

@@ -21,8 +21,10 @@ FAILURES = (
     " needs lies beyond the stroke",
     "the integration took more than max_steps steps: the motion is faster than any actuator's, or a column jumps",
     "the integration failed: the states are no longer finite",
+    "the pressure in a chamber falls below absolute vacuum: the oil would cavitate there, which the model does not have",
 )
-NO_EQUILIBRIUM, TOO_MANY_STEPS, NOT_FINITE = 1, 2, 3
+NO_EQUILIBRIUM, TOO_MANY_STEPS, NOT_FINITE, CAVITATES = 1, 2, 3, 4
+VACUUM = -101325.0  # Pa gauge
 
 
 class Trajectory(eqx.Module):
@@ -104,5 +106,7 @@ def integrate(
     else:
         adjoint = diffrax.ForwardMode() if gradient == "forward" else diffrax.RecursiveCheckpointAdjoint()
         vectors, steps, finished = _solve(plant, scaling, first, pace, Rodas5P() if solver is None else solver, adjoint)
-    failure = jnp.where(jnp.all(jnp.isfinite(vectors)), 0, NOT_FINITE)
-    return Trajectory(scaling.unpack(vectors), steps, jnp.where(finished, failure, TOO_MANY_STEPS))
+    states = scaling.unpack(vectors)
+    failure = jnp.where(jnp.any(states.pressure < VACUUM), CAVITATES, 0)
+    failure = jnp.where(jnp.all(jnp.isfinite(vectors)), failure, NOT_FINITE)
+    return Trajectory(states, steps, jnp.where(finished, failure, TOO_MANY_STEPS))

@@ -89,7 +89,6 @@ def linearise(plant: Plant, output: Output) -> tuple[Linearised, Bool[Array, ""]
     return Linearised(matrix[keep][:, keep], drive[keep], read[keep]), found
 
 
-@eqx.filter_jit
 def _response(plant: Plant, frequency: Array, output: Output, absolute: bool) -> FrequencyResponse:
     linear, found = linearise(plant, output)
     wanted = 2.0 * jnp.pi * frequency
@@ -105,6 +104,9 @@ def _response(plant: Plant, frequency: Array, output: Output, absolute: bool) ->
     if plant.motion.spool_delay is not None:
         phase = phase - wanted * plant.motion.spool_delay
     return FrequencyResponse(amplitude, jnp.rad2deg(phase), found)
+
+
+_compiled_response = eqx.filter_jit(_response)
 
 
 def _reading(state: State, output: Output, valve: Valve) -> Array:
@@ -146,7 +148,10 @@ def frequency_response(
     plant = plant_of(valve, actuator, inputs, heat=heat_of_chambers(heat), walls=built, polarity=polarity)
     refuse_without_response(valve.effects)
     frequency = jnp.asarray(frequency, dtype=jnp.result_type(float))
-    response = cast(FrequencyResponse, _response(plant, frequency, output, absolute))
+    # Within another program a program of its own would be differentiated by computing everything twice.
+    traced = any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((plant, frequency)))
+    respond = _response if traced else _compiled_response
+    response = cast(FrequencyResponse, respond(plant, frequency, output, absolute))
     if throw and not isinstance(response.found, Tracer) and not jnp.all(response.found):
         raise RuntimeError(FAILURES[NO_EQUILIBRIUM])
     return response

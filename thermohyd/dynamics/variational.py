@@ -22,7 +22,14 @@ from jaxtyping import Array, Bool, Float, Int
 from .flows import openings
 from .machine import Plant, Scaling, State
 from .rosenbrock import DenseOutput, Rodas5P
-from .vector_field import asked_position, vector_field, wanted_position
+from .vector_field import (
+    STOP_STIFFNESS,
+    asked_position,
+    stop_depths,
+    stop_pushes,
+    vector_field,
+    wanted_position,
+)
 
 
 # Steps that are tried at once: enough to fill vectors with what is asked of them, and few enough for a cache.
@@ -116,7 +123,7 @@ HALVINGS = 30  # of a step, to find a kink in it
 
 def distances(plant: Plant, time: Float[Array, ""], state: State) -> Float[Array, " kinks"]:
     """Signed distances from the kinks, in metres: of the four edges from closing, of the spool's command from its limits, of the
-    play from its ends.
+    play from its ends, of the stops from pushing and from the bottom of their cushions.
 
     Left out is what only bends where flow turns round: there the flow is zero, and its derivatives jump by little.
     """
@@ -124,7 +131,9 @@ def distances(plant: Plant, time: Float[Array, ""], state: State) -> Float[Array
     command = plant.command(time)
     wanted = wanted_position(plant, command, state.position)
     limits = plant.valve.stroke * jnp.array([1.0, -1.0])
-    signed = [jnp.ravel(openings(plant, plant.at(around), state)), wanted - limits]
+    depth, below = stop_depths(plant.actuator.piston_stroke, state.position)
+    pushes = stop_pushes(depth, state.velocity) / STOP_STIFFNESS
+    signed = [jnp.ravel(openings(plant, plant.at(around), state)), wanted - limits, pushes, below]
     if state.play is not None and plant.motion.backlash is not None:
         ahead = asked_position(plant, command, state.position) - state.play
         signed.append(ahead - 0.5 * plant.motion.backlash * jnp.array([1.0, -1.0]))

@@ -66,6 +66,7 @@ SLIDING_SPEED = 1e-3  # m/s, v_ref: above it dry friction is fully there
 STRIBECK_SPEED = 10e-3  # m/s, v_s
 STOP_STIFFNESS = 1e8  # N/m
 STOP_DAMPING = 1e5  # N s/m
+STOP_CUSHION = 10e-6  # m, how deep the piston is in a stop when its damper acts fully: a blow has no jump of the force
 
 
 def dry_friction(motion: Motion, velocity: Float[Array, ""]) -> Float[Array, ""]:
@@ -79,9 +80,23 @@ def dry_friction(motion: Motion, velocity: Float[Array, ""]) -> Float[Array, ""]
 
 def end_stops(stroke: Float[Array, ""], position: Float[Array, ""], velocity: Float[Array, ""]) -> Float[Array, ""]:
     """Force of the stops at +-stroke/2 [N], against z: a spring and a damper that push while pushed in and never pull."""
-    high, low = position - 0.5 * stroke, -0.5 * stroke - position
-    push = jnp.where(high > 0.0, jnp.maximum(STOP_STIFFNESS * high + STOP_DAMPING * velocity, 0.0), 0.0)
-    return push - jnp.where(low > 0.0, jnp.maximum(STOP_STIFFNESS * low - STOP_DAMPING * velocity, 0.0), 0.0)
+    depth, _ = stop_depths(stroke, position)
+    push = jnp.maximum(stop_pushes(depth, velocity), 0.0)
+    return push[0] - push[1]
+
+
+def stop_depths(
+    stroke: Float[Array, ""], position: Float[Array, ""]
+) -> tuple[Float[Array, " stops"], Float[Array, " stops"]]:
+    """(how deep the piston is in the upper and the lower stop, how much deeper than their cushions) [m]; negative outside."""
+    depth = jnp.stack([position - 0.5 * stroke, -0.5 * stroke - position])
+    return depth, depth - STOP_CUSHION
+
+
+def stop_pushes(depth: Float[Array, " stops"], velocity: Float[Array, ""]) -> Float[Array, " stops"]:
+    """What spring and damper of each stop would do [N], pull included; negative outside."""
+    damping = STOP_DAMPING * jnp.clip(depth / STOP_CUSHION, 0.0, 1.0)
+    return STOP_STIFFNESS * depth + damping * velocity * jnp.array([1.0, -1.0])
 
 
 def thrust(plant: Plant, around: Surroundings, state: State) -> Float[Array, ""]:

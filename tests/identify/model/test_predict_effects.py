@@ -173,3 +173,11 @@ def test_learned_terms_change_their_quantity_row_by_row():
 def test_a_term_that_follows_a_missing_column():
     with pytest.raises(BenchInputError, match=r'makes clearance follow elapsed, which needs the column "time"'):
         leakage(model_of(learned=TERMS), sweep(time=False))
+
+
+def test_rows_without_a_steady_state_are_counted(monkeypatch):
+    test = sweep()
+    lost = np.where(np.arange(test.rows) < 3, np.nan, 1e-6)
+    monkeypatch.setattr(predict, "predict_test", lambda *_: {"leakage_flow": (lost, np.zeros(test.rows))})
+    found = predict.simulate(record_of(test), model_of())
+    assert found.notes == ("leakage: 3 of 44 rows have no prediction: no steady state was found there",)
