@@ -12,9 +12,10 @@ from thermohyd.identify.bench.record import TestRecord
 from thermohyd.identify.fitting.least_squares import LeastSquaresResult
 from thermohyd.identify.fitting.library import Library
 from thermohyd.identify.fitting.parameters import PARAMETERS, plan_parameters
-from thermohyd.identify.fitting.problem import Fit, Key, Noise, Problem, noise_sweeps
+from thermohyd.identify.fitting.problem import Fit, Key, Noise, Problem
 from thermohyd.identify.noise.correlation import NoiseCorrelation
 from thermohyd.identify.noise.whitening import whiten_on_host, whitening_of
+from thermohyd.identify.reduction.monotone_pieces import run_ids
 
 
 def linear_problem(correlation: NoiseCorrelation, tests: dict[str, TestRecord] | None = None) -> Problem:
@@ -29,7 +30,7 @@ def linear_problem(correlation: NoiseCorrelation, tests: dict[str, TestRecord] |
 
 def whitened(problem: Problem, key: Key, values: np.ndarray) -> np.ndarray:
     test = problem.tests[key[0]]
-    return whiten_on_host(whitening_of(problem.noise.correlation[key], noise_sweeps(test), test.rows), values)
+    return whiten_on_host(whitening_of(problem.noise.correlation[key], run_ids(test), test.rows), values)
 
 
 def linear_fit(residual: np.ndarray, columns: np.ndarray, names: tuple[str, ...] = PARAMETERS) -> Fit:
