@@ -52,7 +52,7 @@ def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> 
     """The compiled programs go once they are many; what is needed again is on disk."""
     global compiled_since
     within = nextitem is not None and nextitem.path == item.path
-    if within and compiled_since < 100:
+    if within and compiled_since < 100:  # a hundred programs hold some thousand maps
         return
     compiled_since = 0
     maps = Path("/proc/self/maps")

@@ -11,6 +11,7 @@ from reference.step_test import READINGS
 from helpers.quick_compile import quick_jit
 from thermohyd.actuator import Actuator
 from thermohyd.dynamics.inputs import StepInputs, step_inputs
+from thermohyd.dynamics.integrate import FAILURES
 from thermohyd.dynamics.machine import Plant, Walls, plant_of
 from thermohyd.dynamics.simulate import RTOL, StepReadings, simulate_step
 from thermohyd.effects.library import with_effects
@@ -73,7 +74,8 @@ def simulated(
         tolerance,
         heat_of(machine),
     )
-    assert int(found.failure) == 0
+    if int(found.failure):
+        raise RuntimeError(FAILURES[int(found.failure)])
     return found
 
 

@@ -59,6 +59,14 @@ def test_what_cannot_be_run_is_said():
         step_inputs(np.zeros(2), 0.0, "setpoint", supply_pressure=210e5, temperature=313.15)
 
 
+def test_a_load_that_pulls_below_vacuum():
+    """The model has no cavitation: a run that would need it is refused, and what comes before is none of its readings."""
+    machine = machine_of("closed_adiabatic")
+    pull = -40e3 * np.linspace(0.0, 1.0, ROWS)
+    with pytest.raises(RuntimeError, match="chamber falls below absolute vacuum"):
+        closed(replace(machine, run=replace(machine.run, external_force=pull)))
+
+
 @pytest.mark.parametrize("name", ["closed_isothermal", "flow_force"])
 def test_the_reference_meets_them_too(name):
     assert np.max(apart(readings(machine_of(name), 1e-7), readings_of(name))) < 1e-5

@@ -99,7 +99,7 @@ def test_derivatives_behind_a_blow_on_the_end_stop():
     """The piston runs into its stop on the way to a setpoint behind it, and stays there."""
     expected = differences(1e-5, 30.0, SHORT)
     size = np.max(np.abs(expected))
-    assert size > 1.01 * np.max(np.abs(differences(1e-4, 30.0))) or not np.allclose(expected, differences(1e-4, 30.0))
+    assert not np.allclose(expected, differences(1e-4, 30.0))  # the stop is met
     for tolerance in (1e-8, 1e-10):
         found = np.asarray(forward(AT, tolerance, 30.0, SHORT)[0])
         print(f"at {tolerance}: from differences", np.max(np.abs(found - expected)) / size)

@@ -8,6 +8,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from thermohyd.arguments import LOWEST_PRESSURE
+
 from .machine import Plant, Scaling, State
 from .rosenbrock import Rodas5P
 from .variational import TERM, Way, run_along
@@ -24,7 +26,6 @@ FAILURES = (
     "the pressure in a chamber falls below absolute vacuum: the oil would cavitate there, which the model does not have",
 )
 NO_EQUILIBRIUM, TOO_MANY_STEPS, NOT_FINITE, CAVITATES = 1, 2, 3, 4
-VACUUM = -101325.0  # Pa gauge
 
 
 class Trajectory(eqx.Module):
@@ -107,6 +108,6 @@ def integrate(
         adjoint = diffrax.ForwardMode() if gradient == "forward" else diffrax.RecursiveCheckpointAdjoint()
         vectors, steps, finished = _solve(plant, scaling, first, pace, Rodas5P() if solver is None else solver, adjoint)
     states = scaling.unpack(vectors)
-    failure = jnp.where(jnp.any(states.pressure < VACUUM), CAVITATES, 0)
+    failure = jnp.where(jnp.any(states.pressure < LOWEST_PRESSURE), CAVITATES, 0)
     failure = jnp.where(jnp.all(jnp.isfinite(vectors)), failure, NOT_FINITE)
     return Trajectory(states, steps, jnp.where(finished, failure, TOO_MANY_STEPS))

@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Complex, Float, Real
 
 from thermohyd.actuator import Actuator
 from thermohyd.actuator_performance import with_heat, without_instruments
-from thermohyd.arguments import Heat, heat_of_chambers, share_of_heat
+from thermohyd.arguments import Heat, heat_of_chambers
 from thermohyd.conditions import Conditions
 from thermohyd.numerics import quickly, require_float64
 from thermohyd.static_tests import control_flow
@@ -239,7 +239,7 @@ def largest_gain_rise(
     """
     require_float64("largest_gain_rise")
     warm = np.asarray(temperatures, dtype=float)
-    bare = with_heat(without_instruments(valve), share_of_heat(heat))
+    bare = with_heat(without_instruments(valve), heat)
     opening = np.tile(OPENINGS, warm.size) * float(valve.stroke)
     full = lambda value: jnp.full(opening.size, float(value))
     conditions = Conditions(

@@ -210,6 +210,11 @@ SPOILED = {
         'file = "leakage.csv"\n[start]\nclearance = "0 um"\n',
         'bench.toml, line 18, [start] clearance: "0 um" is out of range; it must be above zero, up to the stroke',
     ),
+    "start coefficient": (
+        'file = "leakage.csv"\n',
+        'file = "leakage.csv"\n[start]\ndischarge_coefficient = 11\n',
+        'bench.toml, line 18, [start] discharge_coefficient: "11" is out of range; it must be from 0.001 to 10',
+    ),
     "start key": (
         'file = "leakage.csv"\n',
         'file = "leakage.csv"\n[start]\nclearance = { val = "1 um" }\n',
