@@ -13,7 +13,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
-from thermohyd.effects.effect import AbstractConditionEffect, AbstractHeatEffect, AbstractReadingEffect
+from thermohyd.effects.effect import (
+    AbstractConditionEffect,
+    AbstractHeatEffect,
+    AbstractNullEffect,
+    AbstractReadingEffect,
+)
 
 from .actuator import Actuator
 from .arguments import Heat, share_of_heat
@@ -103,7 +108,7 @@ def without_instruments(valve: Valve) -> Valve:
     kept = tuple(
         effect
         for effect in valve.effects
-        if not isinstance(effect, AbstractConditionEffect)
+        if not isinstance(effect, AbstractConditionEffect | AbstractNullEffect)
         and not (isinstance(effect, AbstractReadingEffect) and effect.instrument)
     )
     return replace(valve, effects=kept, null_bias=0.0 * valve.null_bias)

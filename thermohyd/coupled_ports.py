@@ -20,6 +20,7 @@ from .flow_balance import coupled_root, falling_root
 from .oil import Oil, at_temperature, density, throttling_rise
 from .ports import (
     CONNECTED_STEPS,
+    Between,
     PortFlows,
     Ports,
     between,
@@ -96,15 +97,22 @@ def crossing_conductance(
 def _with_crossing(
     flows: PortFlows, q: Float[Array, "2 rows"], conductance: Float[Array, "..."] | None
 ) -> tuple[Float[Array, "2 rows"], Ports]:
-    """Imbalances ln(in/out) of both closed ports and their state.
+    """Imbalances ln(in/out) of both closed ports and their state."""
+    ports, into, out = ports_with_crossing(flows, between(q, flows.conditions), conductance)
+    return jnp.log((ports.inflow + into) / (ports.outflow + out)), ports
+
+
+def ports_with_crossing(
+    flows: PortFlows, drops: Between, conductance: Float[Array, "..."] | None
+) -> tuple[Ports, Float[Array, "..."], Float[Array, "..."]]:
+    """Both closed ports at given drops, balanced or not, and the mass flows [kg/s] that cross into each and out of it.
 
     The port of the higher pressure holds supply oil only; the other one mixes it with what crosses over.
     """
     conditions = flows.conditions
-    drops = between(q, conditions)
     ports = ports_at(flows, drops)
     if conductance is None:
-        return jnp.log(ports.inflow / ports.outflow), ports
+        return ports, jnp.zeros(()), jnp.zeros(())
     up, down = drops.supply_drop, drops.return_drop
     # p_A - p_B from the smaller drops keeps its digits where both ports are near one end.
     drop = jnp.where(jnp.sum(up, axis=0) < jnp.sum(down, axis=0), up[1] - up[0], down[0] - down[1])
@@ -118,8 +126,7 @@ def _with_crossing(
         arriving = other + flows.heat_retention * throttling_rise(flows.oil, -fall, mean, other)
         warm = ports.temperature + into * (arriving - ports.temperature) / (ports.inflow + into)
         ports = eqx.tree_at(lambda p: (p.temperature, p.outflow), ports, (warm, flows.outflow(drops.return_drop, warm)))
-    state = Ports(ports.pressure, ports.temperature, ports.inflow, ports.outflow, crossing=into - out)
-    return jnp.log((ports.inflow + into) / (ports.outflow + out)), state
+    return Ports(ports.pressure, ports.temperature, ports.inflow, ports.outflow, crossing=into - out), into, out
 
 
 def _drawn_together(

@@ -80,11 +80,11 @@ def _columns(linear: Coupled, like: Unknowns) -> Float[Array, "unknowns unknowns
     return jax.vmap(linear)(jnp.broadcast_to(units, (k, *like.shape)))
 
 
-def _eliminate(columns: Float[Array, "unknowns unknowns ..."], right: Unknowns) -> Unknowns:
-    """x with A x = right, row by row, A[i, j] = columns[j, i].
+def eliminate(columns: Float[Array, "unknowns unknowns ..."], right: Unknowns) -> Unknowns:
+    """x with A x = right, row by row, A[i, j] = columns[j, i]; the axes behind broadcast.
 
     Gaussian elimination in the given order. It needs no pivoting: a port's own pressure dominates its balance, and what
-    is left for the lines is one plus the losses' positive slopes.
+    is left for the lines is one plus the losses' positive slopes, and stages in time have a matrix without zero minors.
     """
     k = right.shape[0]
     a = [[columns[j, i] for j in range(k)] for i in range(k)]
@@ -118,7 +118,7 @@ def coupled_root(
             trial = best + share * move
             value, push = jax.linearize(fn, trial)
             trial_size = jnp.max(jnp.abs(value), axis=0)
-            newton = -_eliminate(_columns(push, trial), value)
+            newton = -eliminate(_columns(push, trial), value)
             fit = LONGEST_COUPLED_STEP / jnp.maximum(jnp.max(jnp.abs(newton), axis=0), LONGEST_COUPLED_STEP)
             if room is not None:
                 now = room(trial)
@@ -142,6 +142,6 @@ def coupled_root(
         return jnp.where(found, jnp.where(ahead, best + move, best), jnp.nan)
 
     def tangent_solve(linear: Coupled, y: Unknowns) -> Unknowns:
-        return _eliminate(_columns(linear, y), y)
+        return eliminate(_columns(linear, y), y)
 
     return jax.lax.custom_root(fn, start, solve, tangent_solve)

@@ -15,6 +15,7 @@ from jaxtyping import Array, Float
 from .conditions import Conditions
 from .coupled_ports import coupled_blocked_ports, coupled_connected_ports, coupled_loaded_ports
 from .oil import Oil, density
+from .port_storage import stored_ports
 from .ports import Ports, blocked_ports, connected_ports, loaded_ports, return_temperature
 from .valve import Valve, coupling, heat_kept, metering_edges, read_out, true_conditions, true_oil
 
@@ -54,12 +55,21 @@ def return_flow(
 
 @eqx.filter_jit
 def blocked_port_readings(valve: Valve, conditions: Conditions) -> dict[str, Float[Array, " rows"]]:
-    """All that the two tests with closed use ports read: leakage_flow [m3/s], pressure_a, pressure_b, load_pressure [Pa]."""
+    """All that the two tests with closed use ports read: leakage_flow, supply_flow [m3/s], pressure_a, pressure_b,
+    load_pressure [Pa].
+
+    leakage_flow is read in the return (volume at return conditions), supply_flow in the supply (at supply conditions): one
+    mass flow unless the ports store oil, which needs conditions with the time of every row.
+    """
     true = true_conditions(valve, conditions)
     oil = true_oil(valve)
     ports, inside = blocked_state(valve, oil, true)
+    ties = coupling(valve)
+    if ties.storage:
+        ports, inside = stored_ports(valve, oil, conditions, true, ports, ties)
     values = {
         "leakage_flow": return_flow(ports, oil, heat_kept(valve), inside, true),
+        "supply_flow": jnp.sum(ports.inflow, axis=0) / density(oil, true.supply_pressure, true.temperature),
         "pressure_a": ports.pressure[0],
         "pressure_b": ports.pressure[1],
         "load_pressure": ports.pressure[0] - ports.pressure[1],

@@ -13,8 +13,10 @@ from thermohyd.effects.effect import (
     AbstractEffect,
     AbstractHeatEffect,
     AbstractLineEffect,
+    AbstractNullEffect,
     AbstractOilEffect,
     AbstractReadingEffect,
+    AbstractStorageEffect,
     Coupling,
     Edges,
     in_order,
@@ -26,6 +28,7 @@ from .arguments import (
     as_optional_array,
     check_length,
     check_module,
+    check_pressure,
     check_sign,
     check_size,
     described,
@@ -50,6 +53,7 @@ class Valve(eqx.Module):
 
     heat_retention eta: None is the isothermal model (HM, all heat leaves to the body) and costs nothing; 0 is the same
     computed; 1 is the adiabatic model (THM, all heat stays in the oil); between them eta = exp(-NTU).
+    null_pressure: supply pressure [Pa, gauge] at which null_bias holds; only the effect null_shift_pressure asks for it.
 
     Known values are checked as the valve is made, traced ones never: ArgumentValueError for a wrong unit or sign,
     ArgumentTypeError for what is no number or no Oil, RuntimeError in single precision.
@@ -67,6 +71,7 @@ class Valve(eqx.Module):
     heat_retention: Float[Array, ""] | None = eqx.field(converter=as_optional_array, default=None)
     land_diameter: Float[Array, ""] | None = eqx.field(converter=as_optional_array, default=None)
     effects: tuple[AbstractEffect, ...] = eqx.field(converter=_in_order, default=())
+    null_pressure: Float[Array, ""] | None = eqx.field(converter=as_optional_array, default=None)
 
     def __check_init__(self) -> None:
         require_float64("a Valve")
@@ -84,6 +89,8 @@ class Valve(eqx.Module):
             check_size("heat_retention", self.heat_retention, -0.01, 1.01, "it is the share of the heat kept, 0 to 1")
         if self.land_diameter is not None:
             check_length("land_diameter", self.land_diameter, limit=1.0, unit="mm", sign="positive")
+        if self.null_pressure is not None:
+            check_pressure("null_pressure", self.null_pressure, supply=True)
         if not isinstance(self.effects, tuple) or not all(isinstance(e, AbstractEffect) for e in self.effects):
             raise ArgumentTypeError(
                 f"effects must be a tuple of effects, not {described(self.effects)}: "
@@ -102,7 +109,16 @@ def true_conditions(valve: Valve, read: Conditions) -> Conditions:
     for effect in valve.effects:
         if isinstance(effect, AbstractConditionEffect):
             true = effect.true_conditions(true, read)
-    return eqx.tree_at(lambda c: c.position, true, true.position - valve.null_bias)
+    return eqx.tree_at(lambda c: c.position, true, true.position - null_bias(valve, true))
+
+
+def null_bias(valve: Valve, true: Conditions) -> Float[Array, "..."]:
+    """Where the hydraulic null lies [m], after the effects that move it."""
+    null = valve.null_bias
+    for effect in valve.effects:
+        if isinstance(effect, AbstractNullEffect):
+            null = effect.null_bias(null, true, valve.null_pressure)
+    return null
 
 
 def true_oil(valve: Valve) -> Oil:
@@ -128,6 +144,7 @@ def coupling(valve: Valve) -> Coupling:
     return Coupling(
         lines=tuple(effect for effect in valve.effects if isinstance(effect, AbstractLineEffect)),
         crossings=tuple(effect for effect in valve.effects if isinstance(effect, AbstractCrossingEffect)),
+        storage=tuple(effect for effect in valve.effects if isinstance(effect, AbstractStorageEffect)),
     )
 
 
@@ -158,7 +175,7 @@ def read_out(
     valve: Valve, channel: str, value: Float[Array, " rows"], read: Conditions, true: Conditions, oil: Oil
 ) -> Float[Array, " rows"]:
     """What the bench's instrument says of a channel (leakage_flow, load_pressure, flow, ...); `oil` is the true one."""
-    for effect in valve.effects:
-        if isinstance(effect, AbstractReadingEffect):
-            value = effect.reading(channel, value, read, true, oil)
+    acting = [effect for effect in valve.effects if isinstance(effect, AbstractReadingEffect)]
+    for effect in sorted(acting, key=lambda e: e.order if e.reads_at is None else e.reads_at):
+        value = effect.reading(channel, value, read, true, oil)
     return value

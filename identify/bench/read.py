@@ -17,7 +17,7 @@ from .errors import BenchInputError, listed, quoted, suggestion
 from .headers import likely_header, mapping
 from .plausibility import check_supply, condition_warnings, static_warnings
 from .provenance import provenance_of
-from .record import BenchRecord, Channel, DynamicTest, TestRecord
+from .record import BenchRecord, Channel, DynamicTest, TestRecord, at_first_row
 from .sweeps import first_step_back, sweep_direction, sweep_rate
 from .test_file import BenchTable, read_bench_csv
 from .test_tables import DynamicTestTable, StaticTest
@@ -266,7 +266,7 @@ def record_of(
     return BenchRecord(
         folder,
         bench.valve.name,
-        bench.valve,
+        at_first_row(bench.valve, tests),
         bench.oil,
         {**tests, **moving},
         bench.start,

@@ -4,7 +4,7 @@ The reader (`read_record`) makes these, `reduction` shortens them, `fit` and `si
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +34,10 @@ def is_dynamic(name: str) -> bool:
 
 @dataclass(frozen=True)
 class ValveData:
-    """The `[valve]` table. Lengths in m, flow in m3/s, pressure in Pa, current in A."""
+    """The `[valve]` table. Lengths in m, flow in m3/s, pressure in Pa, current in A.
+
+    null_pressure: supply pressure at which the null bias holds; that of a record's first row.
+    """
 
     name: str
     stroke: float
@@ -44,6 +47,7 @@ class ValveData:
     rated_pressure_drop: float | None = None
     rated_current: float | None = None
     polarity: int = 1
+    null_pressure: float | None = None
 
 
 @dataclass(frozen=True)
@@ -148,6 +152,17 @@ class TestRecord:
     @property
     def _driven(self) -> dict[str, np.ndarray | None]:
         return {"spool_position": self.spool_position, "load_pressure": self.load_pressure}
+
+
+def at_first_row(valve: ValveData, tests: Mapping[str, TestRecord]) -> ValveData:
+    """The valve with its null bias counted from the supply pressure of the first row, unless it says from which one.
+
+    The first row of leakage, pressure_gain, flow_gain, load_flow, in this order; without any of them the valve as it is.
+    """
+    if valve.null_pressure is not None:
+        return valve
+    first = next((tests[name] for name in STATIC_TESTS if name in tests and tests[name].rows), None)
+    return valve if first is None else replace(valve, null_pressure=float(first.supply_pressure[0]))
 
 
 @dataclass(frozen=True)

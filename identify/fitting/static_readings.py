@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from thermohyd.conditions import Conditions
-from thermohyd.identify.bench.record import BenchRecord, TestRecord
+from thermohyd.identify.bench.record import BenchRecord, TestRecord, at_first_row
 from thermohyd.oil import oil_from_definition
 from thermohyd.static_tests import blocked_port_readings, control_flow, load_flow
 from thermohyd.valve import Valve
@@ -126,12 +126,14 @@ def base_valve(record: BenchRecord, parameters: Mapping[str, float], heat: bool 
     """The valve of a record with the given parameters; `heat` computes heat retention even where it starts at 0."""
     numbers = dict(parameters)
     eta = numbers.pop("heat_retention", 0.0)
+    body = at_first_row(record.valve, record.tests)
     return Valve(
         oil=oil_from_definition(record.oil),
         stroke=record.valve.stroke,
         slot_width=record.valve.slot_width,
         heat_retention=jnp.asarray(eta) if heat or eta > 0.0 else None,
         land_diameter=None if record.valve.land_diameter is None else jnp.asarray(record.valve.land_diameter),
+        null_pressure=body.null_pressure,
         **numbers,  # pyright: ignore[reportArgumentType]  # names checked against Valve's fields by plan_parameters
     )
 

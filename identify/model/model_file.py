@@ -21,6 +21,7 @@ from thermohyd.identify.bench.record import (
     ActuatorData,
     BenchRecord,
     ValveData,
+    at_first_row,
     is_dynamic,
 )
 from thermohyd.identify.fitting.parameters import IN_MOTION, heat_retention, identified_by_default, identified_in_motion
@@ -252,7 +253,7 @@ def model_of_fit(result: FitResult, learned: Iterable[LearnedTerm] = ()) -> Mode
     moving = () if actuator is None else IN_MOTION
     values = {name: estimate.value for name, estimate in result.parameters.items()}
     return Model(
-        result.record.valve,
+        at_first_row(result.record.valve, result.record.tests),
         result.record.oil,
         {name: value for name, value in values.items() if name in own},
         result.free,

@@ -30,6 +30,7 @@ def valve_of(values, eta: float | None = None, oil: Oil | None = None) -> Valve:
         stroke=STROKE,
         slot_width=12e-3,
         heat_retention=None if eta is None else jnp.asarray(eta),
+        null_pressure=100e5,
         **fields,
     )
 

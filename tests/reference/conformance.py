@@ -1,6 +1,7 @@
 """The noise-free rows of tests/conformance: one table of operating points, one column of readings per effect."""
 
 import json
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
@@ -53,6 +54,51 @@ def valve_and_oil() -> tuple[Valve, Oil]:
     t = truth()
     oil = Oil(*walther(t["oil"]["viscosity_points_degC_cSt"]), density=t["oil"]["density_15degC"])
     return Valve(slot_width=t["geometry"]["width"], **t["parameters"]), oil
+
+
+@dataclass(frozen=True)
+class MoreRows:
+    """A file of tests/conformance/more: its rows, test by test, what stands behind them, and every column of readings (SI)."""
+
+    rows: dict[str, Rows]
+    readings: dict[str, dict[str, np.ndarray]]
+    truth: dict
+
+
+def more_truth() -> dict:
+    return json.loads((FOLDER / "more" / "truth.json").read_text(encoding="utf-8"))
+
+
+@cache
+def more_rows(name: str) -> MoreRows:
+    """The static rows of tests/conformance/more/<name>.csv; "reading" is that of the row's test."""
+    path = FOLDER / "more" / f"{name}.csv"
+    header = path.read_text(encoding="utf-8").split("\n", 1)[0].split(",")
+    table = np.genfromtxt(path, delimiter=",", skip_header=1, dtype=str, encoding="utf-8")
+    found = {title.split(" [")[0]: table[:, i] for i, title in enumerate(header)}
+    number = lambda column: np.array([float(value) if value else np.nan for value in column])
+    rows, readings = {}, {}
+    for test in dict.fromkeys(found["test"]):
+        own = {key: number(column[found["test"] == test]) for key, column in found.items() if key != "test"}
+        rows[str(test)] = Rows(
+            own["spool_position"],
+            own["supply_pressure"],
+            own["return_pressure"],
+            own["temperature"],
+            time=own["time"],
+            run=own["run"].astype(int),
+            rate=own["position_rate"],
+        )
+        readings[str(test)] = {key: own[key] for key in ("reading", "pressure_a", "pressure_b")}
+    return MoreRows(rows, readings, more_truth()["files"][name])
+
+
+def valve_and_oil_of(truth: dict) -> tuple[Valve, Oil]:
+    """Those behind a file of tests/conformance/more."""
+    whole = more_truth()
+    return Valve(slot_width=whole["geometry"]["width"], **truth["parameters"]), Oil(
+        *walther(whole["oils"][truth["oil"]])
+    )
 
 
 def effects_of(effect: str) -> Effects:

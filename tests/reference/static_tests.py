@@ -25,10 +25,11 @@ def leakage(valve: Valve, oil: Oil, rows: Rows, effects: Effects = IDEAL) -> dic
 def pressure_gain(valve: Valve, oil: Oil, rows: Rows, effects: Effects = IDEAL) -> dict[str, np.ndarray]:
     """Blocked ports: {"load_pressure": p_A - p_B, "pressure_a", "pressure_b"} [Pa]; the offset is the first one's."""
     state = solve_ports(plant_of(valve, effects, oil, rows), blocked, 2)
+    scale = 1.0 + np.asarray(effects.load_pressure_scale)
     return {
-        "load_pressure": state.load_drop + effects.pressure_offset,
-        "pressure_a": state.p_a,
-        "pressure_b": state.p_b,
+        "load_pressure": state.load_drop * scale + effects.pressure_offset,
+        "pressure_a": state.p_a * scale,
+        "pressure_b": state.p_b * scale,
     }
 
 
@@ -43,12 +44,13 @@ def load_flow(valve: Valve, oil: Oil, rows: Rows, effects: Effects = IDEAL) -> d
     """Load pressure imposed by `rows.load_pressure`: {"flow": load flow [m3/s] from A to B}.
 
     Volume at the mean of p_A and p_B, at the temperature of the port that the flow leaves. The imposed load pressure is
-    what the differential gauge reads, so the true one is that minus `pressure_offset`.
+    what the differential gauge reads, so the true one is that minus `pressure_offset`, over 1 + `load_pressure_scale`.
     """
     if rows.load_pressure is None:
         raise ValueError("the load-flow test needs the imposed load pressure of every row")
     plant = plant_of(valve, effects, oil, rows)
     load = np.broadcast_to(rows.load_pressure, plant.x.shape) - effects.pressure_offset
+    load = load / (1.0 + np.asarray(effects.load_pressure_scale))
     state = solve_imposed(plant, load)
     leaving = np.where(state.load_flow > 0.0, state.t_a, state.t_b)
     volume = state.load_flow / plant.oil.rho(0.5 * (state.p_a + state.p_b), leaving)

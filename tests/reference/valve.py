@@ -19,6 +19,7 @@ class Valve:
     discharge_coefficient: Array = 0.7
     transition_number: Array = 100.0
     null_bias: Array = 0.0
+    null_pressure: Array | None = None  # supply pressure at which null_bias holds; None: that of the first row
 
 
 @dataclass(frozen=True)
@@ -27,9 +28,15 @@ class Effects:
 
     supply_edge_wear: Array = 0.0
     return_edge_wear: Array = 0.0
+    edge_wear_pa: Array = 0.0
+    edge_wear_pb: Array = 0.0
+    edge_wear_at: Array = 0.0
+    edge_wear_bt: Array = 0.0
     unequal_underlap: Array = 0.0
     eccentricity: Array = 0.0
     land_leakage: Array = 0.0
+    null_shift_temperature: Array = 0.0
+    null_shift_pressure: Array = 0.0
     thermal_clearance: Array = 0.0
     pressure_clearance: Array = 0.0
     flow_saturation: Array = 0.0
@@ -49,6 +56,7 @@ class Effects:
     hysteresis: Array = 0.0
     position_lag: Array = 0.0
     pressure_offset: Array = 0.0
+    load_pressure_scale: Array = 0.0
 
 
 @dataclass(frozen=True)
@@ -111,7 +119,7 @@ class Plant:
             temperature,
             self.oil,
             width=v.slot_width,
-            radius=v.edge_radius + np.asarray(wear),
+            radius=v.edge_radius + np.asarray(wear) + np.asarray(getattr(e, f"edge_wear_{name.lower()}")),
             clearance=v.clearance
             + np.asarray(e.thermal_clearance) * (self.ts - T40)
             + np.asarray(e.pressure_clearance) * p_mean,
@@ -150,6 +158,9 @@ def plant_of(valve: Valve, effects: Effects, oil: Oil, rows: Rows) -> Plant:
         viscosity_factor=oil.viscosity_factor * (1.0 + np.asarray(effects.viscosity_shift)),
         pressure_viscosity=oil.pressure_viscosity + np.asarray(effects.pressure_viscosity),
     )
+    x = x - np.asarray(effects.null_shift_temperature) * (rows.temperature + effects.temperature_offset - T40)
+    stated = np.ravel(rows.supply_pressure)[0] if valve.null_pressure is None else valve.null_pressure
+    x = x - np.asarray(effects.null_shift_pressure) * (rows.supply_pressure - stated)
     ps, pt, t = (np.broadcast_to(np.asarray(v, dtype=float), x.shape) for v in
                  (rows.supply_pressure, rows.return_pressure, rows.temperature))  # fmt: skip
     return Plant(valve, effects, true_oil, x, ps, pt, t + effects.temperature_offset)

@@ -16,9 +16,9 @@ from thermohyd.static_tests import leakage_flow
 from thermohyd.valve import rowwise
 
 
-def test_the_23_effects_of_the_model_and_position_lag():
+def test_the_effects_of_the_reference():
     assert set(EFFECTS) == set(Effects.__dataclass_fields__)
-    assert len({info.effect_class for info in EFFECTS.values()}) == 24
+    assert len({info.effect_class for info in EFFECTS.values()}) == 31
 
 
 @pytest.mark.parametrize("name", EFFECTS)
@@ -27,7 +27,7 @@ def test_registry_line(name):
     assert info.lower <= 0.0 < info.upper
     assert 0.0 < info.typical[0] <= info.scale <= info.typical[1] <= info.upper
     assert set(info.shows) <= {"leakage", "pressure_gain", "flow_gain", "load_flow"}
-    assert len(info.stages) == (2 if name == "pressure_offset" else 1)
+    assert len(info.stages) == (2 if name in ("pressure_offset", "load_pressure_scale") else 1)
     assert info.sentence[0].islower()
     assert not info.sentence.endswith(".")
     text = str(info.effect_class.__doc__)

@@ -115,7 +115,7 @@ def _first_guess(plant: Plant, scaling: Scaling, around: Surroundings, command: 
     asked = asked_position(plant, command, zero)
     closed = plant.kind == "setpoint"
     return State(
-        spool=plant.valve.null_bias if closed else asked, spool_speed=zero, position=zero, velocity=zero,
+        spool=plant.at(around).null_bias if closed else asked, spool_speed=zero, position=zero, velocity=zero,
         pressure=jnp.stack([middle + half, middle - half]), temperature=scaling.origin.temperature,
         wall=scaling.origin.wall, play=None if scaling.origin.play is None else asked,
     )  # fmt: skip

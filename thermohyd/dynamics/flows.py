@@ -108,7 +108,7 @@ def _behind_lines(
 
 def openings(plant: Plant, supplied: Supplied, state: State) -> Float[Array, "2 2"]:
     """Of the edges [m]; the spool's position is counted from the middle of its stroke, edges see it less null bias."""
-    return supplied.edges.underlap + OPENS_WITH_X * (state.spool - plant.valve.null_bias)
+    return supplied.edges.underlap + OPENS_WITH_X * (state.spool - supplied.null_bias)
 
 
 def flows_at(plant: Plant, supplied: Supplied, around: Surroundings, state: State) -> Flows:

@@ -22,7 +22,7 @@ from thermohyd.conditions import Conditions
 from thermohyd.edge import MeteringEdge
 from thermohyd.effects.effect import AbstractConditionEffect, AbstractEffect, Coupling
 from thermohyd.oil import Oil, OilAtTemperature, at_temperature
-from thermohyd.valve import Valve, coupling, metering_edges, true_oil
+from thermohyd.valve import Valve, coupling, metering_edges, null_bias, true_oil
 
 from .inputs import Kind, StepInputs
 
@@ -145,11 +145,13 @@ class Surroundings(eqx.Module):
 class Supplied(eqx.Module):
     """What follows from the temperature of the oil supplied: the oil itself, the edges, the paths between the ports.
 
-    edges: fields of shape (2, 1), the edges from the supply and to the return. crossing: conductance [m3/(s Pa)] or None.
+    edges: fields of shape (2, 1), the edges from the supply and to the return, or (2, 2) where ports A and B differ.
+    null_bias [m]: where the hydraulic null lies. crossing: conductance [m3/(s Pa)] or None.
     """
 
     oil: OilAtTemperature
     edges: MeteringEdge
+    null_bias: Float[Array, ""]
     crossing: Float[Array, "..."] | None
 
 
@@ -222,12 +224,13 @@ def supplied_at(valve: Valve, oil: Oil, around: Surroundings) -> Supplied:
     return Supplied(
         oil=at_temperature(oil, around.temperature),
         edges=jax.tree.map(_as_pair, pairs.supply, pairs.return_),
+        null_bias=jnp.reshape(null_bias(valve, conditions), ()),
         crossing=jnp.sum(sum(crossings, start=jnp.zeros(1))) if crossings else None,
     )
 
 
-def _as_pair(supply: Float[Array, "..."], return_: Float[Array, "..."]) -> Float[Array, "2 1"]:
-    return jnp.stack([jnp.reshape(supply, (1,)), jnp.reshape(return_, (1,))])
+def _as_pair(supply: Float[Array, "..."], return_: Float[Array, "..."]) -> Float[Array, "2 ports"]:
+    return jnp.stack(jnp.broadcast_arrays(jnp.ravel(supply), jnp.ravel(return_)))
 
 
 def plant_of(

@@ -1,21 +1,31 @@
 """Effects on the edges and lands of the spool, and leakage past them.
 
-Edges that are not as drawn (wear, another lap); flow over lands that the concentric, slotted ideal does not have (an eccentric
-spool, lands between the slots); a radial clearance that changes with temperature or pressure; leakage through the first stage,
-the bushing's seals, and from one port to the other.
+Edges that are not as drawn (wear of a pair or of one edge, another lap); flow over lands that the concentric, slotted ideal
+does not have (an eccentric spool, lands between the slots); a hydraulic null that moves with temperature or supply pressure;
+a radial clearance that changes with temperature or pressure; leakage through the first stage, the bushing's seals, and from
+one port to the other.
 """
 
 from typing import ClassVar, final
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from thermohyd.conditions import Conditions
 from thermohyd.edge import MeteringEdge
 from thermohyd.oil import Oil, at_temperature
 
-from .effect import AbstractCrossingEffect, AbstractEdgeEffect, AbstractReadingEffect, Edges, as_amount
+from .effect import (
+    AbstractCrossingEffect,
+    AbstractEdgeEffect,
+    AbstractNullEffect,
+    AbstractReadingEffect,
+    AbstractStorageEffect,
+    Edges,
+    as_amount,
+)
 
 
 @final
@@ -44,6 +54,66 @@ class ReturnEdgeWear(AbstractEdgeEffect):
 
     def edges(self, ideal: Edges, conditions: Conditions) -> Edges:
         return eqx.tree_at(lambda e: e.return_.radius, ideal, ideal.return_.radius + self.amount)
+
+
+# Of a pair of edges the one at port A, and the one at port B, beside the rows.
+PORT_A, PORT_B = np.array([[1.0], [0.0]]), np.array([[0.0], [1.0]])
+
+
+@final
+class EdgeWearPA(AbstractEdgeEffect):
+    """Radius of the edge P-A alone, which opens with +x: r + d.
+
+    Source: as for the supply edges, on the side that the valve works on most (a load that pulls one way).
+    Amount d >= 0 [m], typical 1 to 20 um. Shows on one side of the leakage peak; near null it raises p_A alone.
+    """
+
+    amount: Float[Array, "..."] = eqx.field(converter=as_amount)
+
+    def edges(self, ideal: Edges, conditions: Conditions) -> Edges:
+        return eqx.tree_at(lambda e: e.supply.radius, ideal, ideal.supply.radius + self.amount * PORT_A)
+
+
+@final
+class EdgeWearPB(AbstractEdgeEffect):
+    """Radius of the edge P-B alone, which opens with -x: r + d.
+
+    Source: as for the supply edges, on the side that the valve works on most (a load that pulls one way).
+    Amount d >= 0 [m], typical 1 to 20 um. Shows on one side of the leakage peak; near null it raises p_B alone.
+    """
+
+    amount: Float[Array, "..."] = eqx.field(converter=as_amount)
+
+    def edges(self, ideal: Edges, conditions: Conditions) -> Edges:
+        return eqx.tree_at(lambda e: e.supply.radius, ideal, ideal.supply.radius + self.amount * PORT_B)
+
+
+@final
+class EdgeWearAT(AbstractEdgeEffect):
+    """Radius of the edge A-T alone, which opens with -x: r + d.
+
+    Source: as for the return edges, on the side that the valve works on most (a load that pulls one way).
+    Amount d >= 0 [m], typical 1 to 20 um. Shows on one side of the leakage peak; near null it lowers p_A alone.
+    """
+
+    amount: Float[Array, "..."] = eqx.field(converter=as_amount)
+
+    def edges(self, ideal: Edges, conditions: Conditions) -> Edges:
+        return eqx.tree_at(lambda e: e.return_.radius, ideal, ideal.return_.radius + self.amount * PORT_A)
+
+
+@final
+class EdgeWearBT(AbstractEdgeEffect):
+    """Radius of the edge B-T alone, which opens with +x: r + d.
+
+    Source: as for the return edges, on the side that the valve works on most (a load that pulls one way).
+    Amount d >= 0 [m], typical 1 to 20 um. Shows on one side of the leakage peak; near null it lowers p_B alone.
+    """
+
+    amount: Float[Array, "..."] = eqx.field(converter=as_amount)
+
+    def edges(self, ideal: Edges, conditions: Conditions) -> Edges:
+        return eqx.tree_at(lambda e: e.return_.radius, ideal, ideal.return_.radius + self.amount * PORT_B)
 
 
 @final
@@ -107,6 +177,43 @@ SMALLEST_CLEARANCE = 1e-8
 
 
 @final
+class NullShiftTemperature(AbstractNullEffect):
+    """x0 + k (T - 40 degC), T the true temperature of the oil supplied.
+
+    Source: unequal expansion of spool, sleeve and feedback wire; the null shift with temperature of ARP490 and ISO 10770-1.
+    Amount k [m/K], either sign, typical 1 to 50 nm/K. Shows as curves that move along the position, over temperature.
+    """
+
+    amount: Float[Array, "..."] = eqx.field(converter=as_amount)
+
+    def null_bias(
+        self, own: Float[Array, "..."], true: Conditions, null_pressure: Float[Array, "..."] | None
+    ) -> Float[Array, "..."]:
+        return own + self.amount * (true.temperature - REFERENCE_TEMPERATURE)
+
+
+@final
+class NullShiftPressure(AbstractNullEffect):
+    """x0 + k (P_s - P_0), P_s at the gauge, P_0 the supply pressure at which the valve's null bias is stated.
+
+    Source: a first stage whose halves are not alike; the null shift with supply pressure of ARP490 and ISO 10770-1.
+    Amount k [m/Pa], either sign, typical 0.5e-14 to 2e-13 (0.05 to 2 um at 100 bar). Shows as curves that move along the
+    position, over the supply pressure. Raises ValueError for a valve without `null_pressure`.
+    """
+
+    amount: Float[Array, "..."] = eqx.field(converter=as_amount)
+
+    def null_bias(
+        self, own: Float[Array, "..."], true: Conditions, null_pressure: Float[Array, "..."] | None
+    ) -> Float[Array, "..."]:
+        if null_pressure is None:
+            raise ValueError(
+                "null_shift_pressure needs a Valve with null_pressure, the supply pressure at which its null_bias holds"
+            )
+        return own + self.amount * (true.supply_pressure - null_pressure)
+
+
+@final
 class ThermalClearance(AbstractEdgeEffect):
     """c + k (T - 40 degC), T the true temperature of the oil supplied; at least 0.01 um.
 
@@ -146,6 +253,10 @@ def thinning(oil: Oil, temperature: Float[Array, "..."]) -> Float[Array, "..."]:
     return at_temperature(oil, reference).viscosity / at_temperature(oil, temperature).viscosity
 
 
+# What the leakage test's meter may read: the flow to the return, or that from the supply.
+LEAKAGE = frozenset({"leakage_flow", "supply_flow"})
+
+
 @final
 class PilotLeakage(AbstractReadingEffect):
     """Leakage test: Q + K sqrt(P_s - P_t), at the gauges' pressures.
@@ -160,7 +271,7 @@ class PilotLeakage(AbstractReadingEffect):
     def reading(
         self, channel: str, value: Float[Array, " rows"], read: Conditions, true: Conditions, oil: Oil
     ) -> Float[Array, " rows"]:
-        if channel != "leakage_flow":
+        if channel not in LEAKAGE:
             return value
         drop = true.supply_pressure - true.return_pressure
         flows = drop > 0.0
@@ -182,7 +293,7 @@ class BushingLeakage(AbstractReadingEffect):
     def reading(
         self, channel: str, value: Float[Array, " rows"], read: Conditions, true: Conditions, oil: Oil
     ) -> Float[Array, " rows"]:
-        if channel != "leakage_flow":
+        if channel not in LEAKAGE:
             return value
         drop = true.supply_pressure - true.return_pressure
         return value + self.amount * drop * thinning(oil, true.temperature)
@@ -202,3 +313,34 @@ class CrossPortLeakage(AbstractCrossingEffect):
 
     def conductance(self, oil: Oil, conditions: Conditions) -> Float[Array, "..."]:
         return self.amount * thinning(oil, conditions.temperature)
+
+
+@final
+class PortComplianceA(AbstractStorageEffect):
+    """Blocked port A in time: C dp/dt = Q_in - Q_out, flows as volumes at the port's pressure and temperature.
+
+    Source: the gauge, hose and trapped air at the port give way to its pressure, and the oil itself does (continuity of a
+    volume, Merritt, section 3-5). Where valve and actuator are tested in motion, the chambers are the jack's.
+    Amount C >= 0 [m3/Pa], typical 2e-14 (steel block) to 3e-12 (hose). Shows as peaks that are higher and later the faster
+    the sweep, unequally up and down. Readings depend on the rows before them: not row by row.
+    Raises ValueError where the conditions have no time.
+    """
+
+    amount: Float[Array, "..."] = eqx.field(converter=as_amount)
+
+    def compliance(self) -> Float[Array, "2 #rows"]:
+        return self.amount * PORT_A
+
+
+@final
+class PortComplianceB(AbstractStorageEffect):
+    """Blocked port B in time: C dp/dt = Q_in - Q_out, as at port A.
+
+    Source: the gauge, hose and trapped air at the port. Amount C >= 0 [m3/Pa], typical 2e-14 to 3e-12. Shows on the other
+    side of null.
+    """
+
+    amount: Float[Array, "..."] = eqx.field(converter=as_amount)
+
+    def compliance(self) -> Float[Array, "2 #rows"]:
+        return self.amount * PORT_B

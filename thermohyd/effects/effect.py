@@ -3,7 +3,7 @@
 A static test runs through fixed stages. An effect is a frozen Module that transforms what passes at its stage; which
 effects a valve has is known while tracing, so one that is absent is not even compiled.
 
-    conditions as read -> [conditions] -> oil -> [oil] -> edges -> [edges] -> balance <-> [lines, crossing] -> [readings]
+    conditions as read -> [conditions] -> [null] -> oil -> [oil] -> edges -> [edges] -> balance <-> [lines, crossing, storage] -> [readings]
 
 The stages are abstract classes with one method each; a concrete effect is final and carries one `amount` (neutral 0).
 It belongs to one stage, or to two where one instrument both sets an operating point and reads (`pressure_offset`).
@@ -69,6 +69,18 @@ class AbstractConditionEffect(AbstractEffect):
         """The conditions `so_far`, corrected for one more effect; `read`: as the instruments gave them."""
 
 
+class AbstractNullEffect(AbstractEffect):
+    """The hydraulic null lies elsewhere than the valve's own `null_bias` says."""
+
+    stage: ClassVar[str] = "null"
+
+    @abc.abstractmethod
+    def null_bias(
+        self, own: Float[Array, "..."], true: Conditions, null_pressure: Float[Array, "..."] | None
+    ) -> Float[Array, "..."]:
+        """x0 [m] after one more effect; null_pressure: P_s [Pa, gauge] at which the valve's own x0 holds, None: not stated."""
+
+
 class AbstractOilEffect(AbstractEffect):
     """The oil is not the one in the table."""
 
@@ -118,23 +130,41 @@ class AbstractCrossingEffect(AbstractEffect):
         """G [m3/(s Pa)] of the volume flow G (p_A - p_B); true oil and true conditions."""
 
 
+class AbstractStorageEffect(AbstractEffect):
+    """Oil that a blocked port stores as its pressure rises, and so a balance of each port along the time of a sweep.
+
+    `substeps`: how many steps the time between two rows is cut into.
+    """
+
+    stage: ClassVar[str] = "storage"
+    rowwise: ClassVar[bool] = False
+    substeps: ClassVar[int] = 1
+
+    @abc.abstractmethod
+    def compliance(self) -> Float[Array, "2 #rows"]:
+        """dV/dp [m3/Pa] of what is stored at the ports A and B."""
+
+
 class Coupling(eqx.Module):
-    """The effects that tie a valve's balances together."""
+    """The effects that tie a valve's balances together: ports to lines, to each other, to what they were before."""
 
     lines: tuple[AbstractLineEffect, ...]
     crossings: tuple[AbstractCrossingEffect, ...]
+    storage: tuple[AbstractStorageEffect, ...] = ()
 
 
 class AbstractReadingEffect(AbstractEffect):
     """Flow that passes beside the valve, or the instrument that reads it; rows in sweep order, `oil` the true one.
 
-    `instrument`: it is the bench's, and stays there when the valve goes to an actuator.
+    `instrument`: it is the bench's, and stays there when the valve goes to an actuator. `reads_at`: its place among the
+    effects on readings, where that is not `order` (conditions are corrected in the opposite order of what read them).
     One that is not row by row is a filter along the runs: linear in `value` and without change to a constant, so that a
     fit may let it act after all others and send the derivatives through it; of `true` and `oil` it makes no use.
     """
 
     stage: ClassVar[str] = "readings"
     instrument: ClassVar[bool] = False
+    reads_at: ClassVar[int | None] = None
 
     @abc.abstractmethod
     def reading(

@@ -65,7 +65,33 @@ class PressureOffset(AbstractConditionEffect, AbstractReadingEffect):
         return value + self.amount if channel == "load_pressure" else value
 
 
-FLOW_CHANNELS = frozenset({"leakage_flow", "flow"})
+PRESSURE_CHANNELS = frozenset({"load_pressure", "pressure_a", "pressure_b"})
+
+
+@final
+class LoadPressureScale(AbstractConditionEffect, AbstractReadingEffect):
+    """Read dP (1 + s), before the gauge's offset: of the load pressure, read or imposed, or of p_A and p_B where both are read.
+
+    Source: calibration error of the pressure gauge (gain), stated as a share of the reading.
+    Amount s > -1 [-], typical 0.002 to 0.03. Shows in the pressure gain, in proportion to it.
+    """
+
+    amount: Float[Array, "..."] = eqx.field(converter=as_amount)
+    order: ClassVar[int] = 10  # of an imposed pressure the offset comes off first
+    reads_at: ClassVar[int | None] = -10
+
+    def true_conditions(self, so_far: Conditions, read: Conditions) -> Conditions:
+        if so_far.load_pressure is None:
+            return so_far
+        return eqx.tree_at(lambda c: c.load_pressure, so_far, so_far.load_pressure / (1.0 + self.amount))
+
+    def reading(
+        self, channel: str, value: Float[Array, " rows"], read: Conditions, true: Conditions, oil: Oil
+    ) -> Float[Array, " rows"]:
+        return value * (1.0 + self.amount) if channel in PRESSURE_CHANNELS else value
+
+
+FLOW_CHANNELS = frozenset({"leakage_flow", "supply_flow", "flow"})
 
 
 @final

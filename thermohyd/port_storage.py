@@ -1,0 +1,289 @@
+"""Blocked ports that store oil while a sweep moves their pressure: C dp/dt = Q_in - Q_out at each port (docs/physics.md section 5.1).
+
+Gauges, hoses and trapped air at a blocked port give way to its pressure. A sweep is then a chain in time; all its rows are
+solved together by Newton's method, each turn of which evaluates the edges everywhere at once and leaves a linear recursion
+along the rows (Lim et al., Parallelizing non-linear sequential models over the sequence length, ICLR 2024, have the idea).
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from thermohyd.effects.effect import Coupling
+from thermohyd.effects.hysteresis import sweep_direction
+
+from .conditions import Conditions
+from .coupled_ports import crossing_conductance, ports_with_crossing, with_pressures
+from .flow_balance import eliminate
+from .numerics import linear_recursion
+from .oil import Oil, density
+from .ports import Between, PortFlows, Ports, between, port_flows, return_temperature
+from .valve import Valve, heat_kept, metering_edges, true_conditions
+
+
+# Radau IIA of order 5 (Hairer and Wanner, Solving Ordinary Differential Equations II, table IV.5.6): stiffly accurate, so that
+# the last stage is the end of the step and a port without storage is in balance at every row.
+_ROOT = np.sqrt(6.0)
+STAGES = np.array(
+    [
+        [(88 - 7 * _ROOT) / 360, (296 - 169 * _ROOT) / 1800, (-2 + 3 * _ROOT) / 225],
+        [(296 + 169 * _ROOT) / 1800, (88 + 7 * _ROOT) / 360, (-2 - 3 * _ROOT) / 225],
+        [(16 - _ROOT) / 36, (16 + _ROOT) / 36, 1 / 9],
+    ]
+)
+PARTS = STAGES.sum(axis=1)  # of a step, where its stages are
+# From the steady state, 6e-13 m3/Pa on a valve whose sweep takes 12 s or 60 s: 6 turns leave 2e-5 of the pressure, and one
+# more, which also takes the derivatives along, 3e-8.
+TURNS = 6
+# A pressure that a turn would move beyond supply or return goes so far towards it, in the logit of its share.
+TOWARDS_END = 4.0
+# Turns of the pressures behind lines: leakage moves them by less than a hundredth, and a turn leaves as much of the error.
+LINE_TURNS = 3
+SMALLEST_SHARE = 1e-15  # of the pressure between supply and return, to start from
+SHORTEST = 1e-6  # s: rows at one and the same time
+
+
+class _Chain(eqx.Module):
+    """What the steps of all rows are solved with: C (2, #rows) with 0 at the start of a run, where the ports are steady, and
+    the length of a step (rows,)."""
+
+    compliance: Float[Array, "2 rows"]
+    step: Float[Array, " rows"]
+    starts: Bool[Array, " rows"]
+    substeps: int = eqx.field(static=True)
+
+    def before(self, end: Float[Array, "2 rows"]) -> Float[Array, "2 rows"]:
+        """What the row before ended with; of no meaning where a run starts."""
+        return jnp.concatenate([end[:, :1], end[:, :-1]], axis=1)
+
+    def imbalance(
+        self, pressure: Float[Array, "nodes 2 rows"], net: Float[Array, "nodes 2 rows"]
+    ) -> Float[Array, "nodes 2 rows"]:
+        """C (p - p of the start) - step sum A net [m3] of every stage."""
+        parts, start = [], self.before(pressure[-1])
+        for own, flow in self._by_step(pressure, net):
+            parts.append(self.compliance * (own - start) - self.step * jnp.einsum("kl,lpr->kpr", STAGES, flow))
+            start = own[-1]
+        return jnp.concatenate(parts)
+
+    def condense(
+        self, imbalance: Float[Array, "nodes 2 rows"], slope: Float[Array, "nodes ports 2 rows"]
+    ) -> list[tuple[Array, Array]]:
+        """For each step the changes of its stages that take the imbalance away, and how they follow the start of the step.
+
+        slope: d net_i/d p_j, (nodes, 2, 2, rows), or (nodes, 1, 2, rows) of each port alone, whose unknowns then stay apart.
+        Changes (stages, 2, rows), and (stages, 2, 2, rows) or (stages, 1, 2, rows) by the ports at the start.
+        """
+        count, ports = len(PARTS), slope.shape[1]
+        found = []
+        for left, slopes in self._by_step(imbalance, slope):
+            # Stage k of port i by stage l of port j, or a port's stages by each other.
+            if ports == 2:
+                size = 2 * count
+                by_port = self.compliance * np.eye(2)[:, :, None]
+                matrix = -self.step * jnp.einsum("kl,lijr->kiljr", STAGES, slopes)
+                matrix = matrix + np.eye(count)[:, None, :, None, None] * by_port[None, :, None]
+                matrix = matrix.reshape(size, size, 1, -1)
+                before = jnp.broadcast_to(by_port[None], (count, 2, 2, by_port.shape[-1])).reshape(size, 2, -1)
+                right = jnp.concatenate([-left.reshape(size, 1, -1), before], axis=1)
+                x = eliminate(jnp.swapaxes(matrix, 0, 1), right).reshape(count, 2, 3, -1)
+                found.append((x[:, :, 0], x[:, :, 1:]))
+            else:
+                alone = -self.step * STAGES[:, :, None, None] * slopes[None, :, 0]
+                alone = alone + np.eye(count)[:, :, None, None] * self.compliance
+                before = jnp.broadcast_to(self.compliance, left.shape)
+                x = eliminate(jnp.swapaxes(alone, 0, 1)[:, :, None], jnp.stack([-left, before], axis=1))
+                found.append((x[:, 0], x[:, 1:]))
+        return found
+
+    def ends(self, condensed: list[tuple[Array, Array]]) -> tuple[Array, Array]:
+        """(change of the pressures at the end of each row's steps where nothing changes before it, how it follows that)."""
+        source, carried = condensed[0][0][-1], condensed[0][1][-1]
+        for change, follows in condensed[1:]:
+            source = change[-1] + _follow(follows[-1], source)
+            carried = _chained(follows[-1], carried)
+        return source, carried
+
+    def moves(self, condensed: list[tuple[Array, Array]], end: Float[Array, "2 rows"]) -> Float[Array, "nodes 2 rows"]:
+        """Changes at every node, from those at the ends of all rows."""
+        start = jnp.concatenate([jnp.zeros((2, 1)), end[:, :-1]], axis=1)
+        parts = []
+        for change, follows in condensed:
+            parts.append(change + jnp.stack([_follow(stage, start) for stage in follows]))
+            start = parts[-1][-1]
+        return jnp.concatenate(parts)
+
+    def _by_step(self, *arrays: Float[Array, "nodes ..."]):
+        count = len(PARTS)
+        for j in range(self.substeps):
+            yield tuple(array[j * count : (j + 1) * count] for array in arrays)
+
+
+def _follow(follows: Float[Array, "ports 2 rows"], start: Float[Array, "2 rows"]) -> Float[Array, "2 rows"]:
+    """(2, 2, rows) times (2, rows), or each port by its own factor (1, 2, rows)."""
+    if follows.shape[0] == 1:
+        return follows[0] * start
+    return jnp.einsum("ijr,jr->ir", follows, start)
+
+
+def _chained(after: Float[Array, "ports 2 rows"], before: Float[Array, "ports 2 rows"]) -> Float[Array, "ports 2 rows"]:
+    return after * before if after.shape[0] == 1 else jnp.einsum("ijr,jkr->ikr", after, before)
+
+
+def along_rows(carried: Float[Array, "ports 2 rows"], source: Float[Array, "2 rows"]) -> Float[Array, "2 rows"]:
+    """y_i = carried_i y_(i-1) + source_i, y = 0 before the first row, by recursive doubling (as `linear_recursion`)."""
+    if carried.shape[0] == 1:
+        return linear_recursion(carried[0], source)
+    rows = source.shape[-1]
+
+    def double(i: Array, carry: tuple[Array, Array]) -> tuple[Array, Array]:
+        reach, so_far = carry
+        step = 2**i
+        before = lambda values: jnp.where(jnp.arange(rows) >= step, jnp.roll(values, step, axis=-1), 0.0)
+        return _chained(reach, before(reach)), so_far + _follow(reach, before(so_far))
+
+    doublings = max(rows - 1, 1).bit_length()
+    return jax.lax.fori_loop(0, doublings, double, (carried, source))[1]
+
+
+def _nodes(read: Conditions, substeps: int) -> tuple[Conditions, Bool[Array, " rows"], Float[Array, " rows"]]:
+    """Conditions as read at the stages of every row's steps (nodes, rows), starts of runs, and the length of a step [s].
+
+    Positions, pressures and temperatures are linear from row to row. The direction is that of the motion that ends at a
+    row, and so is the rate.
+    """
+    if read.time is None:
+        raise ValueError("port_compliance_a and port_compliance_b need conditions with the time of every row")
+    run = jnp.zeros_like(read.time) if read.run is None else read.run
+    direction = read.direction
+    if direction is None:
+        direction = jax.lax.stop_gradient(sweep_direction(read.position, run))
+    starts = jnp.concatenate([jnp.ones(1, dtype=bool), jnp.diff(run) != 0.0])
+    share = np.concatenate([(j + PARTS) / substeps for j in range(substeps)])[:, None]
+
+    def before(column: Float[Array, " rows"]) -> Float[Array, " rows"]:
+        return jnp.where(starts, column, jnp.concatenate([column[:1], column[:-1]]))
+
+    def between_rows(column: Float[Array, " rows"]) -> Float[Array, "nodes rows"]:
+        return column - (1.0 - share) * (column - before(column))
+
+    same = lambda column: jnp.broadcast_to(column, (share.size, column.size))
+    nodes = {
+        name: between_rows(getattr(read, name))
+        for name in ("position", "supply_pressure", "return_pressure", "temperature")
+    }
+    nodes |= {"direction": same(direction), "run": same(run)}
+    if read.rate is not None:
+        nodes["rate"] = same(read.rate)
+    # Made row by row under vmap, where the columns have the shape that Conditions are checked for.
+    at = jax.vmap(lambda columns: Conditions(**columns))(nodes)
+    step = jnp.where(starts, 1.0, jnp.maximum(read.time - before(read.time), SHORTEST)) / substeps
+    return at, starts, step
+
+
+class _Ties(eqx.Module):
+    """The ports' flows at given pressures, with lines and a path between the ports where there are such."""
+
+    flows: PortFlows
+    conductance: Float[Array, "..."] | None
+    coupling: Coupling
+
+    def state(self, q: Float[Array, "2 rows"]) -> tuple[Ports, Between, Conditions]:
+        """Ports at the logit q of their share of the gauges' pressures, drops to the gauges, conditions inside the lines."""
+        gauges, oil = self.flows.conditions, self.flows.oil
+        drops, inside, flows = between(q, gauges), gauges, self.flows
+        ports, _, _ = ports_with_crossing(flows, drops, self.conductance)
+        for _ in range(LINE_TURNS if self.coupling.lines else 0):
+            supply_flow = jnp.sum(ports.inflow, axis=0) / density(oil, gauges.supply_pressure, gauges.temperature)
+            warm = return_temperature(ports, oil, flows.heat_retention, inside)
+            return_flow = jnp.sum(ports.outflow, axis=0) / density(oil, gauges.return_pressure, warm)
+            losses = [line.losses(supply_flow, return_flow) for line in self.coupling.lines]
+            lost, gained = (sum(parts, start=jnp.zeros(())) for parts in zip(*losses, strict=True))
+            inside = with_pressures(gauges, gauges.supply_pressure - lost, gauges.return_pressure + gained)
+            flows = eqx.tree_at(lambda f: f.conditions, self.flows, inside)
+            behind = Between(drops.supply_drop - lost, drops.return_drop - gained)
+            ports, _, _ = ports_with_crossing(flows, behind, self.conductance)
+        return ports, drops, inside
+
+    def net(self, q: Float[Array, "2 rows"]) -> Float[Array, "2 rows"]:
+        """What flows into each port beyond what leaves it [m3/s], at the port's pressure and temperature."""
+        ports, _, _ = self.state(q)
+        surplus = ports.inflow - ports.outflow
+        if ports.crossing is not None:
+            surplus = surplus + ports.crossing
+        return surplus / density(self.flows.oil, ports.pressure, ports.temperature)
+
+
+def _ties(valve: Valve, oil: Oil, true: Conditions, coupling: Coupling) -> _Ties:
+    flows = port_flows(metering_edges(valve, true), oil, heat_kept(valve), true)
+    crossings = coupling.crossings
+    return _Ties(flows, crossing_conductance(crossings, oil, true) if crossings else None, coupling)
+
+
+def _at(ties: _Ties, q: Float[Array, "nodes 2 rows"]) -> tuple[Array, Array]:
+    """Port pressures [Pa] and net flows into the ports [m3/s] at every node, each (nodes, 2, rows)."""
+    gauges = ties.flows.conditions
+    pressure = gauges.return_pressure[:, None] + between_all(q, gauges).return_drop
+    return pressure, jax.vmap(_Ties.net)(ties, q)
+
+
+def between_all(q: Float[Array, "nodes 2 rows"], gauges: Conditions) -> Between:
+    return jax.vmap(between)(q, gauges)
+
+
+def _slopes(ties: _Ties, q: Float[Array, "nodes 2 rows"]) -> tuple[Array, Array, Array, Array]:
+    """Pressures, net flows, their slopes to the pressures (as `_Chain.condense` takes them) and dp/dq.
+
+    A port knows of the other through a path or through lines only.
+    """
+    drops = between_all(q, ties.flows.conditions)
+    rise = drops.supply_drop * drops.return_drop / (drops.supply_drop + drops.return_drop)
+    pressure, net = _at(ties, q)
+    push = lambda unit: jax.jvp(lambda q: jax.vmap(_Ties.net)(ties, q), (q,), (jnp.broadcast_to(unit, q.shape),))[1]
+    if ties.coupling.lines or ties.coupling.crossings:
+        columns = [push(jnp.eye(2)[:, j, None]) / rise[:, j, None] for j in range(2)]
+        return pressure, net, jnp.stack(columns, axis=2), rise
+    return pressure, net, (push(jnp.ones(())) / rise)[:, None], rise
+
+
+def stored_ports(
+    valve: Valve, oil: Oil, read: Conditions, true: Conditions, steady: Ports, coupling: Coupling
+) -> tuple[Ports, Conditions]:
+    """Both ports closed, with what is stored there: (ports at every row, conditions inside the lines).
+
+    steady: the ports without storage, where the search starts. Rows of a run stand together in the order of time; a run
+    starts steady. First derivatives, forward and reverse, are those of the solution (implicit function theorem).
+    Raises ValueError where the conditions have no time.
+    """
+    substeps = max(type(effect).substeps for effect in coupling.storage)
+    nodes, starts, step = _nodes(read, substeps)
+    ties = jax.vmap(lambda at: _ties(valve, oil, true_conditions(valve, at), coupling))(nodes)
+    compliance = sum((effect.compliance() for effect in coupling.storage), start=jnp.zeros((2, 1)))
+    chain = _Chain(jnp.where(starts, 0.0, compliance), step, starts, substeps)
+    known_ties, known_chain = jax.lax.stop_gradient((ties, chain))
+
+    def turn(_: Array, q: Float[Array, "nodes 2 rows"]) -> Float[Array, "nodes 2 rows"]:
+        pressure, net, slope, _ = _slopes(known_ties, q)
+        gauges = known_ties.flows.conditions
+        condensed = known_chain.condense(known_chain.imbalance(pressure, net), slope)
+        source, carried = known_chain.ends(condensed)
+        moved = pressure + known_chain.moves(condensed, along_rows(carried, source))
+        up, down = gauges.supply_pressure[:, None] - moved, moved - gauges.return_pressure[:, None]
+        inside = (up > 0.0) & (down > 0.0)
+        landed = jnp.log(jnp.where(inside, down, 1.0)) - jnp.log(jnp.where(inside, up, 1.0))
+        return jnp.where(inside, landed, q + jnp.where(up > 0.0, -TOWARDS_END, TOWARDS_END))
+
+    span = true.supply_pressure - true.return_pressure
+    up, down = true.supply_pressure - steady.pressure, steady.pressure - true.return_pressure
+    first = jnp.log(jnp.maximum(down, SMALLEST_SHARE * span)) - jnp.log(jnp.maximum(up, SMALLEST_SHARE * span))
+    first = jnp.broadcast_to(jax.lax.stop_gradient(first), (len(PARTS) * substeps, *first.shape))
+    q = jax.lax.stop_gradient(jax.lax.fori_loop(0, TURNS, turn, first))
+
+    # One turn more, which moves nothing: by it what the imbalances depend on reaches the pressures.
+    *_, slope, rise = jax.lax.stop_gradient(_slopes(known_ties, q))
+    source, carried = known_chain.ends(known_chain.condense(chain.imbalance(*_at(ties, q)), slope))
+    moved = along_rows(carried, source)
+    ports, _, inside = _ties(valve, oil, true, coupling).state(q[-1] + moved / rise[-1])
+    return ports, inside
