@@ -1,11 +1,12 @@
 """The reference simulator against the rows of a third model: each effect alone, and all together."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 from reference import conformance, static_tests
-from reference.valve import Effects
+from reference.port_storage import swept
+from reference.valve import Effects, Rows
 
 
 TOLERANCE = 1e-8  # of each test's largest reading
@@ -49,3 +50,18 @@ def test_reference_reproduces_the_fourth_model(name):
             worst = np.abs(own - expected).max() / np.abs(expected).max()
             print(f"{name}, {test}, {channel}: {worst:.1e} of the largest reading, {TOLERANCE} allowed")
             assert worst < TOLERANCE
+
+
+def test_reference_reproduces_a_sweep_with_storage():
+    """Hysteresis, a bushing that leaks and both ports' compliance; one fast sweep, which shows them most."""
+    rows, expected, truth = conformance.rows_in_time("port_compliance_hysteresis_bushing")
+    valve, oil = conformance.valve_and_oil_of(truth)
+    effects = dict(truth["effects"])
+    compliance = (effects.pop("port_compliance_a"), effects.pop("port_compliance_b"))
+    part = np.flatnonzero(rows.run == 2)[:75]  # up, the turn, and down beyond null
+    own = Rows(**{f.name: None if (c := getattr(rows, f.name)) is None else c[part] for f in fields(rows)})
+    found = swept(valve, oil, own, Effects(**effects), compliance)
+    for channel, values in expected.items():
+        worst = np.abs(found[channel] - values[part]).max() / np.abs(values).max()
+        print(f"{channel}: {worst:.1e} of the largest reading, 1e-8 allowed")
+        assert worst < 1e-8

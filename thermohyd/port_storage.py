@@ -248,16 +248,34 @@ def _slopes(ties: _Ties, q: Float[Array, "nodes 2 rows"]) -> tuple[Array, Array,
     return pressure, net, (push(jnp.ones(())) / rise)[:, None], rise
 
 
+class StoredPorts(eqx.Module):
+    """Ports at every row and the conditions inside the lines, and what the pressures follow: the row before by `carried`
+    ((2, 2, rows), or (1, 2, rows) of ports apart), and what depends on the row alone, `source` (2, rows), 0 at the solution."""
+
+    ports: Ports
+    inside: Conditions
+    source: Float[Array, "2 rows"]
+    carried: Float[Array, "ports 2 rows"]
+
+
 def stored_ports(
-    valve: Valve, oil: Oil, read: Conditions, true: Conditions, steady: Ports, coupling: Coupling
-) -> tuple[Ports, Conditions]:
-    """Both ports closed, with what is stored there: (ports at every row, conditions inside the lines).
+    valve: Valve,
+    oil: Oil,
+    read: Conditions,
+    true: Conditions,
+    steady: Ports,
+    coupling: Coupling,
+    push: Float[Array, "2 rows"] | None = None,
+) -> StoredPorts:
+    """Both ports closed, with what is stored there.
 
     steady: the ports without storage, where the search starts. Rows of a run stand together in the order of time; a run
     starts steady. First derivatives, forward and reverse, are those of the solution (implicit function theorem).
+    push [Pa]: takes the place of all that pressures follow, so that every row depends on its own parameters, on its own
+    `push` and, through `source`, on nothing else: `along_rows` then makes the whole derivative.
     Raises ValueError where the conditions have no time.
     """
-    substeps = max(type(effect).substeps for effect in coupling.storage)
+    substeps = max(effect.substeps for effect in coupling.storage)
     nodes, starts, step = _nodes(read, substeps)
     ties = jax.vmap(lambda at: _ties(valve, oil, true_conditions(valve, at), coupling))(nodes)
     compliance = sum((effect.compliance() for effect in coupling.storage), start=jnp.zeros((2, 1)))
@@ -285,5 +303,7 @@ def stored_ports(
     *_, slope, rise = jax.lax.stop_gradient(_slopes(known_ties, q))
     source, carried = known_chain.ends(known_chain.condense(chain.imbalance(*_at(ties, q)), slope))
     moved = along_rows(carried, source)
+    if push is not None:
+        moved = jax.lax.stop_gradient(moved) + push
     ports, _, inside = _ties(valve, oil, true, coupling).state(q[-1] + moved / rise[-1])
-    return ports, inside
+    return StoredPorts(ports, inside, source, carried)

@@ -15,7 +15,7 @@ from jaxtyping import Array, Float
 from .conditions import Conditions
 from .coupled_ports import coupled_blocked_ports, coupled_connected_ports, coupled_loaded_ports
 from .oil import Oil, density
-from .port_storage import stored_ports
+from .port_storage import StoredPorts, stored_ports
 from .ports import Ports, blocked_ports, connected_ports, loaded_ports, return_temperature
 from .valve import Valve, coupling, heat_kept, metering_edges, read_out, true_conditions, true_oil
 
@@ -66,7 +66,28 @@ def blocked_port_readings(valve: Valve, conditions: Conditions) -> dict[str, Flo
     ports, inside = blocked_state(valve, oil, true)
     ties = coupling(valve)
     if ties.storage:
-        ports, inside = stored_ports(valve, oil, conditions, true, ports, ties)
+        stored = stored_ports(valve, oil, conditions, true, ports, ties)
+        ports, inside = stored.ports, stored.inside
+    return _blocked_values(valve, oil, conditions, true, ports, inside)
+
+
+def stored_port_rows(
+    valve: Valve, conditions: Conditions, push: Float[Array, "2 rows"]
+) -> tuple[dict[str, Float[Array, " rows"]], StoredPorts]:
+    """`blocked_port_readings` of a valve whose ports store oil, every row by itself, and what ties the rows together.
+
+    See `port_storage.stored_ports`. For whoever needs the Jacobian of many parameters at the cost of a few.
+    """
+    true = true_conditions(valve, conditions)
+    oil = true_oil(valve)
+    steady, _ = blocked_state(valve, oil, true)
+    stored = stored_ports(valve, oil, conditions, true, steady, coupling(valve), push)
+    return _blocked_values(valve, oil, conditions, true, stored.ports, stored.inside), stored
+
+
+def _blocked_values(
+    valve: Valve, oil: Oil, conditions: Conditions, true: Conditions, ports: Ports, inside: Conditions
+) -> dict[str, Float[Array, " rows"]]:
     values = {
         "leakage_flow": return_flow(ports, oil, heat_kept(valve), inside, true),
         "supply_flow": jnp.sum(ports.inflow, axis=0) / density(oil, true.supply_pressure, true.temperature),

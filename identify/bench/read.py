@@ -312,6 +312,7 @@ def _read_test(test: StaticTest, table: BenchTable, bench: BenchFile, readings_r
         abscissa=abscissa,
         table=table.table,
         notes=table.notes,
+        meter=test.meter,
     )
 
 

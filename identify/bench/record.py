@@ -123,6 +123,7 @@ class TestRecord:
     table: pd.DataFrame | None = None  # the user's own columns, for `simulate` to write back
     notes: tuple[str, ...] = ()  # what a reader or a reduction did, for the report
     nodes: Nodes | None = None  # of a reduced log: its readings are means over bins
+    meter: str = "return"  # where a leakage is read; or "supply"
 
     @property
     def rows(self) -> int:
@@ -311,7 +312,7 @@ class BenchRecord:
         [oil], or an OilDefinition. conditions: for columns that a test does not have. actuator: as [actuator], for dynamic
         tests. start: as [start], such as {"clearance": 2e-6, "discharge_coefficient": {"value": 0.7, "fixed": True}}.
         noise: {test: standard deviation, or {reading: standard deviation}}. options: {test: columns, ignore, missing="skip",
-        output, absolute as in [tests.<name>]}.
+        output, absolute, meter as in [tests.<name>]}.
 
         Raises BenchInputError: `file` is then the test's name, `column` the column, `row` counts from 0; its sentence calls
         arguments by their tables in a bench.toml, such as [valve] stroke.

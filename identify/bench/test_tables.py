@@ -89,6 +89,8 @@ def check_word(table: TomlTable, key: str, words: tuple[str, ...]) -> None:
 
 
 TEST_KEYS = ("kind", "file", "noise", "columns", "ignore", "missing", "skip_rows", "sheet")
+OWN_KEYS = {"frequency": ("output", "absolute"), "leakage": ("meter",)}
+METERS = ("return", "supply")
 OWN_NAME, NO_WORD = re.compile(r"[a-z0-9_]+"), re.compile(r"[^a-z0-9_]+")
 OUTPUTS = ("spool_position", "piston_velocity", "piston_position")
 
@@ -106,6 +108,7 @@ class StaticTest:
     skip_missing: bool = False  # leave out rows with an empty cell or NaN, instead of refusing them
     skip_rows: int = 0  # lines above the headers
     sheet: str | None = None  # of an .xlsx file; None: its first
+    meter: str = "return"  # where a leakage is read
 
     @property
     def kinds(self) -> dict[str, tuple[str, ...]]:
@@ -159,7 +162,7 @@ def read_tests(table: TomlTable, actuator: ActuatorData) -> tuple[dict[str, Stat
     for name in table.data:
         test = table.table(name)
         assert test is not None
-        test.refuse_unknown((*TEST_KEYS, "output", "absolute") if kind_of_test(name) == "frequency" else TEST_KEYS)
+        test.refuse_unknown((*TEST_KEYS, *OWN_KEYS.get(kind_of_test(name), ())))
         if "kind" in test and test.data["kind"] != kind_of_test(name):
             raise test.error(f'must be "{kind_of_test(name)}", with which the name of the test begins', "kind")
         file = test.text("file")
@@ -170,8 +173,10 @@ def read_tests(table: TomlTable, actuator: ActuatorData) -> tuple[dict[str, Stat
             dynamic[name] = _dynamic(name, path, test, actuator.closed_loop)
         else:
             known = tuple(columns_of(name))
+            check_word(test, "meter", METERS)
+            meter = str(test.data.get("meter", METERS[0]))
             static[name] = StaticTest(
-                name, path, read_noise(test), _mapping(test, known), _ignored(test), test, **_layout(test)
+                name, path, read_noise(test), _mapping(test, known), _ignored(test), test, **_layout(test), meter=meter
             )
     return static, dynamic
 

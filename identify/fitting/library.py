@@ -24,12 +24,27 @@ class Library:
     @property
     def plain(self) -> tuple[str, ...]:
         """Those that leave the ports' balances apart: cheap to compile and to run."""
-        return tuple(name for name in self.names if not coupled(name))
+        return tuple(name for name in self.names if not coupled(name) and not stores(name))
+
+    @property
+    def steady(self) -> tuple[str, ...]:
+        """Those that leave every row of a sweep a balance of its own."""
+        return tuple(name for name in self.names if not stores(name))
 
     @property
     def cold(self) -> tuple[str, ...]:
-        """Those that need no heat computed, coupled ones included: half as expensive to compile and run as all together."""
-        return tuple(name for name in self.names if not effect_info(name).computes_heat)
+        """Steady ones that need no heat computed, coupled ones included: half as expensive to compile and run."""
+        return tuple(name for name in self.steady if not effect_info(name).computes_heat)
+
+    @property
+    def uncoupled(self) -> tuple[str, ...]:
+        """Those that leave the ports' balances apart, storage included."""
+        return tuple(name for name in self.names if not coupled(name))
+
+    @property
+    def stored(self) -> tuple[str, ...]:
+        """Of `uncoupled` those that need no heat computed."""
+        return tuple(name for name in self.uncoupled if not effect_info(name).computes_heat)
 
 
 NOTHING = Library((), {})  # of a plain fit
@@ -40,15 +55,20 @@ def coupled(name: str) -> bool:
     return effect_info(name).coupled
 
 
+def stores(name: str) -> bool:
+    """Whether an effect ties the rows of a sweep together."""
+    return effect_info(name).stores
+
+
 def with_heat(names: Iterable[str]) -> bool:
     """Whether any of these effects needs the heat of throttling computed."""
     return any(effect_info(name).computes_heat for name in names)
 
 
 def expensive_to_compile(names: Iterable[str]) -> bool:
-    """Whether effects need heat and a coupled balance together: a program of its own, which takes long to compile."""
+    """Whether effects need a coupled balance and heat or storage beside it: a program of its own, which takes long to compile."""
     names = tuple(names)
-    return with_heat(names) and any(coupled(name) for name in names)
+    return any(coupled(name) for name in names) and (with_heat(names) or any(stores(name) for name in names))
 
 
 def library_for(tests: Iterable[TestRecord]) -> Library:

@@ -16,17 +16,20 @@ from thermohyd.effects.library import EFFECTS, classes_of, effect, effect_info, 
 from thermohyd.identify.fitting.least_squares import Both
 from thermohyd.identify.fitting.parameters import PARAMETERS
 from thermohyd.identify.fitting.static_readings import (
+    STORED_GROUP,
     ChannelRows,
     StaticData,
     channel_layers,
     group_rows,
     groups_of,
     predict_group,
+    predict_stored,
     rows_of_test,
     with_parameters,
 )
 from thermohyd.identify.noise.whitening import Whitening, whiten
 from thermohyd.numerics import jitted, known_options
+from thermohyd.port_storage import StoredPorts, along_rows
 from thermohyd.valve import Valve
 
 
@@ -54,11 +57,14 @@ def order_of(effects: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def split(effects: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """(those that act row by row, those along a run: filters such as a meter's lag, in the order in which they act)."""
+    """(those that act row by row, those along a run: filters such as a meter's lag, in the order in which they act).
+
+    Oil stored at the ports acts row by row as far as amounts go; what a row hands on to the next is taken along apart.
+    """
     infos = {name: effect_info(name) for name in effects}
-    filters = [name for name in effects if not infos[name].rowwise]
+    filters = [name for name in effects if not infos[name].rowwise and not infos[name].stores]
     return (
-        tuple(name for name in effects if infos[name].rowwise),
+        tuple(name for name in effects if name not in filters),
         tuple(sorted(filters, key=lambda name: infos[name].effect_class.order)),
     )
 
@@ -87,16 +93,23 @@ def with_amounts(valve: Valve, names: tuple[str, ...], amounts: Float[Array, "ef
     return eqx.tree_at(lambda v: [effect.amount for effect in v.effects], added, [amounts[i] for i in order])
 
 
+# Entries of a row behind its parameters and amounts: changes [Pa] of both port pressures.
+PUSHES = 2
+
+
 def readings_of_rows(
     effects: tuple[str, ...], spread: dict[str, Float[Array, "all rows"]], args: LibraryArgs
-) -> dict[str, dict[str, Float[Array, " padded"]]]:
-    """{test: {channel: reading}} before any filter and any mean over bins, from parameters and amounts given row by row."""
+) -> tuple[dict[str, dict[str, Float[Array, " padded"]]], StoredPorts | None]:
+    """{test: {channel: reading}} before any filter and any mean over bins, from parameters and amounts given row by row, and
+    what ties the rows of blocked ports together where they store oil."""
     rowwise, _ = split(effects)
+    storing = any(effect_info(name).stores for name in rowwise)
     found: dict[str, dict[str, Array]] = {}
+    stored = None
     for group, tests in groups_of(args.data.conditions).items():
         values = spread[group]
         terms = args.terms[group]
-        parameters, amounts = values[: len(PARAMETERS)], values[len(PARAMETERS) :]
+        parameters, amounts = values[: len(PARAMETERS)], values[len(PARAMETERS) : -PUSHES]
         # Without heat (valve.heat_retention None) its entry stands in the vector but nothing depends on it.
         heat = args.valve.heat_retention is not None
         names = PARAMETERS if heat else PARAMETERS[:-1]
@@ -104,8 +117,12 @@ def readings_of_rows(
         thicker = rowwise.index(str(factor_on("viscosity")))
         amounts = amounts.at[thicker].set((1.0 + amounts[thicker]) * terms.viscosity - 1.0)
         valve = with_amounts(valve, rowwise, amounts)
-        found |= predict_group(valve, group, tests, args.data.conditions)
-    return found
+        if storing and group == STORED_GROUP:
+            readings, stored = predict_stored(valve, tests, args.data.conditions, values[-PUSHES:])
+            found |= readings
+        else:
+            found |= predict_group(valve, group, tests, args.data.conditions)
+    return found, stored
 
 
 def residual_and_columns(
@@ -113,31 +130,49 @@ def residual_and_columns(
 ) -> tuple[Float[Array, " residuals"], Float[Array, "all residuals"]]:
     """Residuals and the columns of their Jacobian, one reverse pass per channel that shares its rows with others.
 
-    Filters act last: they are linear in the flow and leave constants alone, so they commute with scale and offset.
+    Where ports store oil, two more passes say how a row's parameters move its port pressures if the row before stays, and
+    a linear recursion takes that along the sweep. Filters act last: they are linear in the flow and leave constants alone,
+    so they commute with scale and offset.
     """
     data, filters = args.data, split(effects)[1]
     groups = groups_of(data.conditions)
-    rowwise = p[: len(p) - len(filters)]
+    entries = len(p) - len(filters)
+    whole = jnp.concatenate([p[:entries], jnp.zeros(PUSHES)])
     spread = {
-        group: jnp.broadcast_to(rowwise[:, None], (rowwise.shape[0], group_rows(data.conditions, tests)))
+        group: jnp.broadcast_to(whole[:, None], (whole.shape[0], group_rows(data.conditions, tests)))
         for group, tests in groups.items()
     }
 
-    def of_rows(spread: dict[str, Float[Array, "all rows"]]) -> tuple[Float[Array, " padded"], ...]:
-        found = readings_of_rows(effects, spread, args)
-        return tuple(found[c.test][c.name] for c in data.channels)
+    def of_rows(spread: dict[str, Float[Array, "all rows"]]) -> tuple[tuple[Array, ...], Array | None, Array | None]:
+        found, stored = readings_of_rows(effects, spread, args)
+        readings = tuple(found[c.test][c.reads] for c in data.channels)
+        return readings, None if stored is None else stored.source, None if stored is None else stored.carried
 
-    readings, pull = jax.vjp(of_rows, spread)
+    (readings, source, carried), pull = jax.vjp(of_rows, spread)
+    none = lambda values: None if values is None else jnp.zeros_like(values)
     slopes: dict[int, Array] = {}
     for layer in channel_layers(data):
         ones = tuple(jnp.ones_like(r) if i in layer else jnp.zeros_like(r) for i, r in enumerate(readings))
-        pulled = pull(ones)[0]
+        pulled = pull((ones, none(source), none(carried)))[0]
         for i in layer:
             slopes[i] = rows_of_test(pulled, data.channels[i].test, groups, data)
+    moved: list[dict[str, Array]] = []
+    if source is not None and carried is not None:
+        still = tuple(jnp.zeros_like(r) for r in readings)
+        by_port = [
+            pull((still, jnp.zeros_like(source).at[port].set(1.0), none(carried)))[0][STORED_GROUP][:entries]
+            for port in range(PUSHES)
+        ]
+        along = jax.vmap(lambda sources: along_rows(carried, sources), in_axes=1)(jnp.stack(by_port))
+        moved = [{STORED_GROUP: along[:, port]} for port in range(PUSHES)]
     parts, columns = [], []
     for i, channel in enumerate(data.channels):
-        reading, column = readings[i], slopes[i]
-        for name, amount in zip(filters, p[len(rowwise) :], strict=True):
+        reading, column = readings[i], slopes[i][:entries]
+        if moved and channel.test in groups[STORED_GROUP]:
+            for port in range(PUSHES):
+                own = rows_of_test(moved[port], channel.test, {STORED_GROUP: groups[STORED_GROUP]}, data)
+                column = column + slopes[i][entries + port] * own
+        for name, amount in zip(filters, p[entries:], strict=True):
             reading, column = _filtered(name, amount, channel, reading, column, args)
         reading, column = data.means(channel.test, reading), data.means(channel.test, column)
         parts.append(whiten(args.whitening[i], (reading - channel.value) * channel.weight))

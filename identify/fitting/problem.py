@@ -23,7 +23,7 @@ from thermohyd.identify.reduction.monotone_pieces import run_ids
 
 from .boxes import Box
 from .least_squares import LeastSquaresResult, solve
-from .library import Library, coupled, library_for, with_heat
+from .library import Library, coupled, library_for, stores, with_heat
 from .library_program import LibraryArgs, RowTerms, library_program, order_of
 from .parameters import IN_MOTION, PARAMETERS, SEEN_IN_MOTION, ParameterPlan
 from .starts import basin_hopping
@@ -150,9 +150,13 @@ class StaticReadings:
         return PARAMETERS
 
     def program(self, chosen: tuple[str, ...]) -> tuple[str, ...]:
-        if not any(coupled(name) for name in chosen):
+        heat = with_heat(chosen) or self._heat_asked
+        tied = any(coupled(name) for name in chosen)
+        if any(stores(name) for name in chosen):
+            return self.library.names if tied else self.library.uncoupled if heat else self.library.stored
+        if not tied:
             return self.library.plain
-        return self.library.names if with_heat(chosen) or self._heat_asked else self.library.cold
+        return self.library.steady if heat else self.library.cold
 
     def order(self, program: tuple[str, ...]) -> tuple[str, ...]:
         return order_of(program)
@@ -187,7 +191,7 @@ class StaticReadings:
             weight = channel.weight
             if self.used is not None:
                 weight = weight * pad(self.used[key].astype(float), fill=0.0, size=coarse_size)
-            channels.append(type(channel)(channel.test, channel.name, channel.value, weight))
+            channels.append(replace(channel, weight=weight))
         data = type(data)(data.conditions, tuple(channels), data.weights)
         return LibraryArgs(base_valve(self.record, values, heat=True), data, tuple(whitening), self._row_terms(data))
 
@@ -406,13 +410,23 @@ class Problem:
             return fit
         (part,) = self.readings
         present = [name for name in fit.order if name not in self.parameters and fit.values[name] != 0.0]
-        other = part.program(() if with_heat(missing) else (*present, *missing))
-        held = {name: value for name, value in fit.values.items() if name in self.parameters or name in other}
-        beside = self._evaluate(held, [other])
+        steady, stored = [n for n in missing if not stores(n)], [n for n in missing if stores(n)]
+        seen = [fit]
+        if steady:
+            lasting = [name for name in present if not stores(name)]
+            seen.append(self._beside(fit, part.program(() if with_heat(steady) else (*lasting, *steady))))
+        if stored:
+            # As beside the heating: of the valve without the coupling.
+            seen.append(self._beside(fit, part.program((*(n for n in present if not coupled(n)), *stored))))
         order = part.order(self.library.names)
-        columns = [(fit if name in fit.order else beside).column(name) for name in order]
+        columns = [next(other for other in seen if name in other.order).column(name) for name in order]
         values = {name: fit.values.get(name, 0.0) for name in order}
         return replace(fit, order=order, values=values, columns=np.stack(columns, axis=1))
+
+    def _beside(self, fit: Fit, program: tuple[str, ...]) -> Fit:
+        """The same point seen by another program, without the effects that it does not have."""
+        held = {name: value for name, value in fit.values.items() if name in self.parameters or name in program}
+        return self._evaluate(held, [program])
 
     def _order(self, programs: list[tuple[str, ...]]) -> tuple[str, ...]:
         """Names of the entries of the vector: every parameter, then every effect that a program has."""

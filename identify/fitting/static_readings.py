@@ -17,7 +17,8 @@ from jaxtyping import Array, Float
 from thermohyd.conditions import Conditions
 from thermohyd.identify.bench.record import BenchRecord, TestRecord, at_first_row
 from thermohyd.oil import oil_from_definition
-from thermohyd.static_tests import blocked_port_readings, control_flow, load_flow
+from thermohyd.port_storage import StoredPorts
+from thermohyd.static_tests import blocked_port_readings, control_flow, load_flow, stored_port_rows
 from thermohyd.valve import Valve
 
 from .boxes import Box
@@ -26,7 +27,8 @@ from .parameters import ParameterPlan
 
 
 # The tests by the balance of the ports that they share.
-GROUPS = {"blocked": ("leakage", "pressure_gain"), "flow_gain": ("flow_gain",), "load_flow": ("load_flow",)}
+STORED_GROUP = "blocked"  # whose ports may store oil
+GROUPS = {STORED_GROUP: ("leakage", "pressure_gain"), "flow_gain": ("flow_gain",), "load_flow": ("load_flow",)}
 
 
 class ChannelRows(eqx.Module):
@@ -34,6 +36,7 @@ class ChannelRows(eqx.Module):
 
     test: str = eqx.field(static=True)
     name: str = eqx.field(static=True)
+    reads: str = eqx.field(static=True)  # what of the simulator's readings it is
     value: Float[Array, " padded"]
     weight: Float[Array, " padded"]
 
@@ -189,7 +192,20 @@ def predict_group(
         return {group: {"flow": control_flow(valve, conditions[group])}}
     if group == "load_flow":
         return {group: {"flow": load_flow(valve, conditions[group])}}
-    readings = blocked_port_readings(valve, _joined([conditions[test] for test in tests]))
+    return _by_test(blocked_port_readings(valve, _joined([conditions[test] for test in tests])), tests, conditions)
+
+
+def predict_stored(
+    valve: Valve, tests: tuple[str, ...], conditions: dict[str, Conditions], push: Float[Array, "2 rows"]
+) -> tuple[dict[str, dict[str, Float[Array, " padded"]]], StoredPorts]:
+    """The blocked tests' readings with every row by itself, and what ties their rows together (`stored_port_rows`)."""
+    readings, stored = stored_port_rows(valve, _joined([conditions[test] for test in tests]), push)
+    return _by_test(readings, tests, conditions), stored
+
+
+def _by_test(
+    readings: dict[str, Float[Array, " rows"]], tests: tuple[str, ...], conditions: dict[str, Conditions]
+) -> dict[str, dict[str, Float[Array, " padded"]]]:
     found: dict[str, dict[str, Array]] = {}
     first = 0
     for test in tests:
@@ -211,7 +227,7 @@ def weighted_residuals(
     found: dict[str, dict[str, Float[Array, " padded"]]], data: StaticData
 ) -> Float[Array, " readings"]:
     """(model - reading) / standard deviation, all channels behind one another, in the order of `data.channels`."""
-    parts = [(data.means(c.test, found[c.test][c.name]) - c.value) * c.weight for c in data.channels]
+    parts = [(data.means(c.test, found[c.test][c.reads]) - c.value) * c.weight for c in data.channels]
     return jnp.concatenate(parts)
 
 
@@ -223,6 +239,7 @@ def static_data(
         ChannelRows(
             test.name,
             channel.name,
+            read_by(test, channel.name),
             pad(channel.value, size=size),
             pad(1.0 / std[test.name, channel.name], fill=0.0, size=size),
         )
@@ -235,6 +252,11 @@ def static_data(
         channels,
         {name: weight for name, weight in weights.items() if weight is not None},
     )
+
+
+def read_by(test: TestRecord, channel: str) -> str:
+    """The name of a channel's readings in the simulator: a leakage may be read in the supply line."""
+    return "supply_flow" if channel == "leakage_flow" and test.meter == "supply" else channel
 
 
 def channel_slices(tests: dict[str, TestRecord], size: Size = padded_size) -> dict[tuple[str, str], slice]:
@@ -301,7 +323,7 @@ def residual_and_columns(
         found: dict[str, dict[str, Array]] = {}
         for group, tests in groups.items():
             found |= predict_group(with_parameters(args.valve, names, spread[group]), group, tests, data.conditions)
-        return tuple((data.means(c.test, found[c.test][c.name]) - c.value) * c.weight for c in data.channels)
+        return tuple((data.means(c.test, found[c.test][c.reads]) - c.value) * c.weight for c in data.channels)
 
     parts, pull = jax.vjp(of_rows, spread)
     columns: dict[int, Array] = {}

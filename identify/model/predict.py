@@ -25,7 +25,7 @@ from thermohyd.identify.bench.errors import BenchInputError
 from thermohyd.identify.bench.record import BenchRecord, TestRecord
 from thermohyd.identify.bench.units import from_si
 from thermohyd.identify.fitting.starts import reversed_channels, warning_of
-from thermohyd.identify.fitting.static_readings import base_valve, conditions_of, pad, predict, with_parameters
+from thermohyd.identify.fitting.static_readings import base_valve, conditions_of, pad, predict, read_by, with_parameters
 from thermohyd.identify.reduction.reduce import smooth_sweep
 from thermohyd.identify.result import Result
 from thermohyd.numerics import require_float64
@@ -275,7 +275,7 @@ def predict_test(model: Model, record: BenchRecord, test: TestRecord) -> dict[st
     free = model.free if model.covariance is not None else ()
     acting = acting_effects(model)
     filters = sorted(
-        (name for name in acting if not effect_info(name).rowwise),
+        (name for name in acting if not effect_info(name).rowwise and not effect_info(name).stores),
         key=lambda name: effect_info(name).effect_class.order,
     )
     rowwise = tuple(name for name in free if name not in filters)
@@ -289,8 +289,8 @@ def predict_test(model: Model, record: BenchRecord, test: TestRecord) -> dict[st
         )
         count = rows.stop - rows.start
         for name in channels:
-            columns[name][0, rows] = np.asarray(found[test.name][name])[:count]
-            columns[name][1:, rows] = np.asarray(slopes[test.name][name])[:count].T
+            columns[name][0, rows] = np.asarray(found[test.name][read_by(test, name)])[:count]
+            columns[name][1:, rows] = np.asarray(slopes[test.name][read_by(test, name)])[:count].T
     out: dict[str, tuple[np.ndarray, np.ndarray]] = {}
     for name in channels:
         slope = dict(zip(("", *rowwise), columns[name], strict=True))  # the reading itself under no name

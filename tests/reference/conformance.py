@@ -93,6 +93,25 @@ def more_rows(name: str) -> MoreRows:
     return MoreRows(rows, readings, more_truth()["files"][name])
 
 
+@cache
+def rows_in_time(name: str) -> tuple[Rows, dict[str, np.ndarray], dict]:
+    """A file with storage at the ports: its rows, {reading: values}, and what stands behind them (SI)."""
+    path = FOLDER / "more" / f"{name}.csv"
+    header = path.read_text(encoding="utf-8").split("\n", 1)[0].split(",")
+    table = np.loadtxt(path, delimiter=",", skiprows=1)
+    own = {title.split(" [")[0]: table[:, i] for i, title in enumerate(header)}
+    rows = Rows(
+        own["spool_position"],
+        own["supply_pressure"],
+        own["return_pressure"],
+        own["temperature"],
+        time=own["time"],
+        run=own["run"].astype(int),
+    )
+    readings = {key: own[key] for key in ("supply_flow", "pressure_a", "pressure_b")}
+    return rows, {"leakage_flow": own["return_flow"], **readings}, more_truth()["files"][name]
+
+
 def valve_and_oil_of(truth: dict) -> tuple[Valve, Oil]:
     """Those behind a file of tests/conformance/more."""
     whole = more_truth()

@@ -133,12 +133,12 @@ class AbstractCrossingEffect(AbstractEffect):
 class AbstractStorageEffect(AbstractEffect):
     """Oil that a blocked port stores as its pressure rises, and so a balance of each port along the time of a sweep.
 
-    `substeps`: how many steps the time between two rows is cut into.
+    `substeps`: how many steps the time between two rows is cut into; of several effects the most count.
     """
 
     stage: ClassVar[str] = "storage"
     rowwise: ClassVar[bool] = False
-    substeps: ClassVar[int] = 1
+    substeps: eqx.AbstractVar[int]
 
     @abc.abstractmethod
     def compliance(self) -> Float[Array, "2 #rows"]:

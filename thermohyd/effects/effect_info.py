@@ -126,6 +126,11 @@ class EffectInfo:
         return "lines" in self.stages or "crossing" in self.stages
 
     @property
+    def stores(self) -> bool:
+        """Whether it ties the rows of a sweep together through what the ports store, and so is no filter on readings."""
+        return "storage" in self.stages
+
+    @property
     def on_readings(self) -> bool:
         """Whether it changes what the static bench's instruments say, and so stays on that bench."""
         return "readings" in self.stages
