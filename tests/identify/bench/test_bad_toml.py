@@ -215,6 +215,11 @@ SPOILED = {
         'file = "leakage.csv"\n[start]\ndischarge_coefficient = 11\n',
         'bench.toml, line 18, [start] discharge_coefficient: "11" is out of range; it must be from 0.001 to 10',
     ),
+    "meter": (
+        'file = "leakage.csv"\n',
+        'file = "leakage.csv"\nmeter = "tank"\n',
+        "bench.toml, line 17, [tests.leakage] meter: must be one of return, supply",
+    ),
     "start key": (
         'file = "leakage.csv"\n',
         'file = "leakage.csv"\n[start]\nclearance = { val = "1 um" }\n',

@@ -1,0 +1,99 @@
+"""A fit's Jacobian where blocked ports store oil: every row by itself and a recursion, against forward mode; the meter's line."""
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from helpers.quick_compile import quick_compile
+from helpers.small_bench import VALVE, conditions_only, record_of
+
+from thermohyd.effects.library import with_effects
+from thermohyd.identify.fitting.library import library_for
+from thermohyd.identify.fitting.library_program import LibraryArgs, RowTerms, order_of, residual_and_columns
+from thermohyd.identify.fitting.parameters import PARAMETERS
+from thermohyd.identify.fitting.static_readings import (
+    base_valve,
+    conditions_of,
+    group_rows,
+    groups_of,
+    predict,
+    static_data,
+)
+from thermohyd.identify.noise.correlation import NoiseCorrelation
+from thermohyd.identify.noise.whitening import whitening_of
+from thermohyd.identify.reduction.monotone_pieces import run_ids
+
+
+EFFECTS = ("viscosity_shift", "port_compliance_a", "port_compliance_b")
+AMOUNTS = (0.02, 6e-13, 2e-13)
+SIZE = {"leakage": 1e-7, "pressure_gain": 1e5}
+
+
+def record():
+    """Two slow cycles of each test; the leakage is read in the supply line."""
+    tests = {
+        "leakage": conditions_only("leakage", (1, 4), meter="supply"),
+        "pressure_gain": conditions_only("pressure_gain", (1,)),
+    }
+    return record_of(tests)
+
+
+def test_columns_against_forward_mode():
+    bench = record()
+    std = {(name, test.channels[0].name): np.full(test.rows, SIZE[name]) for name, test in bench.tests.items()}
+    data = static_data(bench.tests, std)
+    assert [channel.reads for channel in data.channels] == ["supply_flow", "load_pressure"]
+    groups = groups_of(data.conditions)
+    rows = {group: group_rows(data.conditions, tests) for group, tests in groups.items()}
+    one = {g: RowTerms(np.ones((7, n)), np.zeros((7, n)), np.ones(n)) for g, n in rows.items()}
+    whitening = tuple(
+        whitening_of(NoiseCorrelation(), run_ids(test), data.conditions[name].position.shape[0])
+        for name, test in bench.tests.items()
+    )
+    values = {name: getattr(VALVE, name, 0.0) for name in PARAMETERS}
+    valve = replace(base_valve(bench, values), heat_retention=None)
+    args = LibraryArgs(valve, data, whitening, one)
+    point = jnp.asarray([*values.values(), *AMOUNTS])
+    assert order_of(EFFECTS) == (*PARAMETERS, *EFFECTS)
+
+    def plainly(p):
+        named = dict(zip(order_of(EFFECTS), p, strict=True))
+        own = replace(valve, **{name: named[name] for name in PARAMETERS if name != "heat_retention"})
+        own = with_effects(own, {name: named[name] for name in EFFECTS})
+        found = predict(own, data.conditions)
+        return jnp.concatenate([(found[c.test][c.reads] - c.value) * c.weight for c in data.channels])
+
+    with quick_compile():
+        residual, columns = jax.jit(lambda p: residual_and_columns(EFFECTS, p, args))(point)
+        expected, slopes = jax.jit(lambda p: (plainly(p), jax.jacfwd(plainly)(p)))(point)
+    np.testing.assert_allclose(residual, expected, atol=1e-6 * float(jnp.max(jnp.abs(expected))))
+    for name, own, other in zip(order_of(EFFECTS), columns, slopes.T, strict=True):
+        size = float(jnp.max(jnp.abs(other)))
+        assert np.all(np.isfinite(np.asarray(own)))
+        np.testing.assert_allclose(own, other, atol=1e-6 * size if size else 1e-300, err_msg=name)
+
+
+def test_programs_with_and_without_storage():
+    """Only who asks for storage waits for its program; heat and lines stay out of it as long as they may."""
+    library = library_for(record().tests.values())
+    assert "port_compliance_a" in library.names
+    assert not {"port_compliance_a", "supply_droop"} & set(library.plain)
+    assert "port_compliance_a" not in library.cold
+    assert "port_compliance_b" in library.stored
+    assert not {"cross_port_leakage", "throttle_heating"} & set(library.stored)
+    timeless = [replace(test, time=None, rate=None) for test in record().tests.values()]
+    assert "needs the column time" in library_for(timeless).impossible["port_compliance_a"]
+
+
+def test_runs_of_two_tests_stay_apart():
+    """Rows of the second test do not follow those of the first one."""
+    bench = record()
+    values = {name: getattr(VALVE, name) for name in PARAMETERS if name != "heat_retention"}
+    valve = with_effects(base_valve(bench, values), {"port_compliance_a": 6e-13})
+    conditions = {name: conditions_of(test) for name, test in bench.tests.items()}
+    with quick_compile():
+        both = predict(valve, conditions)
+        alone = predict(valve, {"pressure_gain": conditions["pressure_gain"]})
+    for channel, value in alone["pressure_gain"].items():
+        np.testing.assert_allclose(both["pressure_gain"][channel], value, rtol=1e-9, atol=1e-9 * np.max(np.abs(value)))
