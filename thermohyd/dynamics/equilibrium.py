@@ -32,7 +32,7 @@ def scaling_of(plant: Plant, around: Surroundings) -> Scaling:
     v, j = plant.valve, plant.actuator
     span = around.supply_pressure - around.return_pressure
     rho = density(plant.oil, around.supply_pressure, around.temperature)
-    speed = v.discharge_coefficient * v.slot_width * v.stroke * jnp.sqrt(span / rho) / j.piston_area
+    speed = v.discharge_coefficient * v.slot_width * v.stroke * jnp.sqrt(span / rho) / j.mean_area
     omega = 2.0 * jnp.pi * j.spool_frequency
     zero, pair = jnp.zeros(()), jnp.zeros(2)
     warm = plant.keeps_heat
@@ -66,7 +66,7 @@ def equilibrium(plant: Plant, scaling: Scaling, time: Float[Array, ""]) -> tuple
     def imbalance(unknown: Float[Array, " unknowns"]) -> Float[Array, " unknowns"]:
         state = state_of(unknown)
         now = instant(plant, state, around, command)
-        force = plant.actuator.piston_area * (around.supply_pressure - around.return_pressure)
+        force = plant.actuator.mean_area * (around.supply_pressure - around.return_pressure)
         rows = [thrust(plant, around, state) / force]
         if not closed:
             rows.append((now.target - state.spool) / plant.valve.stroke)
@@ -78,7 +78,7 @@ def equilibrium(plant: Plant, scaling: Scaling, time: Float[Array, ""]) -> tuple
             assert now.sources.renewal is not None
             rows.append(now.sources.heating / (now.sources.renewal + 1e-12) / KELVINS)
         # A tenth of the flow at full opening.
-        turnover = 0.1 * scaling.size.velocity * plant.actuator.piston_area / plant.actuator.chamber_volume
+        turnover = 0.1 * scaling.size.velocity * plant.actuator.areas / plant.actuator.volumes
         return jnp.concatenate([jnp.atleast_1d(row) for row in (*rows, now.sources.squeeze / turnover)])
 
     unknown, left = _root(imbalance, fixed[free])
@@ -110,7 +110,8 @@ def _first_guess(plant: Plant, scaling: Scaling, around: Surroundings, command: 
     """Both ports about the middle, apart by what carries the external force; the spool at null or at its command."""
     middle = 0.5 * (around.supply_pressure + around.return_pressure)
     limit = 0.49 * (around.supply_pressure - around.return_pressure)
-    half = jnp.clip(0.5 * around.external_force / plant.actuator.piston_area, -limit, limit)
+    missing = around.external_force - plant.actuator.push(jnp.stack([middle, middle]))
+    half = jnp.clip(0.5 * missing / plant.actuator.mean_area, -limit, limit)
     zero = jnp.zeros(())
     asked = asked_position(plant, command, zero)
     closed = plant.kind == "setpoint"
