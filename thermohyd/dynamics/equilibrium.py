@@ -20,6 +20,7 @@ from .vector_field import asked_position, instant, loop_gain, thrust
 # Newton converges in 5 to 10 turns; the limit only ends a search that has no root (a force beyond what the supply holds).
 MOST_TURNS = 200
 KELVINS = 10.0
+UNRENEWED = 1e-18  # 1/s: nothing beside the slowest renewal, and not zero beside none
 # Of the scaled imbalances: rounding leaves less than 1e-14.
 BALANCED, ROUNDING = 1e-11, 1e-15
 
@@ -76,7 +77,10 @@ def equilibrium(plant: Plant, scaling: Scaling, time: Float[Array, ""]) -> tuple
         if now.sources.heating is not None:
             # Not the rate, but how far the temperature is from where its inflow takes it: nearly linear in everything.
             assert now.sources.renewal is not None
-            rows.append(now.sources.heating / (now.sources.renewal + 1e-12) / KELVINS)
+            assert state.temperature is not None
+            # A chamber that a load empties towards supply and return alike keeps any temperature for ever: it starts at T_s.
+            kept = UNRENEWED * (around.temperature - state.temperature)
+            rows.append((now.sources.heating + kept) / (now.sources.renewal + UNRENEWED) / KELVINS)
         # A tenth of the flow at full opening.
         turnover = 0.1 * scaling.size.velocity * plant.actuator.areas / plant.actuator.volumes
         return jnp.concatenate([jnp.atleast_1d(row) for row in (*rows, now.sources.squeeze / turnover)])
