@@ -1,5 +1,7 @@
 """The actuator on the valve: a jack on a rigid anchorage, its load, and its position loop (docs/physics.md section 9)."""
 
+from dataclasses import fields
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -11,15 +13,16 @@ from .numerics import require_float64
 
 # What the two sides share, by default; or each has its own, under the same name with _a and _b.
 SHARED = {"piston_area": 12e-4, "chamber_volume": 60e-6}
+SIDES = ("", "_a", "_b")
 POSITIVE = (
-    "piston_area", "piston_area_a", "piston_area_b", "chamber_volume", "chamber_volume_a", "chamber_volume_b", "moving_mass", "rated_current", "spool_frequency", "spool_damping", "bulk_modulus_factor",
-    "piston_stroke",
+    *(f"{name}{side}" for name in SHARED for side in SIDES),
+    "moving_mass", "rated_current", "spool_frequency", "spool_damping", "bulk_modulus_factor", "piston_stroke",
 )  # fmt: skip
 NOT_NEGATIVE = ("viscous_friction", "coulomb_friction", "jack_leakage")
 # (field, greatest, what is meant): far beyond any jack, and where numbers in bench units lie.
 SIZES = (
-    *((f"piston_area{side}", 1.0, "areas are in m2: 12 cm2 is 12e-4") for side in ("", "_a", "_b")),
-    *((f"chamber_volume{side}", 5.0, "volumes are in m3: 60 cm3 is 60e-6") for side in ("", "_a", "_b")),
+    *((f"piston_area{side}", 1.0, "areas are in m2: 12 cm2 is 12e-4") for side in SIDES),
+    *((f"chamber_volume{side}", 5.0, "volumes are in m3: 60 cm3 is 60e-6") for side in SIDES),
     ("rated_current", 5.0, "currents are in A: 25 mA is 25e-3"),
 )
 
@@ -61,15 +64,17 @@ class Actuator(eqx.Module):
 
     def __post_init__(self) -> None:
         for name, default in SHARED.items():
-            if all(getattr(self, f"{name}{side}") is None for side in ("", "_a", "_b")):
+            if all(getattr(self, f"{name}{side}") is None for side in SIDES):
                 setattr(self, name, default)
 
     def __check_init__(self) -> None:
         require_float64("an Actuator")
         for name in SHARED:
-            shared, a, b = (getattr(self, f"{name}{side}") is not None for side in ("", "_a", "_b"))
+            shared, a, b = (getattr(self, f"{name}{side}") is not None for side in SIDES)
             if a != b:
-                raise ArgumentValueError(f"{name}_{'b' if a else 'a'} is missing: {name}_a and {name}_b are given together")
+                raise ArgumentValueError(
+                    f"{name}_{'b' if a else 'a'} is missing: {name}_a and {name}_b are given together"
+                )
             if shared and a:
                 raise ArgumentValueError(f"give {name}, of both sides, or {name}_a and {name}_b, not all three")
         for name in POSITIVE:
@@ -87,11 +92,21 @@ class Actuator(eqx.Module):
             of, filled = (n if getattr(self, n) is not None else f"{n}{side}" for n in SHARED)
             area, volume = known(of, getattr(self, of)), known(filled, getattr(self, filled))
             # Long jacks exist, and longer ones in thought; none sweeps a hundred times the oil in it.
-            if area is not None and stroke is not None and volume is not None and (area * stroke > 200.0 * volume).any():
+            if (
+                area is not None
+                and stroke is not None
+                and volume is not None
+                and (area * stroke > 200.0 * volume).any()
+            ):
                 raise ArgumentValueError(
                     f"piston_stroke {np.max(stroke):g} sweeps far more than the {filled} {np.min(volume):g} m3 holds: "
                     "lengths are in m, 50 mm is 50e-3"
                 )
+
+    def to_dict(self) -> dict[str, float]:
+        """{field: its number, SI}, without what is None."""
+        given = {field.name: getattr(self, field.name) for field in fields(self)}
+        return {name: float(value) for name, value in given.items() if value is not None}
 
     @property
     def areas(self) -> Float[Array, "..."]:

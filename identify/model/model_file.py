@@ -22,6 +22,7 @@ from thermohyd.identify.bench.record import (
     BenchRecord,
     ValveData,
     is_dynamic,
+    misgiven_side,
 )
 from thermohyd.identify.fitting.parameters import IN_MOTION, heat_retention, identified_by_default, identified_in_motion
 from thermohyd.identify.fitting.result import FitResult
@@ -127,6 +128,8 @@ class ModelReader:
                 raise self.fail(f'"actuator" "{key}" must be {"positive" if free_of_zero else "zero or more"}')
         if ("amplifier_gain" in numbers) != ("sensor_gain" in numbers):
             raise self.fail('"actuator" needs both "amplifier_gain" and "sensor_gain", or neither')
+        if wrong := misgiven_side(numbers):
+            raise self.fail(f'"actuator" "{wrong[0]}" {wrong[1]}')
         jack = ActuatorData(**numbers, heat=str(table.get("heat", "adiabatic")))
         given = content.get("dynamics", {})
         if not isinstance(given, dict):
@@ -301,7 +304,7 @@ def _content(model: Model, entries: dict[str, dict[str, Any]], about: dict[str, 
         "effects": {name: entries[name] for name in model.effects},
     }
     if model.actuator is not None:
-        content["actuator"] = asdict(model.actuator)
+        content["actuator"] = model.actuator.to_dict()
         content["dynamics"] = {name: entries[name] for name in model.dynamics}
     if model.fitted:
         content["fitted_range"] = {
