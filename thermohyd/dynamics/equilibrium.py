@@ -23,6 +23,7 @@ KELVINS = 10.0
 UNRENEWED = 1e-18  # 1/s: nothing beside the slowest renewal, and not zero beside none
 # Of the scaled imbalances: rounding leaves less than 1e-14.
 BALANCED, ROUNDING = 1e-11, 1e-15
+SHORTEST = 1e-3  # of a Newton step
 
 
 def scaling_of(plant: Plant, around: Surroundings) -> Scaling:
@@ -135,7 +136,9 @@ def _unknowns(base: State, count: int, closed: bool) -> np.ndarray:
 def _root(fn, start: Float[Array, " unknowns"]) -> tuple[Float[Array, " unknowns"], Float[Array, ""]]:
     """(root by damped Newton from `start`, largest imbalance left); derivatives by the implicit function theorem.
 
-    One evaluation, value and Jacobian together, per turn: a point that is no better than the best one halves the step.
+    One evaluation, value and Jacobian together, per turn: a point that is no better than the best one shortens the step. Where
+    even a short one is none better, the search stands before a kink, such as a chamber at the return's pressure, behind which the
+    slopes are others: it goes on with the whole step.
     """
 
     def newton(fn, start: Array) -> tuple[Array, Array]:
@@ -147,11 +150,12 @@ def _root(fn, start: Float[Array, " unknowns"]) -> tuple[Float[Array, " unknowns
 
         def step(carry: tuple[Array, ...]) -> tuple[Array, ...]:
             best, size, move, length, turn = carry
-            tried = best - length * move
+            stuck = (length < SHORTEST) & (size >= BALANCED)
+            tried = best - jnp.where(stuck, 1.0, length) * move
             value, push = jax.linearize(fn, tried)
             jacobian = jax.vmap(push, out_axes=1)(columns)
             norm = jnp.max(jnp.abs(value))
-            better = norm < size  # never where a value is NaN
+            better = (norm < size) | (stuck & jnp.isfinite(norm))  # never where a value is NaN
             newton_step = jnp.linalg.solve(jacobian, value)
             return (
                 jnp.where(better, tried, best),
