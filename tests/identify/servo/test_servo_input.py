@@ -3,8 +3,10 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from thermohyd.data import sample_record
@@ -57,6 +59,16 @@ def test_record_with_a_model_and_settings(model_file, tmp_path):
     assert float(subject.actuator.moving_mass) == 30.0
     assert float(subject.actuator.piston_area) == pytest.approx(20e-4)
     assert any("No controller" in note for note in subject.notes)
+
+
+def test_settings_replace_what_a_model_says_of_a_side(model_file):
+    request = read_request("0 40 degC", "2 mm", None, None, Settings())
+    sides = {"piston_area_a": 12e-4, "piston_area_b": 8e-4}
+    jack = subject_of(replace(read_source(model_file, None, None), settings=Settings(actuator=sides)), request)
+    assert jack.actuator.piston_area is None
+    assert np.asarray(jack.actuator.areas) == pytest.approx([12e-4, 8e-4])
+    assert float(jack.actuator.volumes) == pytest.approx(80e-6)
+    assert any("sides are unequal" in note for note in jack.notes)
 
 
 @pytest.mark.parametrize("text", ["40, -20 ,0 degC", "40 -20 0 °C", "313.15 253.15 273.15 K", "-20 0 40 40 degC"])
