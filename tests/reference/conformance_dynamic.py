@@ -3,6 +3,7 @@
 import json
 from functools import cache
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -13,7 +14,11 @@ from reference.valve import Valve
 
 FOLDER = Path(__file__).parents[1] / "conformance"
 DYNAMIC, UNEQUAL = "dynamic", "unequal"  # one run per dynamic effect; a jack of unequal areas on an overlapped valve
-KINDS = {"closed": "setpoint", "current": "current", "spool": "spool_position"}
+KINDS: dict[str, Literal["setpoint", "current", "spool_position"]] = {
+    "closed": "setpoint",
+    "current": "current",
+    "spool": "spool_position",
+}
 
 
 @cache

@@ -36,7 +36,7 @@ def model_file(tmp_path):
 def test_model_with_a_jack_of_its_own(model_file):
     source = read_source(model_file, None, None)
     subject = subject_of(source, read_request("0 40 degC", "2 mm", "140 bar", "0.1 A/V", Settings()))
-    assert float(subject.actuator.piston_area) == pytest.approx(20e-4)
+    assert float(subject.actuator.areas) == pytest.approx(20e-4)
     assert float(subject.actuator.amplifier_gain) == pytest.approx(0.1)
     assert (subject.supply_pressure, subject.return_pressure) == pytest.approx((140e5, 2e5))
     assert subject.margins_without == ("backlash",)
@@ -57,7 +57,7 @@ def test_record_with_a_model_and_settings(model_file, tmp_path):
     assert subject.temperatures == pytest.approx((273.15,))
     assert subject.supply_pressure == pytest.approx(70e5, rel=1e-2)
     assert float(subject.actuator.moving_mass) == 30.0
-    assert float(subject.actuator.piston_area) == pytest.approx(20e-4)
+    assert float(subject.actuator.areas) == pytest.approx(20e-4)
     assert any("No controller" in note for note in subject.notes)
 
 
