@@ -81,8 +81,8 @@ def _rates(machine: Machine, state, setpoint, theta):
         leaving = _flow(valve, oil, u - side * open_, p, pt, t, ts)
         rho, alpha, beta = oil.laws(p, t)
         beta = beta * j.bulk_modulus_factor * theta[8]
-        volume = j.chamber_volume + side * j.piston_area * z
-        squeeze = (entering - leaving + own_leak) / (rho * volume) - side * j.piston_area * speed / volume
+        volume = float(j.mid_volumes[0]) + side * float(j.areas[0]) * z
+        squeeze = (entering - leaving + own_leak) / (rho * volume) - side * float(j.areas[0]) * speed / volume
         brought = 0.0
         for mass, origin, up in ((entering, ps, ts), (-leaving, pt, ts), (own_leak, p_other, t_other)):
             brought += ca.fmax(mass, 0.0) * (up + oil.rise(origin - p, 0.5 * (origin + p), up) - t)
@@ -93,7 +93,7 @@ def _rates(machine: Machine, state, setpoint, theta):
     target = ca.fmin(ca.fmax(gain * (setpoint - z), -j.stroke), j.stroke)
     omega = 2.0 * np.pi * j.spool_frequency * theta[6]
     ax = omega**2 * (target - x) - 2.0 * j.spool_damping * theta[7] * omega * vx
-    force = j.piston_area * (pa - pb) - j.viscous_friction * theta[9] * speed - fe
+    force = float(j.areas[0]) * (pa - pb) - j.viscous_friction * theta[9] * speed - fe
     (dpa, dta), (dpb, dtb) = rates
     return ca.vertcat(vx, ax, dpa, dpb, dta, dtb, speed, force / j.moving_mass)
 
@@ -109,7 +109,7 @@ def _start(machine: Machine, theta):
     rates = _rates(machine, scaled * STATES, first, given)
     unbalanced = ca.vertcat(rates[2:6] / ca.DM(TURNOVERS), rates[7])
     root = ca.rootfinder("start", "newton", {"x": unknown, "p": given, "g": unbalanced}, {"abstol": 1e-12})
-    middle, half = 0.5 * (ps + pt), 0.5 * fe / j.piston_area
+    middle, half = 0.5 * (ps + pt), 0.5 * fe / float(j.areas[0])
     guess = np.array([machine.valve.null_bias, middle + half, middle - half, ts, ts]) / STATES[[0, 2, 3, 4, 5]]
     found = root(x0=guess, p=theta)["x"]
     return ca.Function("scaled", [unknown], [scaled])(found)

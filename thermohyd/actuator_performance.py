@@ -21,12 +21,18 @@ from thermohyd.effects.effect import (
 )
 
 from .actuator import Actuator
-from .arguments import Heat, share_of_heat
+from .arguments import ArgumentValueError, Heat, share_of_heat
 from .conditions import Conditions
 from .oil import Oil, bulk_modulus, density, expansion, specific_heat
 from .ports import port_flows
 from .static_tests import blocked_state, return_flow
 from .valve import Valve, coupling, heat_kept, metering_edges, read_out, true_conditions, true_oil
+
+
+SYMMETRIC_ONLY = (
+    "the linear performance is that of a symmetric jack, with piston_area and chamber_volume of both sides; loop_sweep and "
+    "frequency_response linearise the equations of an unequal one"
+)
 
 
 def phase_crossover(
@@ -179,24 +185,31 @@ def performance_at(
     supply_pressure: Float[Array, " rows"],
     gamma: Float[Array, ""],
 ) -> Performance:
-    """The appendix's formulas on a valve's state at null; `stroke` X_n ties the current to the spool."""
+    """The appendix's formulas on a valve's state at null; `stroke` X_n ties the current to the spool.
+
+    Raises ArgumentValueError for an unequal jack: at rest its ports are no mirror of each other, and chambers that differ make its
+    characteristic polynomial one of third order, which omega_h and xi_h do not describe.
+    """
     j = actuator
-    area2 = jnp.square(j.piston_area)
+    if not j.symmetric:
+        raise ArgumentValueError(SYMMETRIC_ONLY)
+    area = j.areas
+    area2 = jnp.square(area)
     by_current = stroke / j.rated_current
     k_qi, k_pi = null.flow_gain * by_current, null.pressure_gain * by_current
     leak = j.jack_leakage + null.flow_pressure_gain  # A
     beta = null.bulk_modulus * j.bulk_modulus_factor
-    stiffness = 2.0 * beta * area2 / j.chamber_volume  # r_h
+    stiffness = 2.0 * beta * area2 / j.volumes  # r_h
     g = 1.0 + leak * j.viscous_friction / area2
     omega = jnp.sqrt(g * stiffness / j.moving_mass)
     losses = leak * j.moving_mass / area2 + j.viscous_friction / stiffness
     xi = losses / (2.0 * jnp.sqrt(g * j.moving_mass / stiffness))
-    k_l = j.amplifier_gain * k_qi * j.sensor_gain / (g * j.piston_area)
+    k_l = j.amplifier_gain * k_qi * j.sensor_gain / (g * area)
     k_f = leak / (area2 * g)
     limit = gamma * xi * omega
     critical = critical_loop_gain(omega, xi, 2.0 * math.pi * j.spool_frequency, j.spool_damping)
     # A leaking jack holds less pressure per current than closed ports do: K_PI K_QP/A, which is K_PI without the leak.
-    volts = j.coulomb_friction * leak / (null.flow_pressure_gain * j.piston_area * k_pi * j.amplifier_gain)
+    volts = j.coulomb_friction * leak / (null.flow_pressure_gain * area * k_pi * j.amplifier_gain)
     return Performance(
         flow_gain=null.flow_gain,
         pressure_gain=null.pressure_gain,
@@ -251,7 +264,8 @@ def performance(
 
     temperature [K], supply_pressure, return_pressure [Pa, gauge] broadcast to the shape of every figure. heat: the share eta
     of the throttling heat that the oil keeps, 0 or "isothermal" (HM), 1 or "adiabatic" (THM); None: the valve's own. gamma: of Eq. 1,
-    below 2. Effects of the valve act, those of the bench's instruments do not: conditions are the true ones. It can be
+    below 2. Raises ArgumentValueError for a jack of unequal sides; `frequency_response` and `loop_sweep` linearise its own equations.
+    Effects of the valve act, those of the bench's instruments do not: conditions are the true ones. It can be
     jitted, vmapped and differentiated in everything, forward and reverse. Exact for small motions about null at mid stroke
     (HM, THM); half way to the end of a jack's stroke omega_h is some per cent low.
 

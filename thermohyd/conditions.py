@@ -1,6 +1,7 @@
 """The operating points of a test: one entry per row, in the order of the sweep."""
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -72,3 +73,23 @@ def operating_points(
         raise ArgumentValueError(f"operating points need numbers or arrays of one shape, not {shapes}") from None
     x, ps, pt, t = arrays[:4]
     return Conditions(x, ps, pt, t, load_pressure=arrays[4] if load_pressure is not None else None)
+
+
+def sweep_direction(position: Float[Array, " rows"], run: Float[Array, " rows"] | None) -> Float[Array, " rows"]:
+    """+1 or -1: sign of the last change of position within a run, whose rows stand together.
+
+    A repeated position keeps the direction, rows before the first movement take that of the first; +1 without any.
+    """
+    rows = jnp.arange(position.shape[0])
+    steps = jnp.sign(jnp.diff(position, prepend=position[:1]))
+    starts = rows == 0
+    if run is not None:
+        starts = starts | (jnp.diff(run, prepend=run[:1]) != 0.0)
+    moved = (steps != 0.0) & ~starts
+    first = jax.lax.cummax(jnp.where(starts, rows, 0))
+    # The row that starts the next run, seen from each row.
+    after = jax.lax.cummin(jnp.where(jnp.append(starts[1:], True), rows + 1, rows.size), reverse=True)
+    last = jax.lax.cummax(jnp.where(moved, rows, -1))
+    coming = jax.lax.cummin(jnp.where(moved, rows, rows.size), reverse=True)
+    ahead = jnp.where(coming < after, steps[jnp.minimum(coming, rows.size - 1)], 1.0)
+    return jnp.where(last >= first, steps[jnp.maximum(last, 0)], ahead)

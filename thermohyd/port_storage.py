@@ -12,9 +12,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from thermohyd.effects.effect import Coupling
-from thermohyd.effects.hysteresis import sweep_direction
 
-from .conditions import Conditions
+from .conditions import Conditions, sweep_direction
 from .coupled_ports import crossing_conductance, ports_with_crossing, with_pressures
 from .flow_balance import eliminate
 from .numerics import linear_recursion
@@ -155,7 +154,7 @@ def _nodes(read: Conditions, substeps: int) -> tuple[Conditions, Bool[Array, " r
     row, and so is the rate.
     """
     if read.time is None:
-        raise ValueError("port_compliance_a and port_compliance_b need conditions with the time of every row")
+        raise ValueError("what blocked ports store needs conditions with the time of every row")
     run = jnp.zeros_like(read.time) if read.run is None else read.run
     direction = read.direction
     if direction is None:

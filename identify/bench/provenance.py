@@ -61,7 +61,7 @@ def record_json(record: BenchRecord) -> dict[str, Any]:
         "conditions": {name: _ranges(test) for name, test in record.tests.items()},
     }
     if record.actuator is not None:
-        content["actuator"] = asdict(record.actuator)
+        content["actuator"] = record.actuator.to_dict()
     return content
 
 

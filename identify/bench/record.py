@@ -3,8 +3,8 @@
 The reader (`read_record`) makes these, `reduction` shortens them, `fit` and `simulate` consume them.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Container, Mapping
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -166,12 +166,34 @@ def at_first_row(valve: ValveData, tests: Mapping[str, TestRecord]) -> ValveData
     return valve if first is None else replace(valve, null_pressure=float(first.supply_pressure[0]))
 
 
+# What both sides of a jack share, SI, where nothing is said; an unequal jack has a pair instead, with _a and _b behind the name.
+OF_BOTH_SIDES = {"piston_area": 12e-4, "chamber_volume": 60e-6}
+
+
+def misgiven_side(given: Container[str]) -> tuple[str, str] | None:
+    """(key, what is wrong with it) where an area or a volume is given as half a pair, or as a pair and for both sides at once."""
+    for shared in OF_BOTH_SIDES:
+        a, b = f"{shared}_a", f"{shared}_b"
+        if shared in given and (a in given or b in given):
+            return shared, f"holds for both sides: give either {shared} or the pair {a}, {b}"
+        if (a in given) != (b in given):
+            one, other = (a, b) if a in given else (b, a)
+            return (
+                one,
+                f"is of one side only and {other} is missing: give both of them, or {shared} for a jack of equal sides",
+            )
+    return None
+
+
 @dataclass(frozen=True)
 class ActuatorData:
-    """The `[actuator]` table, SI. Without a controller its two gains are None, and the command drives the valve."""
+    """The `[actuator]` table, SI. Without a controller its two gains are None, and the command drives the valve.
 
-    piston_area: float = 12e-4
-    chamber_volume: float = 60e-6
+    piston_area, chamber_volume: of both sides, 12 cm2 and 60 cm3 where nothing is said; None where there is a pair of them.
+    """
+
+    piston_area: float | None = None
+    chamber_volume: float | None = None
     piston_stroke: float = 50e-3
     moving_mass: float = 50.0
     viscous_friction: float = 2000.0
@@ -183,10 +205,23 @@ class ActuatorData:
     amplifier_gain: float | None = None
     sensor_gain: float | None = None
     heat: str = "adiabatic"  # or "isothermal"
+    piston_area_a: float | None = None
+    piston_area_b: float | None = None
+    chamber_volume_a: float | None = None
+    chamber_volume_b: float | None = None
+
+    def __post_init__(self) -> None:
+        for shared, default in OF_BOTH_SIDES.items():
+            if all(getattr(self, f"{shared}{side}") is None for side in ("", "_a", "_b")):
+                object.__setattr__(self, shared, default)
 
     @property
     def closed_loop(self) -> bool:
         return self.amplifier_gain is not None
+
+    def to_dict(self) -> dict[str, Any]:
+        """The table for a JSON: of areas and volumes what was given, and null for a gain where there is no controller."""
+        return {key: v for key, v in asdict(self).items() if v is not None or not key.startswith(tuple(OF_BOTH_SIDES))}
 
 
 @dataclass(frozen=True)

@@ -77,6 +77,7 @@ _OF_AMOUNTS = {
     "m/Pa": DisplayUnit("um/100 bar", 1e13),
     "1/Pa": DisplayUnit("1/GPa", 1e9),  # how tables of pressure-viscosity coefficients give it
     "m3/(s Pa)": DisplayUnit("l/min/bar", 6e9),
+    "m3/Pa": DisplayUnit("mm3/bar", 1e14),
     "m3/s/sqrt(Pa)": DisplayUnit("l/min/sqrt(bar)", 6e4 * math.sqrt(1e5)),
     "Pa/(m3/s)": DisplayUnit("bar/(l/min)", 1e-5 / 6e4),
     "Pa/(m3/s)^2": DisplayUnit("bar/(l/min)^2", 1e-5 / 6e4**2),

@@ -12,7 +12,16 @@ from typing import Any
 
 from .columns import ABSOLUTE_RATIO, READINGS, columns_of, columns_of_frequency, columns_of_step
 from .errors import quoted, suggestion
-from .record import DYNAMIC_TESTS, STATIC_TESTS, ActuatorData, ValveData, is_dynamic, kind_of_test
+from .record import (
+    DYNAMIC_TESTS,
+    OF_BOTH_SIDES,
+    STATIC_TESTS,
+    ActuatorData,
+    ValveData,
+    is_dynamic,
+    kind_of_test,
+    misgiven_side,
+)
 from .toml_file import TomlTable
 from .units import parse_quantity
 
@@ -35,10 +44,14 @@ def read_noise(table: TomlTable, readings: Mapping[str, str] | None = None) -> d
     return {r: table.as_quantity("noise", table.data["noise"], kind, sign="positive") for r, kind in readings.items()}
 
 
-# Key: kind of quantity, sign, default (docs/bench_format.md section 2.5).
-ACTUATOR = {
+# Key: kind of quantity, sign, default (docs/bench_format.md section 2.5); None: the pairs of an unequal jack.
+ACTUATOR: dict[str, tuple[str, str, str | None]] = {
     "piston_area": ("area", "positive", "12 cm^2"),
+    "piston_area_a": ("area", "positive", None),
+    "piston_area_b": ("area", "positive", None),
     "chamber_volume": ("volume", "positive", "60 cm^3"),
+    "chamber_volume_a": ("volume", "positive", None),
+    "chamber_volume_b": ("volume", "positive", None),
     "piston_stroke": ("length", "positive", "50 mm"),
     "moving_mass": ("mass", "positive", "50 kg"),
     "viscous_friction": ("viscous friction", "not negative", "2000 N s/m"),
@@ -55,18 +68,24 @@ HEAT = ("adiabatic", "isothermal")
 def read_actuator(table: TomlTable, valve: ValveData) -> ActuatorData:
     """Read the `[actuator]` table, SI. Raises BenchInputError where it says something that an actuator cannot be."""
     table.refuse_unknown((*ACTUATOR, "controller", "heat"))
-    value = {}
+    value: dict[str, float] = {}
     for key, (kind, sign, default) in ACTUATOR.items():
         given = table.quantity(key, kind, sign=sign)
-        value[key] = parse_quantity(default, kind) if given is None else given
-    swept = 0.5 * value["piston_area"] * value["piston_stroke"]
-    if not value["chamber_volume"] > swept:
-        key = "chamber_volume" if "chamber_volume" in table else None
-        raise table.error(
-            f"the chamber volume {value['chamber_volume'] * 1e6:.6g} cm^3 must be larger than piston_area * "
-            f"piston_stroke / 2 = {swept * 1e6:.6g} cm^3, which the piston sweeps from mid stroke",
-            key,
-        )
+        if given is None and default is not None and f"{key}_a" not in table and f"{key}_b" not in table:
+            given = parse_quantity(default, kind)
+        if given is not None:
+            value[key] = given
+    if wrong := misgiven_side(table.data):
+        raise table.error(wrong[1], wrong[0])
+    for side in ("_a", "_b"):
+        area, volume = (key if key in value else f"{key}{side}" for key in OF_BOTH_SIDES)
+        swept = 0.5 * value[area] * value["piston_stroke"]
+        if not value[volume] > swept:
+            raise table.error(
+                f"the chamber volume {value[volume] * 1e6:.6g} cm^3 must be larger than {area} * "
+                f"piston_stroke / 2 = {swept * 1e6:.6g} cm^3, which the piston sweeps from mid stroke",
+                volume if volume in table else None,
+            )
     check_word(table, "heat", HEAT)
     gains: dict[str, float] = {}
     controller = table.table("controller")

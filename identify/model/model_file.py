@@ -23,6 +23,7 @@ from thermohyd.identify.bench.record import (
     ValveData,
     at_first_row,
     is_dynamic,
+    misgiven_side,
 )
 from thermohyd.identify.fitting.parameters import IN_MOTION, heat_retention, identified_by_default, identified_in_motion
 from thermohyd.identify.fitting.result import FitResult
@@ -128,6 +129,8 @@ class ModelReader:
                 raise self.fail(f'"actuator" "{key}" must be {"positive" if free_of_zero else "zero or more"}')
         if ("amplifier_gain" in numbers) != ("sensor_gain" in numbers):
             raise self.fail('"actuator" needs both "amplifier_gain" and "sensor_gain", or neither')
+        if wrong := misgiven_side(numbers):
+            raise self.fail(f'"actuator" "{wrong[0]}" {wrong[1]}')
         jack = ActuatorData(**numbers, heat=str(table.get("heat", "adiabatic")))
         given = content.get("dynamics", {})
         if not isinstance(given, dict):
@@ -302,7 +305,7 @@ def _content(model: Model, entries: dict[str, dict[str, Any]], about: dict[str, 
         "effects": {name: entries[name] for name in model.effects},
     }
     if model.actuator is not None:
-        content["actuator"] = asdict(model.actuator)
+        content["actuator"] = model.actuator.to_dict()
         content["dynamics"] = {name: entries[name] for name in model.dynamics}
     if model.fitted:
         content["fitted_range"] = {

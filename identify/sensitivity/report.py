@@ -5,7 +5,6 @@ before the first one is written.
 """
 
 from collections.abc import Iterable
-from dataclasses import fields
 from importlib.metadata import version
 from typing import Any
 
@@ -55,7 +54,7 @@ def sensitivity_json(result: SensitivityResult) -> dict[str, Any]:
             for f in result.factors
         },
         "figures": _figures(result),
-        "actuator": {field.name: float(getattr(result.actuator, field.name)) for field in fields(result.actuator)},
+        "actuator": result.actuator.to_dict(),
         "temperature": _temperature(result),
         "curves": _curves(result),
         "curve_total_indices": {

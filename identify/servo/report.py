@@ -43,7 +43,7 @@ def servo_json(study: ServoStudy) -> dict[str, Any]:
             "return_pressure": s.return_pressure,
             "step": s.step,
         },
-        "actuator": {field.name: float(getattr(s.actuator, field.name)) for field in fields(s.actuator)},
+        "actuator": s.actuator.to_dict(),
         "models": {model: _model(study, model) for model in MODELS},
         "in_words": words.sentences(study),
         "notes": s.notes,

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import ArrayLike
 
+from thermohyd.actuator import Actuator
 from thermohyd.actuator_performance import performance
 from thermohyd.arguments import Heat
 from thermohyd.control_loop import loop_margins
@@ -28,6 +29,7 @@ from thermohyd.identify.bench.shown_units import BAR, CELSIUS, CST, decibel, sig
 from thermohyd.identify.result import Result
 from thermohyd.identify.sensitivity.varied import valve_of_model
 from thermohyd.oil import walther_viscosity
+from thermohyd.valve import Valve
 
 from .subject import Subject
 
@@ -44,7 +46,7 @@ MODELS: dict[str, Heat] = {"THM": "adiabatic", "HM": "isothermal"}
 @dataclass(frozen=True)
 class LinearFormulas:
     """Performance at null by formulas (temperatures,): flow gain K_QX [m2/s], loop_gain K_l, natural_frequency [rad/s], damping
-    ratio, gain margin [-], phase margin [deg]."""
+    ratio, gain margin [-], phase margin [deg]; of an unequal jack the flow gain alone, the rest NaN."""
 
     flow_gain: np.ndarray
     loop_gain: np.ndarray
@@ -144,14 +146,22 @@ def servo_study(subject: Subject, *, rows: int = ROWS, progress: Callable[[str],
             valve, subject.actuator, warm, heat=heat, step=subject.step, seconds=lengths, rows=rows, **about
         )
         say(f"linear formulas ({model})")
-        found = performance(still, subject.actuator, temperature=warm, heat=heat, **about)
-        margins = loop_margins(found, subject.actuator)
-        names = ("flow_gain", "loop_gain", "natural_frequency", "damping_ratio")
-        own = {name: np.asarray(getattr(found, name)) for name in names}
-        linear[model] = LinearFormulas(**own, gain_margin=margins.gain_margin, phase_margin=margins.phase_margin)
+        linear[model] = _linear_formulas(still, subject.actuator, warm, heat=heat, **about)
         rise[model] = largest_gain_rise(still, warm, heat=heat, **about)
     viscosity = np.asarray(walther_viscosity(valve.oil, jnp.asarray(warm)))
     return ServoStudy(subject, viscosity, loops, steps, linear, rise, time.perf_counter() - began)
+
+
+def _linear_formulas(valve: Valve, actuator: Actuator, warm: np.ndarray, **about: Any) -> LinearFormulas:
+    """The formulas are those of a symmetric jack: of an unequal one only the valve's own flow gain is a number."""
+    found = performance(valve, actuator if actuator.symmetric else Actuator(), temperature=warm, **about)
+    if not actuator.symmetric:
+        none = np.full(warm.shape, np.nan)
+        return LinearFormulas(np.asarray(found.flow_gain), none, none, none, none, none)
+    margins = loop_margins(found, actuator)
+    names = ("flow_gain", "loop_gain", "natural_frequency", "damping_ratio")
+    own = {name: np.asarray(getattr(found, name)) for name in names}
+    return LinearFormulas(**own, gain_margin=margins.gain_margin, phase_margin=margins.phase_margin)
 
 
 COLUMNS = (

@@ -8,7 +8,7 @@ from thermohyd.dynamics.machine import motion_of
 from thermohyd.effects.library import effect, effect_info
 from thermohyd.identify.bench.columns import column_unit
 from thermohyd.identify.bench.errors import BenchInputError
-from thermohyd.identify.bench.record import ActuatorData, BenchRecord
+from thermohyd.identify.bench.record import OF_BOTH_SIDES, ActuatorData, BenchRecord
 from thermohyd.identify.bench.shown_units import KINDS
 from thermohyd.identify.fitting.motion_readings import actuator_of
 from thermohyd.identify.model.model import Model
@@ -98,8 +98,11 @@ def _actuator(source: Source, model: Model, request: Request) -> tuple[Actuator,
     actuator = actuator_of(data, model.valve.rated_current, model.dynamics)
     if request.amplifier_gain is not None:
         own = {**own, "amplifier_gain": request.amplifier_gain}
+    # What the settings say of an area or a volume replaces all that was said of it, as one number or as a pair.
+    said = tuple(shared for shared in OF_BOTH_SIDES if any(name.startswith(shared) for name in own))
+    kept = {f.name: getattr(actuator, f.name) for f in fields(actuator) if not (said and f.name.startswith(said))}
     # Actuator converts on construction, not on replacement.
-    return Actuator(**{**{f.name: getattr(actuator, f.name) for f in fields(actuator)}, **own}), notes
+    return Actuator(**{**kept, **own}), notes
 
 
 def _pressures(record: BenchRecord | None, request: Request) -> tuple[float, float]:
@@ -123,6 +126,10 @@ def _about_motion(model: Model, actuator: Actuator, without: tuple[str, ...]) ->
         notes.append(
             f"Dry friction of {friction:.4g} N acts on the margins with its slope at rest; those of a sliding piston "
             "are nearer to the linear formulas."
+        )
+    if not actuator.symmetric:
+        notes.append(
+            "The jack's sides are unequal: GM* still takes how the valve's gain rises from connected ports, with equal pressures."
         )
     if motion.spool_delay is not None:
         notes.append("The spool's delay shifts the setpoint and so lies outside the loop: the margins do not see it.")

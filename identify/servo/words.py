@@ -22,10 +22,12 @@ def conditions_in_words(study: ServoStudy) -> str:
 def actuator_in_words(study: ServoStudy) -> str:
     """Whose loop it is."""
     a = study.subject.actuator
-    area, volume = float(a.piston_area) * 1e4, float(a.chamber_volume) * 1e6
+    area, volume = (
+        " and ".join(f"{side:.3g}" for side in np.ravel(values)) for values in (a.areas * 1e4, a.volumes * 1e6)
+    )
     spool = f"spool {float(a.spool_frequency):.3g} Hz, damping {float(a.spool_damping):.2g}"
     gains = f"loop {float(a.amplifier_gain):.3g} A/V and {float(a.sensor_gain):.3g} V/m"
-    return f"Piston {area:.3g} cm2, chambers {volume:.3g} cm3, mass {float(a.moving_mass):.3g} kg; {spool}; {gains}."
+    return f"Piston {area} cm2, chambers {volume} cm3, mass {float(a.moving_mass):.3g} kg; {spool}; {gains}."
 
 
 def sentences(study: ServoStudy) -> list[str]:
@@ -141,6 +143,8 @@ def heat(study: ServoStudy) -> list[str]:
 
 def formulas(study: ServoStudy) -> str:
     """Where the linear formulas at null differ from the linearised equations."""
+    if not study.subject.actuator.symmetric:
+        return "The linear formulas at null are those of a symmetric jack; of this one there are none."
     parts = []
     for model in ("HM", "THM"):
         figures, linear = study.loops[model].figures, study.linear[model]

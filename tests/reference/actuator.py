@@ -22,10 +22,13 @@ OPENS = np.array([1.0, -1.0, -1.0, 1.0])
 
 @dataclass(frozen=True)
 class Jack:
-    """SI units, names of a bench record's `[actuator]`; the loop I = K_A K_p (z* - z). walls: (C_w, G_amb, T_amb) or None."""
+    """SI units, names of a bench record's `[actuator]`; the loop I = K_A K_p (z* - z). walls: (C_w, G_amb, T_amb) or None.
 
-    piston_area: float = 12e-4
-    chamber_volume: float = 60e-6
+    An unequal jack: piston_area and chamber_volume None, and the pairs below in their place.
+    """
+
+    piston_area: float | None = 12e-4
+    chamber_volume: float | None = 60e-6
     piston_stroke: float = 50e-3
     moving_mass: float = 50.0
     viscous_friction: float = 2000.0
@@ -37,6 +40,25 @@ class Jack:
     rated_current: float = 25e-3
     stroke: float = 213e-6  # X_n of the valve
     polarity: int = 1
+    piston_area_a: float | None = None
+    piston_area_b: float | None = None
+    chamber_volume_a: float | None = None
+    chamber_volume_b: float | None = None
+
+    @property
+    def areas(self) -> np.ndarray:
+        """S_a, S_b."""
+        return both(self.piston_area, self.piston_area_a, self.piston_area_b)
+
+    @property
+    def mid_volumes(self) -> np.ndarray:
+        """V_ta, V_tb."""
+        return both(self.chamber_volume, self.chamber_volume_a, self.chamber_volume_b)
+
+
+def both(shared: float | None, a: float | None, b: float | None) -> np.ndarray:
+    assert (shared is None) == (a is not None) == (b is not None)
+    return np.array([a, b] if shared is None else [shared, shared], dtype=float)
 
 
 @dataclass(frozen=True)
@@ -160,10 +182,10 @@ class Machine:
         into = np.array([m[0] - m[2] - leak, m[1] - m[3] + leak])
 
         side = np.array([1.0, -1.0])
-        volume = j.chamber_volume + side * j.piston_area * z
+        volume = j.mid_volumes + side * j.areas * z
         rho, alpha = oil.rho(p, warm), oil.alpha(p, warm)
         beta = self.modulus(p, warm)
-        squeeze = into / (rho * volume) - side * j.piston_area * v / volume
+        squeeze = into / (rho * volume) - side * j.areas * v / volume
         if self.adiabatic:
             # Each stream in: mass, the pressure and temperature that it leaves, throttled to the chamber's pressure.
             brought = np.zeros(2)
@@ -188,7 +210,7 @@ class Machine:
         target = asked - held - d.flow_force * self.jet_force(edges)
         omega = 2.0 * np.pi * j.spool_frequency
         ax = omega**2 * (target - x) - 2.0 * j.spool_damping * omega * vx
-        thrust = j.piston_area * (pa - pb) - j.viscous_friction * v - fe - self.friction(v) - self.stops(z, v)
+        thrust = j.areas[0] * pa - j.areas[1] * pb - j.viscous_friction * v - fe - self.friction(v) - self.stops(z, v)
         return np.array([vx, ax, *dp, *dt, v, thrust / j.moving_mass, (asked - y - held) / 1e-4])
 
     def modulus(self, p: np.ndarray, t: np.ndarray) -> np.ndarray:
@@ -224,5 +246,5 @@ class Machine:
 
 
 def volumes(machine: Machine, z: Array) -> tuple[np.ndarray, np.ndarray]:
-    j = machine.jack
-    return np.asarray(j.chamber_volume + j.piston_area * z), np.asarray(j.chamber_volume - j.piston_area * z)
+    (s_a, s_b), (v_a, v_b) = machine.jack.areas, machine.jack.mid_volumes
+    return np.asarray(v_a + s_a * z), np.asarray(v_b - s_b * z)

@@ -139,8 +139,8 @@ def step_noise(bench: Bench) -> str:
 def actuator_table(bench: Bench) -> str:
     j = bench.jack
     return f"""[actuator]                        # nominal values: the truth is not written here
-piston_area = "{j.piston_area * 1e4:g} cm^2"
-chamber_volume = "{j.chamber_volume * 1e6:g} cm^3"
+piston_area = "{j.areas[0] * 1e4:g} cm^2"
+chamber_volume = "{j.mid_volumes[0] * 1e6:g} cm^3"
 piston_stroke = "{j.piston_stroke * 1e3:g} mm"
 moving_mass = "{j.moving_mass:g} kg"
 viscous_friction = "2000 N s/m"

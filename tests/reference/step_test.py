@@ -20,7 +20,8 @@ def equilibrium(machine: Machine) -> np.ndarray:
     ps, pt, ts, fe = machine.surroundings(t0)
     closed = run.kind == "setpoint"
     command = float(run.command[0])
-    middle, half = 0.5 * (ps + pt), 0.5 * fe / j.piston_area
+    middle = 0.5 * (ps + pt)
+    half = (fe - (j.areas[0] - j.areas[1]) * middle) / j.areas.sum()
     x = float(machine.valve.null_bias) if closed else machine.asked(command, 0.0)
     start = np.array([x, 0.0, middle + half, middle - half, ts, ts, 0.0, 0.0, x])
     free = [2, 3, *([4, 5] if machine.adiabatic else []), 0, *([] if closed else [7])]

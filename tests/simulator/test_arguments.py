@@ -112,6 +112,18 @@ MISUSE = {
         "bulk_modulus_15degC cannot be 1.7: bulk moduli are in Pa, such as 1.7e9",
     ),
     "th.Actuator(piston_area=12)": (VALUE, "piston_area cannot be 12: areas are in m2: 12 cm2 is 12e-4"),
+    "th.Actuator(piston_area_a=12e-4)": (
+        VALUE,
+        "piston_area_b is missing: piston_area_a and piston_area_b are given together",
+    ),
+    "th.Actuator(chamber_volume=60e-6, chamber_volume_a=60e-6, chamber_volume_b=40e-6)": (
+        VALUE,
+        "give chamber_volume, of both sides, or chamber_volume_a and chamber_volume_b, not all three",
+    ),
+    "th.Actuator(piston_area_a=12e-4, piston_area_b=8)": (
+        VALUE,
+        "piston_area_b cannot be 8: areas are in m2: 12 cm2 is 12e-4",
+    ),
     "th.Actuator(moving_mass=-1)": (VALUE, "moving_mass must be positive, not -1"),
     "th.Actuator(piston_stroke=50)": (
         VALUE,

@@ -10,7 +10,7 @@ import pytest
 from helpers.machines import DYNAMIC, inputs_of, plant
 from helpers.quick_compile import quick_jit
 from reference.actuator import STATES, Dynamic, Machine
-from reference.conformance_dynamic import machine_of
+from reference.conformance_dynamic import DYNAMIC as DYNAMIC_ROWS, UNEQUAL, jack_of, machine_of
 from reference.valve import Effects
 
 from thermohyd.dynamics.machine import Plant, State
@@ -34,9 +34,9 @@ PRESENT = (*STATIC, *MOVING)
 TIMES = 6
 
 
-def machine(adiabatic: bool, static: dict[str, float], moving: dict[str, float]) -> Machine:
+def machine(adiabatic: bool, static: dict[str, float], moving: dict[str, float], jack: str = DYNAMIC_ROWS) -> Machine:
     base = machine_of("closed_adiabatic")
-    return replace(base, adiabatic=adiabatic, static=Effects(**static), dynamic=Dynamic(**moving))
+    return replace(base, adiabatic=adiabatic, static=Effects(**static), dynamic=Dynamic(**moving), jack=jack_of(jack))
 
 
 def random_states(seed: int) -> list[np.ndarray]:
@@ -92,10 +92,10 @@ ALONE = [*((name, {name: amount}, {}) for name, amount in STATIC.items()),
          *((name, {}, {name: amount}) for name, amount in MOVING.items())]  # fmt: skip
 
 
-@pytest.mark.parametrize("adiabatic", [True, False])
-def test_every_effect_alone_and_together(adiabatic):
+@pytest.mark.parametrize(("adiabatic", "jack"), [(True, DYNAMIC_ROWS), (False, DYNAMIC_ROWS), (True, UNEQUAL)])
+def test_every_effect_alone_and_together(adiabatic, jack):
     cases = [("none", {}, {}), *ALONE, ("all", STATIC, MOVING)]
-    found = {name: largest_difference(machine(adiabatic, s, m), adiabatic) for name, s, m in cases}
+    found = {name: largest_difference(machine(adiabatic, s, m, jack), adiabatic) for name, s, m in cases}
     print(f"{max(found, key=lambda name: found[name])}: {max(found.values()):.1e} of the rate")
     assert max(found.values()) < 1e-11
 
@@ -112,6 +112,20 @@ def test_neutral_changes_nothing(adiabatic):
     for name in ("spool", "spool_speed", "pressure", "temperature", "position", "velocity"):
         if getattr(plain, name) is not None:
             np.testing.assert_allclose(getattr(neutral, name), getattr(plain, name), rtol=1e-11, atol=1e-12)
+
+
+@pytest.mark.parametrize("adiabatic", [True, False])
+def test_equal_sides_given_one_by_one(adiabatic):
+    """The pairs with equal entries are the symmetric jack, which has no second area to compute with."""
+    shared = machine(adiabatic, {}, {})
+    j = shared.jack
+    pairs = {f"{name}_{side}": getattr(j, name) for name in ("piston_area", "chamber_volume") for side in "ab"}
+    each = replace(shared, jack=replace(j, piston_area=None, chamber_volume=None, **pairs))
+    for vector in random_states(7):
+        state = eqx.tree_at(lambda s: s.play, as_state(vector, adiabatic), None)
+        one, other = (jax.tree.leaves(field(plant(of), jnp.asarray(0.0195), state)) for of in (shared, each))
+        for a, b in zip(one, other, strict=True):
+            np.testing.assert_allclose(b, a, rtol=1e-13, atol=1e-13 * float(np.max(np.abs(a))))
 
 
 def test_others_take_no_part():

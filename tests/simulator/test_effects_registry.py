@@ -17,8 +17,9 @@ from thermohyd.valve import rowwise
 
 
 def test_the_effects_of_the_reference():
-    assert set(EFFECTS) == set(Effects.__dataclass_fields__)
-    assert len({info.effect_class for info in EFFECTS.values()}) == 31
+    # The reference takes what ports store beside its effects.
+    assert set(EFFECTS) == {*Effects.__dataclass_fields__, "port_compliance_a", "port_compliance_b"}
+    assert len({info.effect_class for info in EFFECTS.values()}) == 33
 
 
 @pytest.mark.parametrize("name", EFFECTS)
@@ -52,8 +53,10 @@ def test_listing_order_does_not_matter():
     assert order.index("FlowmeterLag") < order.index("FlowmeterScale") < order.index("FlowmeterOffset")
 
 
-def test_only_the_lag_ties_rows_together():
-    assert [name for name in EFFECTS if not EFFECTS[name].rowwise] == ["flowmeter_lag"]
+def test_only_lag_and_storage_tie_rows_together():
+    tied = [name for name in EFFECTS if not EFFECTS[name].rowwise]
+    assert tied == ["port_compliance_a", "port_compliance_b", "flowmeter_lag"]
+    assert [EFFECTS[name].stores for name in tied] == [True, True, False]
     assert rowwise(with_effects(seed_valve(), {"hysteresis": 1e-6}))
     assert not rowwise(with_effects(seed_valve(), {"hysteresis": 1e-6, "flowmeter_lag": 0.0}))
 

@@ -178,10 +178,8 @@ def test_shapes_and_identities():
     valve, jack = seed_valve(), Actuator(jack_leakage=LEAK)
     grid = performance(valve, jack, temperature=jnp.array([[280.0], [330.0]]), supply_pressure=jnp.array([70e5, 210e5]))
     assert grid.loop_gain.shape == (2, 2)
-    g = 1.0 + grid.leakage_coefficient * jack.viscous_friction / jack.piston_area**2
-    np.testing.assert_allclose(
-        grid.loop_gain, 0.01 * 100.0 * grid.flow_current_gain / (g * jack.piston_area), rtol=1e-12
-    )
+    g = 1.0 + grid.leakage_coefficient * jack.viscous_friction / jack.areas**2
+    np.testing.assert_allclose(grid.loop_gain, 0.01 * 100.0 * grid.flow_current_gain / (g * jack.areas), rtol=1e-12)
     np.testing.assert_allclose(grid.time_constant * grid.loop_gain, 1.0, rtol=1e-12)
     np.testing.assert_allclose(grid.pressure_gain * grid.flow_pressure_gain, grid.flow_gain, rtol=1e-12)
     closer = performance(valve, jack, temperature=280.0, supply_pressure=70e5, gamma=1.0)

@@ -163,5 +163,5 @@ def test_derivatives(tied):
 
 def test_without_time_it_is_said():
     points = eqx.tree_at(lambda c: c.time, short_sweep(), None)
-    with pytest.raises(ValueError, match="port_compliance_a and port_compliance_b need conditions with the time"):
+    with pytest.raises(ValueError, match="what blocked ports store needs conditions with the time"):
         blocked_port_readings(with_effects(seed_valve(), {"port_compliance_a": 1e-13}), points)

@@ -20,8 +20,10 @@ from .vector_field import asked_position, instant, loop_gain, thrust
 # Newton converges in 5 to 10 turns; the limit only ends a search that has no root (a force beyond what the supply holds).
 MOST_TURNS = 200
 KELVINS = 10.0
+UNRENEWED = 1e-18  # 1/s: nothing beside the slowest renewal, and not zero beside none
 # Of the scaled imbalances: rounding leaves less than 1e-14.
 BALANCED, ROUNDING = 1e-11, 1e-15
+SHORTEST = 1e-3  # of a Newton step
 
 
 def scaling_of(plant: Plant, around: Surroundings) -> Scaling:
@@ -32,7 +34,7 @@ def scaling_of(plant: Plant, around: Surroundings) -> Scaling:
     v, j = plant.valve, plant.actuator
     span = around.supply_pressure - around.return_pressure
     rho = density(plant.oil, around.supply_pressure, around.temperature)
-    speed = v.discharge_coefficient * v.slot_width * v.stroke * jnp.sqrt(span / rho) / j.piston_area
+    speed = v.discharge_coefficient * v.slot_width * v.stroke * jnp.sqrt(span / rho) / j.mean_area
     omega = 2.0 * jnp.pi * j.spool_frequency
     zero, pair = jnp.zeros(()), jnp.zeros(2)
     warm = plant.keeps_heat
@@ -66,7 +68,7 @@ def equilibrium(plant: Plant, scaling: Scaling, time: Float[Array, ""]) -> tuple
     def imbalance(unknown: Float[Array, " unknowns"]) -> Float[Array, " unknowns"]:
         state = state_of(unknown)
         now = instant(plant, state, around, command)
-        force = plant.actuator.piston_area * (around.supply_pressure - around.return_pressure)
+        force = plant.actuator.mean_area * (around.supply_pressure - around.return_pressure)
         rows = [thrust(plant, around, state) / force]
         if not closed:
             rows.append((now.target - state.spool) / plant.valve.stroke)
@@ -76,9 +78,12 @@ def equilibrium(plant: Plant, scaling: Scaling, time: Float[Array, ""]) -> tuple
         if now.sources.heating is not None:
             # Not the rate, but how far the temperature is from where its inflow takes it: nearly linear in everything.
             assert now.sources.renewal is not None
-            rows.append(now.sources.heating / (now.sources.renewal + 1e-12) / KELVINS)
+            assert state.temperature is not None
+            # A chamber that a load empties towards supply and return alike keeps any temperature for ever: it starts at T_s.
+            kept = UNRENEWED * (around.temperature - state.temperature)
+            rows.append((now.sources.heating + kept) / (now.sources.renewal + UNRENEWED) / KELVINS)
         # A tenth of the flow at full opening.
-        turnover = 0.1 * scaling.size.velocity * plant.actuator.piston_area / plant.actuator.chamber_volume
+        turnover = 0.1 * scaling.size.velocity * plant.actuator.areas / plant.actuator.volumes
         return jnp.concatenate([jnp.atleast_1d(row) for row in (*rows, now.sources.squeeze / turnover)])
 
     unknown, left = _root(imbalance, fixed[free])
@@ -110,7 +115,8 @@ def _first_guess(plant: Plant, scaling: Scaling, around: Surroundings, command: 
     """Both ports about the middle, apart by what carries the external force; the spool at null or at its command."""
     middle = 0.5 * (around.supply_pressure + around.return_pressure)
     limit = 0.49 * (around.supply_pressure - around.return_pressure)
-    half = jnp.clip(0.5 * around.external_force / plant.actuator.piston_area, -limit, limit)
+    missing = around.external_force - plant.actuator.push(jnp.stack([middle, middle]))
+    half = jnp.clip(0.5 * missing / plant.actuator.mean_area, -limit, limit)
     zero = jnp.zeros(())
     asked = asked_position(plant, command, zero)
     closed = plant.kind == "setpoint"
@@ -130,7 +136,9 @@ def _unknowns(base: State, count: int, closed: bool) -> np.ndarray:
 def _root(fn, start: Float[Array, " unknowns"]) -> tuple[Float[Array, " unknowns"], Float[Array, ""]]:
     """(root by damped Newton from `start`, largest imbalance left); derivatives by the implicit function theorem.
 
-    One evaluation, value and Jacobian together, per turn: a point that is no better than the best one halves the step.
+    One evaluation, value and Jacobian together, per turn: a point that is no better than the best one shortens the step. Where
+    even a short one is none better, the search stands before a kink, such as a chamber at the return's pressure, behind which the
+    slopes are others: it goes on with the whole step.
     """
 
     def newton(fn, start: Array) -> tuple[Array, Array]:
@@ -142,11 +150,12 @@ def _root(fn, start: Float[Array, " unknowns"]) -> tuple[Float[Array, " unknowns
 
         def step(carry: tuple[Array, ...]) -> tuple[Array, ...]:
             best, size, move, length, turn = carry
-            tried = best - length * move
+            stuck = (length < SHORTEST) & (size >= BALANCED)
+            tried = best - jnp.where(stuck, 1.0, length) * move
             value, push = jax.linearize(fn, tried)
             jacobian = jax.vmap(push, out_axes=1)(columns)
             norm = jnp.max(jnp.abs(value))
-            better = norm < size  # never where a value is NaN
+            better = (norm < size) | (stuck & jnp.isfinite(norm))  # never where a value is NaN
             newton_step = jnp.linalg.solve(jacobian, value)
             return (
                 jnp.where(better, tried, best),

@@ -181,9 +181,9 @@ def mixture_modulus(
 
 
 def chamber_volumes(plant: Plant, position: Float[Array, "..."]) -> Float[Array, "... 2"]:
-    """V_t + S z and V_t - S z [m3]."""
+    """V_ta + S_a z and V_tb - S_b z [m3]."""
     j = plant.actuator
-    return j.chamber_volume + j.piston_area * SIDES * position[..., None]
+    return j.volumes + j.areas * SIDES * position[..., None]
 
 
 class Sources(eqx.Module):
@@ -206,7 +206,7 @@ def chamber_sources(plant: Plant, around: Surroundings, state: State, flows: Flo
     t = jnp.broadcast_to(around.temperature, (2,)) if state.temperature is None else state.temperature
     volume = chamber_volumes(plant, state.position)
     rho = density(oil, p, t)
-    growth = plant.actuator.piston_area * SIDES * state.velocity
+    growth = plant.actuator.areas * SIDES * state.velocity
     squeeze = (flows.net / rho - growth) / volume
     if state.temperature is None:
         return Sources(squeeze, None, None, rho, t)

@@ -100,9 +100,9 @@ def stop_pushes(depth: Float[Array, " stops"], velocity: Float[Array, ""]) -> Fl
 
 
 def thrust(plant: Plant, around: Surroundings, state: State) -> Float[Array, ""]:
-    """Force on the moving mass [N]: S (p_A - p_B) - f v - dry friction - end stops - forces of effects - F_e."""
+    """Force on the moving mass [N]: S_a p_A - S_b p_B - f v - dry friction - end stops - forces of effects - F_e."""
     j, v = plant.actuator, state.velocity
-    force = j.piston_area * (state.pressure[0] - state.pressure[1]) - j.viscous_friction * v
+    force = j.push(state.pressure) - j.viscous_friction * v
     force = force - dry_friction(plant.motion, v) - end_stops(j.piston_stroke, state.position, v)
     for effect in plant.forces:
         force = force - effect.force(v)

@@ -1,12 +1,18 @@
 """Step and frequency tests as they are read, and every way in which they can be wrong, with the message that is printed."""
 # ruff: noqa: E501 (the messages stand whole, as they are printed)
 
+import json
+import re
+
 import numpy as np
 import pytest
 from helpers.bench_folder import TOML, write_record
 
 from thermohyd.identify.bench.errors import BenchInputError
+from thermohyd.identify.bench.provenance import record_json
 from thermohyd.identify.bench.read import read_record
+from thermohyd.identify.bench.record import ActuatorData, BenchRecord
+from thermohyd.identify.model.model_file import load_model, nominal_model, save_model
 
 
 CLOSED = 'controller = { amplifier_gain = "0.01 A/V", sensor_gain = "100 V/m" }\n'
@@ -108,6 +114,56 @@ def test_predictions_need_no_reading(tmp_path):
     assert record.dynamic_tests["step"].channels == ()
 
 
+UNEQUAL = 'piston_area_a = "12.5 cm^2"\npiston_area_b = "8.5 cm^2"\nchamber_volume_a = "55 cm^3"\nchamber_volume_b = "40 cm^3"'
+
+
+def test_a_jack_of_unequal_sides_to_and_from_model_json_and_arrays(tmp_path):
+    record = read(tmp_path, BENCH.replace('moving_mass = "80 kg"', UNEQUAL))
+    jack = record.actuator
+    assert jack is not None
+    assert (jack.piston_area, jack.chamber_volume) == (None, None)
+    sides = {"piston_area_a": 12.5e-4, "piston_area_b": 8.5e-4, "chamber_volume_a": 55e-6, "chamber_volume_b": 40e-6}
+    assert {name: getattr(jack, name) for name in sides} == pytest.approx(sides)
+    written = record_json(record)["actuator"]
+    assert {key for key in written if key.startswith(("piston_area", "chamber_volume"))} == set(sides)
+    path = save_model(nominal_model(record), tmp_path / "model.json")
+    assert load_model(path).actuator == jack
+    time = np.array([0.0, 0.1])
+    made = BenchRecord.from_arrays(
+        {"step": {"time": time, "command": np.array([0.0, 1e-3]), "piston_position": np.zeros(2)}},
+        valve=record.valve, oil=record.oil, actuator=jack,
+        conditions={"supply_pressure": 70e5, "return_pressure": 0.0, "temperature": 313.15},
+    )  # fmt: skip
+    assert made.actuator == jack
+
+
+def test_one_pair_leaves_the_other_quantity_to_both_sides(tmp_path):
+    lines = read(tmp_path, BENCH.replace('moving_mass = "80 kg"', UNEQUAL.split("\n", 2)[2])).actuator
+    assert lines is not None
+    assert (lines.piston_area, lines.chamber_volume, lines.chamber_volume_a) == pytest.approx((12e-4, None, 55e-6))
+    assert {"piston_area", "chamber_volume_a"} < set(lines.to_dict())
+    plain = ActuatorData()
+    assert (plain.piston_area, plain.chamber_volume) == (12e-4, 60e-6)
+    assert not any(key.endswith(("_a", "_b")) for key in plain.to_dict())
+
+
+@pytest.mark.parametrize(
+    ("sides", "words"),
+    [
+        ({"piston_area": 12e-4, "piston_area_a": 12e-4, "piston_area_b": 8e-4}, '"actuator" "piston_area" holds for both sides'),
+        ({"chamber_volume_a": 50e-6}, '"actuator" "chamber_volume_a" is of one side only and chamber_volume_b is missing'),
+        ({"piston_area_a": 12e-4, "piston_area_b": 0.0}, '"actuator" "piston_area_b" must be positive'),
+    ],
+)  # fmt: skip
+def test_sides_of_a_model_json_written_by_hand(tmp_path, sides, words):
+    content = json.loads(save_model(nominal_model(read(tmp_path)), tmp_path / "model.json").read_text())
+    own = {key: v for key, v in content["actuator"].items() if key not in ("piston_area", "chamber_volume")}
+    path = tmp_path / "by_hand.json"
+    path.write_text(json.dumps({**content, "actuator": {**own, **sides}}))
+    with pytest.raises(BenchInputError, match=re.escape(words)):
+        load_model(path)
+
+
 SPOILED = {
     "unit": ({"step": STEP.replace("command [mm]", "command [mA]")}, 'step.csv, line 1, column "command [mA]": "mA" is a current; expected a length such as um'),
     "open unit": ({"toml": BENCH.replace(CLOSED, ""), "step": STEP.replace("command [mm]", "command [bar]")}, 'step.csv, line 1, column "command [bar]": "bar" is a pressure; expected a length such as um, or a current such as mA'),
@@ -122,6 +178,13 @@ SPOILED = {
     "text": ({"f": RESPONSE.replace("0.9", "high")}, None),
     "asymptote": ({"toml": BENCH.replace(CLOSED, "").replace('"f.csv"', '"f.csv"\noutput = "piston_position"')}, None),
     "volume": ({"toml": BENCH.replace('moving_mass = "80 kg"', 'chamber_volume = "10 cm^3"')}, None),
+    "both and pair": ({"toml": BENCH.replace('moving_mass = "80 kg"', 'piston_area = "12 cm^2"\npiston_area_a = "12 cm^2"\npiston_area_b = "8 cm^2"')}, "bench.toml, line 21, [actuator] piston_area: holds for both sides: give either piston_area or the pair piston_area_a, piston_area_b"),
+    "both and half": ({"toml": BENCH.replace('moving_mass = "80 kg"', 'chamber_volume_b = "50 cm^3"\nchamber_volume = "60 cm^3"')}, "bench.toml, line 22, [actuator] chamber_volume: holds for both sides: give either chamber_volume or the pair chamber_volume_a, chamber_volume_b"),
+    "half a pair": ({"toml": BENCH.replace('moving_mass = "80 kg"', 'piston_area_b = "8 cm^2"')}, "bench.toml, line 21, [actuator] piston_area_b: is of one side only and piston_area_a is missing: give both of them, or piston_area for a jack of equal sides"),
+    "area of a side": ({"toml": BENCH.replace('moving_mass = "80 kg"', 'piston_area_a = "8 cm"\npiston_area_b = "8 cm^2"')}, 'bench.toml, line 21, [actuator] piston_area_a: "cm" is a length; expected an area such as cm^2'),
+    "negative side": ({"toml": BENCH.replace('moving_mass = "80 kg"', 'piston_area_a = "8 cm^2"\npiston_area_b = "-8 cm^2"')}, 'bench.toml, line 22, [actuator] piston_area_b: "-8 cm^2" must be positive'),
+    "volume of a side": ({"toml": BENCH.replace('moving_mass = "80 kg"', UNEQUAL.replace("40 cm^3", "20 cm^3"))}, "bench.toml, line 24, [actuator] chamber_volume_b: the chamber volume 20 cm^3 must be larger than piston_area_b * piston_stroke / 2 = 21.25 cm^3, which the piston sweeps from mid stroke"),
+    "default volume": ({"toml": BENCH.replace('moving_mass = "80 kg"', 'piston_area_a = "30 cm^2"\npiston_area_b = "8 cm^2"')}, "bench.toml, line 20, [actuator]: the chamber volume 60 cm^3 must be larger than piston_area_a * piston_stroke / 2 = 75 cm^3, which the piston sweeps from mid stroke"),
     "loop": ({"toml": BENCH.replace(', sensor_gain = "100 V/m"', "")}, None),
     "start": ({"toml": BENCH + "[start]\nspool_frequncy = \"90 Hz\"\n"}, None),
 }  # fmt: skip

@@ -6,7 +6,10 @@ import numpy as np
 from helpers.small_bench import REACH, conditions_only
 
 from thermohyd.effects.library import EFFECTS
-from thermohyd.identify.fitting.library import coupled, expensive_to_compile, library_for
+from thermohyd.identify.fitting.library import coupled, expensive_to_compile, library_for, stores
+
+
+STORED = {"port_compliance_a", "port_compliance_b"}
 
 
 def bench_of(**changes):
@@ -21,7 +24,7 @@ def test_a_full_record_can_show_the_whole_library():
 
 def test_without_time():
     library = library_for(bench_of(time=None, rate=None))
-    assert set(library.impossible) == {"flowmeter_lag", "position_lag"}
+    assert set(library.impossible) == {"flowmeter_lag", "position_lag", *STORED}
     assert "column time" in library.impossible["flowmeter_lag"]
     assert set(library.names) | set(library.impossible) == set(EFFECTS)
 
@@ -47,11 +50,14 @@ def test_tests_that_an_effect_shows_in():
 
 def test_programs():
     library = library_for(bench_of())
-    assert set(library.plain) == {name for name in EFFECTS if not coupled(name)}
+    assert set(library.plain) == {name for name in EFFECTS if not coupled(name) and name not in STORED}
     assert {name for name in EFFECTS if coupled(name)} == {
         "flow_saturation", "supply_droop", "return_back_pressure", "cross_port_leakage"
     }  # fmt: skip
-    assert set(library.names) - set(library.cold) == {"throttle_heating"}
+    assert set(library.names) - set(library.cold) == {"throttle_heating", *STORED}
+    assert {name for name in EFFECTS if stores(name)} == STORED
+    assert set(library.stored) == {*library.plain, *STORED} - {"throttle_heating"}
     assert expensive_to_compile(("throttle_heating", "supply_droop"))
     assert not expensive_to_compile(("throttle_heating", "hysteresis"))
     assert not expensive_to_compile(("supply_droop", "cross_port_leakage"))
+    assert expensive_to_compile(("supply_droop", "port_compliance_a"))

@@ -5,7 +5,7 @@ import pytest
 from thermohyd.identify.bench.errors import BenchInputError
 from thermohyd.identify.sensitivity.factors import FACTORS, factors_of
 from thermohyd.identify.sensitivity.settings import Settings, factors_with, read_settings
-from thermohyd.identify.sensitivity.source import seed_model, subject_of_model
+from thermohyd.identify.sensitivity.source import Source, seed_model, subject_of_model
 
 
 WHOLE = """
@@ -64,6 +64,7 @@ def test_everything_arrives(tmp_path):
         ("[conditions]\nsupply_pressure = '10 bar'\nreturn_pressure = '20 bar'", "must be below"),
         ("[noise]\nleakage = '1 bar'", "is a pressure"),
         ("[actuator]\npiston_area = '1 m'", "is a length"),
+        ("[actuator]\npiston_area_a = '12 cm^2'", "piston_area_b is missing"),
         ("[noises]\n", 'did you mean "noise"?'),
     ],
 )
@@ -80,3 +81,10 @@ def test_intervals_are_cut_where_a_factor_cannot_go():
     assert (factors["return_pressure"].low, factors["return_pressure"].high) == (0.0, 1e5)
     with pytest.raises(ValueError, match="no factor"):
         factors_of(seed_model(), 313.15, 70e5, tolerances={"clearence": 1e-6})
+
+
+def test_a_jack_of_unequal_sides_is_not_for_the_formulas(tmp_path):
+    settings = settings_of(tmp_path, "[actuator]\npiston_area_a = '12 cm^2'\npiston_area_b = '8 cm^2'")
+    assert settings.actuator == pytest.approx({"piston_area_a": 12e-4, "piston_area_b": 8e-4})
+    with pytest.raises(BenchInputError, match="are those of a symmetric one: give piston_area"):
+        Source(settings).subject()

@@ -3,8 +3,10 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from thermohyd.data import sample_record
@@ -34,7 +36,7 @@ def model_file(tmp_path):
 def test_model_with_a_jack_of_its_own(model_file):
     source = read_source(model_file, None, None)
     subject = subject_of(source, read_request("0 40 degC", "2 mm", "140 bar", "0.1 A/V", Settings()))
-    assert float(subject.actuator.piston_area) == pytest.approx(20e-4)
+    assert float(subject.actuator.areas) == pytest.approx(20e-4)
     assert float(subject.actuator.amplifier_gain) == pytest.approx(0.1)
     assert (subject.supply_pressure, subject.return_pressure) == pytest.approx((140e5, 2e5))
     assert subject.margins_without == ("backlash",)
@@ -55,8 +57,18 @@ def test_record_with_a_model_and_settings(model_file, tmp_path):
     assert subject.temperatures == pytest.approx((273.15,))
     assert subject.supply_pressure == pytest.approx(70e5, rel=1e-2)
     assert float(subject.actuator.moving_mass) == 30.0
-    assert float(subject.actuator.piston_area) == pytest.approx(20e-4)
+    assert float(subject.actuator.areas) == pytest.approx(20e-4)
     assert any("No controller" in note for note in subject.notes)
+
+
+def test_settings_replace_what_a_model_says_of_a_side(model_file):
+    request = read_request("0 40 degC", "2 mm", None, None, Settings())
+    sides = {"piston_area_a": 12e-4, "piston_area_b": 8e-4}
+    jack = subject_of(replace(read_source(model_file, None, None), settings=Settings(actuator=sides)), request)
+    assert jack.actuator.piston_area is None
+    assert np.asarray(jack.actuator.areas) == pytest.approx([12e-4, 8e-4])
+    assert float(jack.actuator.volumes) == pytest.approx(80e-6)
+    assert any("sides are unequal" in note for note in jack.notes)
 
 
 @pytest.mark.parametrize("text", ["40, -20 ,0 degC", "40 -20 0 °C", "313.15 253.15 273.15 K", "-20 0 40 40 degC"])
