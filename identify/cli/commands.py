@@ -81,7 +81,15 @@ def options(
 
 
 @app.command("fit")
-def fit_command(benches: Benches, out: Out = None, json: Json = False) -> None:
+def fit_command(
+    benches: Benches,
+    out: Out = None,
+    json: Json = False,
+    effect: Annotated[
+        list[str] | None,
+        typer.Option("--effect", help="Free this effect beside the parameters; may be given several times."),
+    ] = None,
+) -> None:
     """Find edge radius, clearance, underlap, discharge coefficient, transition number and null bias, with error bars.
 
     With --out: fit.json, model.json (for simulate), report.html and one plot per test as PNG and SVG; several records get a
@@ -93,7 +101,11 @@ def fit_command(benches: Benches, out: Out = None, json: Json = False) -> None:
 
         from .several_results import print_summary_of_fits, unsettled
 
-        return (lambda record, say: fit(record, progress=say)), print_summary_of_fits, unsettled
+        return (
+            (lambda record, say: fit(record, effects=effect or (), progress=say)),
+            print_summary_of_fits,
+            unsettled,
+        )
 
     _of_each_record(benches, out, json, fits)
 

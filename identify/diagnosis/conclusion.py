@@ -11,7 +11,6 @@ import numpy as np
 from thermohyd.effects.library import effect_info
 from thermohyd.identify.fitting.misfit import doubts
 from thermohyd.identify.fitting.outcome import Fitted, Key, fit_result
-from thermohyd.identify.fitting.parameters import ParameterInfo, ParameterPlan
 from thermohyd.identify.fitting.problem import Fit, Problem, solution_of
 from thermohyd.identify.fitting.result import FitResult
 from thermohyd.identify.fitting.uncertainty import Block, Covariance, covariance_of
@@ -41,13 +40,6 @@ from .rivals import Rivals
 from .screening import Screen, candidates, screen
 from .search import LEVEL, Selection
 from .where import regions
-
-
-def effect_plan(name: str) -> ParameterPlan:
-    """An effect's amount as a parameter of a fit."""
-    info = effect_info(name)
-    as_parameter = ParameterInfo(name, info.unit, 0.0, info.lower, info.upper, info.scale, info.sentence)
-    return ParameterPlan(as_parameter, 0.0, False, info.lower, info.upper)
 
 
 def gls_covariance(fit: Fit, scale: float, priors: int) -> Covariance:

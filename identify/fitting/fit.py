@@ -1,17 +1,19 @@
 """Fit the parameters of a record's valve and actuator to all its tests, with error bars that allow for correlated noise."""
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from thermohyd.identify.bench.errors import BenchInputError
 from thermohyd.identify.bench.record import BenchRecord, TestRecord
 from thermohyd.identify.noise.level import ChannelNoise, initial_noise
 from thermohyd.identify.reduction.reduce import reduce_test
 from thermohyd.numerics import require_float64
 
 from .boxes import Box
+from .fit_effects import fit_with, known_effects
 from .least_squares import LeastSquaresResult, multi_start, solve
 from .outcome import Fitted, Key, fit_result, uncertainty_of
 from .parameters import ParameterPlan, free_parameters, plan_parameters, readings_of
@@ -40,19 +42,32 @@ TINY = 1e-12  # chi-square per reading of readings that the model meets to round
 Progress = Callable[[str], None]
 
 
-def fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | None = None) -> FitResult:
+def fit(
+    record: BenchRecord, *, effects: Iterable[str] = (), starts: int = STARTS, progress: Progress | None = None
+) -> FitResult:
     """Fit the free parameters of a record's valve and actuator to all its tests at once, static and dynamic ones.
 
+    effects: names of effects (docs/physics.md section 8.2) to free beside them, of a record of static tests; error bars are
+    then those of the covariance. `diagnose` finds out which ones are missing.
+
     Raises BenchInputError where the record cannot determine anything (no readings, everything held, fewer readings than
-    parameters) and RuntimeError in single precision. A fit that does not converge is returned with `converged` False.
+    parameters, an effect that it cannot speak of) and RuntimeError in single precision. A fit that does not converge is
+    returned with `converged` False.
     """
     require_float64("fit")
     began = time.perf_counter()
     moving = bool(record.dynamic_tests)
+    freed_effects = known_effects(record, effects)
+    if freed_effects and moving:
+        raise BenchInputError("effects are freed by name in records of static tests only", file=record.folder)
     static = run_fit(record, starts=starts, progress=progress) if record.static_tests or not moving else None
     if not moving:
         assert static is not None
-        result = _with_intervals(static, progress)
+        result = (
+            fit_result(fit_with(static, freed_effects, progress))
+            if freed_effects
+            else _with_intervals(static, progress)
+        )
     else:
         # Here, not above: a static fit does not wait for the solvers of motion.
         from .fit_motion import fit_together, run_fit_motion

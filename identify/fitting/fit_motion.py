@@ -1,21 +1,20 @@
 """Fit a record with dynamic tests: first the parameters of motion alone, then everything together with the static tests."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 
 import numpy as np
 
 from thermohyd.identify.bench.record import BenchRecord, TestRecord
 from thermohyd.identify.noise.level import ChannelNoise, initial_noise
 
+from .fit_effects import settled
 from .least_squares import LeastSquaresResult
 from .library import NOTHING, Library
 from .motion_readings import require_actuator
 from .outcome import Fitted, Key
 from .parameters import IN_MOTION, free_parameters, plan_motion, readings_of
-from .problem import MOST_STEPS, Fit, Noise, Problem, noise_settled_by, solution_of, white_noise
+from .problem import MOST_STEPS, Fit, Noise, Problem, solution_of, white_noise
 from .result import StartOutcome
-from .uncertainty import largest_change
 
 
 MOST_ROUNDS = 4
@@ -61,9 +60,8 @@ def run_fit_motion(
             ends.append(_grown(problem, begin, lambda _: None))
     ends.sort(key=lambda end: (not np.isfinite(end.chi2), end.chi2))
     starts = tuple(_outcome(problem, end) for end in ends)
-    return _settled(
-        problem, ends[0], noise, Fitted(record, tests, plans, free, noise, ends[0].solution, starts, record.warnings)
-    )
+    fitted = Fitted(record, tests, plans, free, noise, ends[0].solution, starts, record.warnings)
+    return settled(problem, ends[0], fitted, rounds=MOST_ROUNDS, enough=SETTLED)
 
 
 def fit_together(record: BenchRecord, static: Fitted, motion: Fitted, progress: Progress | None = None) -> Fitted:
@@ -76,7 +74,8 @@ def fit_together(record: BenchRecord, static: Fitted, motion: Fitted, progress: 
     noise = {**static.noise, **motion.noise}
     problem = joint_problem(record, static, motion, white_noise(noise))
     fit = problem.fit(start={**motion.values, **static.values}, patient=True)
-    return _settled(problem, fit, noise, jointly_fitted(problem, fit, noise, static, motion))
+    fitted = jointly_fitted(problem, fit, noise, static, motion)
+    return settled(problem, fit, fitted, rounds=MOST_ROUNDS, enough=SETTLED)
 
 
 def joint_problem(
@@ -94,22 +93,6 @@ def jointly_fitted(
     starts = (*static.starts, *motion.starts)
     warnings = tuple(dict.fromkeys((*static.warnings, *motion.warnings)))
     return Fitted(problem.record, problem.tests, problem.plans, fit.free, noise, fit.solution, starts, warnings)
-
-
-def _settled(problem: Problem, fit: Fit, noise: dict[Key, ChannelNoise], fitted: Fitted) -> Fitted:
-    """Rounds of re-estimating the noise that is not known, each from the last optimum."""
-    settled_fit = fit
-    for _ in range(MOST_ROUNDS):
-        settled = noise_settled_by(problem, fit, noise)
-        change, noise = largest_change(noise, settled), settled
-        if change == 0.0:
-            break
-        problem = problem.with_noise(white_noise(noise))
-        if change < SETTLED:
-            settled_fit = problem.evaluate(fit.values)
-            break
-        settled_fit = fit = problem.fit(start=fit.values)
-    return replace(fitted, noise=noise, solution=solution_of(problem, fit, settled_fit))
 
 
 def _grown(problem: Problem, start: Mapping[str, float], say: Progress) -> Fit:

@@ -6,6 +6,7 @@ Static tests free six parameters of the valve. Dynamic tests free four of motion
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
+from thermohyd.effects.library import effect_info
 from thermohyd.identify.bench.errors import BenchInputError
 from thermohyd.identify.bench.record import ActuatorData, BenchRecord, StartValue, TestRecord, ValveData
 
@@ -155,3 +156,10 @@ def _plan(info: ParameterInfo, chosen: StartValue | None, held: bool) -> Paramet
     prior = Prior(chosen.value, chosen.prior_std) if chosen.prior_std else None
     lower, upper = min(lower, chosen.value), max(upper, chosen.value)
     return ParameterPlan(info, chosen.value, held or chosen.fixed, lower, upper, prior, given=True)
+
+
+def effect_plan(name: str) -> ParameterPlan:
+    """An effect's amount as a parameter of a fit."""
+    info = effect_info(name)
+    as_parameter = ParameterInfo(name, info.unit, 0.0, info.lower, info.upper, info.scale, info.sentence)
+    return ParameterPlan(as_parameter, 0.0, False, info.lower, info.upper)

@@ -121,15 +121,24 @@ class Machine:
     def command(self, t: float) -> float:
         return float(np.interp(t - self.dynamic.spool_delay, self.run.time, self.run.command))
 
-    def edges(self, x: float, ps: float, pt: float, p: np.ndarray, t: np.ndarray, ts: float) -> dict[str, np.ndarray]:
-        """The four edges P-A, P-B, A-T, B-T: mass, drop, mean pressure, upstream temperature, density, jet force."""
+    def edges(
+        self, x: float, ps: float, pt: float, p: np.ndarray, t: np.ndarray, ts: float, gauge: float | None = None
+    ) -> dict[str, np.ndarray]:
+        """The four edges P-A, P-B, A-T, B-T: mass, drop, mean pressure, upstream temperature, density, jet force.
+
+        gauge: the supply pressure before any line, where that is not `ps`.
+        """
         v, e, oil = self.valve, self.static, self.true_oil
         ahead = np.array([ps, ps, p[0], p[1]])
         behind = np.array([p[0], p[1], pt, pt])
         drop, mean = ahead - behind, 0.5 * (ahead + behind)
         warm = np.where(drop >= 0.0, np.array([ts, ts, t[0], t[1]]), np.array([t[0], t[1], ts, ts]))
         wear = np.where(FROM_SUPPLY > 0.0, e.supply_edge_wear, e.return_edge_wear)
-        opening = v.underlap + (1.0 - FROM_SUPPLY) * e.unequal_underlap + OPENS * (x - v.null_bias)
+        wear = wear + np.array([e.edge_wear_pa, e.edge_wear_pb, e.edge_wear_at, e.edge_wear_bt])
+        null = v.null_bias + e.null_shift_temperature * (ts - T40)
+        if np.any(e.null_shift_pressure):
+            null = null + e.null_shift_pressure * ((ps if gauge is None else gauge) - v.null_pressure)
+        opening = v.underlap + (1.0 - FROM_SUPPLY) * e.unequal_underlap + OPENS * (x - null)
         clearance = v.clearance + e.thermal_clearance * (ts - T40) + e.pressure_clearance * mean
         geometry = {
             "width": v.slot_width, "radius": v.edge_radius + wear, "clearance": clearance, "eccentricity": e.eccentricity,
@@ -150,7 +159,7 @@ class Machine:
             return ps, pt
 
         def missing(z: np.ndarray) -> np.ndarray:
-            at = self.edges(x, ps - z[0] * 1e6, pt + z[1] * 1e6, p, t, ts)
+            at = self.edges(x, ps - z[0] * 1e6, pt + z[1] * 1e6, p, t, ts, ps)
             m, warm = at["mass"], ts
             if self.adiabatic and np.any(m[2:] > 0.0):
                 left = t + oil.throttling_rise(at["drop"][2:], at["mean"][2:], t)
@@ -173,7 +182,7 @@ class Machine:
         p = np.array([pa, pb])
         warm = np.array([ta, tb]) if self.adiabatic else np.array([ts, ts])
         at_s, at_t = self.behind_lines(x, ps, pt, p, warm, ts)
-        edges = self.edges(x, at_s, at_t, p, warm, ts)
+        edges = self.edges(x, at_s, at_t, p, warm, ts, ps)
         m = edges["mass"]
 
         upstream = warm[0] if pa > pb else warm[1]

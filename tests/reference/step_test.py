@@ -35,7 +35,7 @@ def equilibrium(machine: Machine) -> np.ndarray:
     def jet(state: np.ndarray) -> float:
         p, t = state[2:4], state[4:6] if machine.adiabatic else np.array([ts, ts])
         inside = machine.behind_lines(state[0], ps, pt, p, t, ts)
-        return machine.jet_force(machine.edges(state[0], *inside, p, t, ts))
+        return machine.jet_force(machine.edges(state[0], *inside, p, t, ts, ps))
 
     def unbalanced(unknown: np.ndarray) -> np.ndarray:
         state = state_of(unknown)

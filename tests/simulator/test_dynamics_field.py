@@ -20,7 +20,9 @@ from thermohyd.effects.library import DYNAMIC_EFFECTS, EFFECTS, effect, with_eff
 
 # What acts in motion; the others belong to a flowmeter, a gauge or a sweep, or to the static heat models.
 STATIC = {
-    "supply_edge_wear": 5e-6, "return_edge_wear": 3e-6, "unequal_underlap": 2e-6, "eccentricity": 0.6, "land_leakage": 8.0,
+    "supply_edge_wear": 5e-6, "return_edge_wear": 3e-6, "edge_wear_pa": 4e-6, "edge_wear_pb": 1e-6,
+    "edge_wear_at": 2e-6, "edge_wear_bt": 6e-6, "unequal_underlap": 2e-6, "eccentricity": 0.6, "land_leakage": 8.0,
+    "null_shift_temperature": 4e-8, "null_shift_pressure": 1e-13,
     "thermal_clearance": 5e-9, "pressure_clearance": 3e-14, "flow_saturation": 6e13, "supply_droop": 5e9,
     "return_back_pressure": 4e13, "pressure_viscosity": 1.5e-8, "viscosity_shift": 0.2, "temperature_offset": 4.0,
     "cross_port_leakage": 5e-13,
@@ -36,6 +38,7 @@ TIMES = 6
 
 def machine(adiabatic: bool, static: dict[str, float], moving: dict[str, float], jack: str = DYNAMIC_ROWS) -> Machine:
     base = machine_of("closed_adiabatic")
+    base = replace(base, valve=replace(base.valve, null_pressure=150e5))
     return replace(base, adiabatic=adiabatic, static=Effects(**static), dynamic=Dynamic(**moving), jack=jack_of(jack))
 
 
