@@ -10,7 +10,10 @@ from reference.oil import T40, Array, Oil
 
 @dataclass(frozen=True)
 class Valve:
-    """Geometry and the six identified parameters (SI), numbers or one entry per row. Default: the seed valve."""
+    """Geometry and the six identified parameters (SI), numbers or one entry per row. Default: the seed valve.
+
+    edge_law: "orifice" or "lubrication", which has no transition number.
+    """
 
     slot_width: Array = 12e-3
     edge_radius: Array = 15e-6
@@ -19,6 +22,7 @@ class Valve:
     discharge_coefficient: Array = 0.7
     transition_number: Array = 100.0
     null_bias: Array = 0.0
+    edge_law: str = "orifice"
 
 
 @dataclass(frozen=True)
@@ -119,6 +123,7 @@ class Plant:
             transition_number=v.transition_number,
             eccentricity=e.eccentricity,
             land_leakage=e.land_leakage,
+            edge_law=v.edge_law,
         )
         return self.oil.rho(p_mean, temperature) * flow
 
