@@ -120,7 +120,10 @@ def factors_of(
         "return_pressure": return_pressure,
     }
     found = []
+    absent = absent_parameters(model.valve)
     for name, info in _KINDS.items():
+        if name in absent:
+            continue
         value = values[name]
         own = info.tolerance * abs(value) if info.of_value else info.tolerance
         found.append(

@@ -34,6 +34,7 @@ def valve_of_model(model: Model) -> Valve:
         slot_width=model.valve.slot_width,
         heat_retention=jnp.asarray(eta),
         land_diameter=None if model.valve.land_diameter is None else jnp.asarray(model.valve.land_diameter),
+        edge_law=model.valve.edge_law,
         **numbers,  # pyright: ignore[reportArgumentType]  # names are those of Valve's fields
     )
     return with_effects(
