@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 from thermohyd.identify.bench.errors import suggestion
+from thermohyd.identify.fitting.parameters import absent_parameters
 from thermohyd.identify.model.model import Model
 
 
