@@ -1,6 +1,7 @@
 """The second edge law: the film against its definition, the valve against two independent models, derivatives at every seam."""
 
 import functools
+from typing import get_args
 
 import equinox as eqx
 import jax
@@ -16,9 +17,10 @@ from reference.oil import walther
 
 from thermohyd.arguments import ArgumentValueError
 from thermohyd.conditions import Conditions
-from thermohyd.edge import MeteringEdge, at_opening, mass_flow
+from thermohyd.edge import EDGE_LAWS, EdgeLaw, MeteringEdge, at_opening, mass_flow
 from thermohyd.effects.library import with_effects
 from thermohyd.film import film_resistance
+from thermohyd.identify.bench import record
 from thermohyd.oil import at_temperature, oil_from_definition
 from thermohyd.oil_definition import OilDefinition
 from thermohyd.static_tests import control_flow, leakage_flow, load_flow, load_pressure, port_pressures
@@ -257,3 +259,7 @@ def test_unknown_law_is_refused():
             underlap=0.0,
             edge_law="turbulent",
         )
+
+
+def test_words_for_the_laws_are_the_same_everywhere():
+    assert get_args(EdgeLaw) == EDGE_LAWS == record.EDGE_LAWS
