@@ -3,6 +3,7 @@
 Only values that are known are looked at: a tracer (inside jit, vmap, grad) passes untouched, and nothing is computed for it.
 """
 
+from collections.abc import Sequence
 from typing import Any, Literal
 
 import jax.numpy as jnp
@@ -157,6 +158,13 @@ def check_size(name: str, value: Any, low: float, high: float, hint: str) -> Non
     numbers = known(name, value)
     if numbers is not None and (wrong := (numbers < low) | (numbers > high)).any():
         raise ArgumentValueError(f"{name} cannot be {_worst(numbers, wrong):g}: {hint}")
+
+
+def check_word(name: str, value: Any, words: Sequence[str]) -> None:
+    """Raise ArgumentValueError unless it is one of the words."""
+    if value not in words:
+        allowed = " or ".join(f'"{word}"' for word in words)
+        raise ArgumentValueError(f"{name} must be {allowed}, not {described(value)}")
 
 
 def check_module(name: str, value: Any, kind: type, instead: str) -> None:

@@ -6,6 +6,7 @@ What it leaves open is chosen (docs/physics.md section 1): 70 bar supply, C_q 0.
 
 import math
 
+from .edge import EdgeLaw
 from .oil import oil_from_definition
 from .oil_definition import OilDefinition, walther_coefficients
 from .valve import Valve
@@ -26,8 +27,11 @@ def seed_oil_definition() -> OilDefinition:
     return OilDefinition(a, b, name="seed oil", source="ASTM D341 through the extremes that the seed paper gives")
 
 
-def seed_valve() -> Valve:
-    """The paper's MOOG 76101: full stroke 213 um, four slots of 3 mm, edge radius 15 um, clearance 2 um, underlap 15 um."""
+def seed_valve(edge_law: EdgeLaw = "orifice") -> Valve:
+    """The paper's MOOG 76101: full stroke 213 um, four slots of 3 mm, edge radius 15 um, clearance 2 um, underlap 15 um.
+
+    edge_law: "orifice" is the paper's.
+    """
     return Valve(
         oil=oil_from_definition(seed_oil_definition()),
         stroke=STROKE,
@@ -35,6 +39,7 @@ def seed_valve() -> Valve:
         edge_radius=15e-6,
         clearance=2e-6,
         underlap=15e-6,
+        edge_law=edge_law,
     )
 
 

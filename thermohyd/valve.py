@@ -31,10 +31,11 @@ from .arguments import (
     check_pressure,
     check_sign,
     check_size,
+    check_word,
     described,
 )
 from .conditions import Conditions
-from .edge import MeteringEdge
+from .edge import EDGE_LAWS, EdgeLaw, MeteringEdge
 from .numerics import require_float64
 from .oil import Oil
 
@@ -46,6 +47,12 @@ def _in_order(effects: Any) -> Any:
     return effects
 
 
+def _law(word: Any) -> EdgeLaw:
+    """The word itself, checked before anything is made of it."""
+    check_word("edge_law", word, EDGE_LAWS)
+    return word
+
+
 class Valve(eqx.Module):
     """A four-edge spool valve, second stage (docs/physics.md section 4). Lengths in m; every array field is differentiable.
 
@@ -54,6 +61,8 @@ class Valve(eqx.Module):
     heat_retention eta: None is the isothermal model (HM, all heat leaves to the body) and costs nothing; 0 is the same
     computed; 1 is the adiabatic model (THM, all heat stays in the oil); between them eta = exp(-NTU).
     null_pressure: supply pressure [Pa, gauge] at which null_bias holds; only the effect null_shift_pressure asks for it.
+
+    edge_law: "orifice" (the seed paper's) or "lubrication", which leaves transition_number unused; a choice, not an array.
 
     Known values are checked as the valve is made, traced ones never: ArgumentValueError for a wrong unit or sign,
     ArgumentTypeError for what is no number or no Oil, RuntimeError in single precision.
@@ -72,6 +81,7 @@ class Valve(eqx.Module):
     land_diameter: Float[Array, ""] | None = eqx.field(converter=as_optional_array, default=None)
     effects: tuple[AbstractEffect, ...] = eqx.field(converter=_in_order, default=())
     null_pressure: Float[Array, ""] | None = eqx.field(converter=as_optional_array, default=None)
+    edge_law: EdgeLaw = eqx.field(static=True, converter=_law, default="orifice")
 
     def __check_init__(self) -> None:
         require_float64("a Valve")
@@ -163,6 +173,7 @@ def metering_edges(valve: Valve, conditions: Conditions) -> Edges:
         underlap=valve.underlap,
         discharge_coefficient=valve.discharge_coefficient,
         transition_number=valve.transition_number,
+        law=valve.edge_law,
     )
     edges = Edges(supply=ideal, return_=ideal)
     for effect in valve.effects:

@@ -14,6 +14,8 @@ import pandas as pd
 from thermohyd.oil_definition import OilDefinition
 
 
+# The edge laws of `thermohyd.edge`, named here too for readers that do without JAX.
+EDGE_LAWS = ("orifice", "lubrication")
 STATIC_TESTS = ("leakage", "pressure_gain", "flow_gain", "load_flow")
 DYNAMIC_TESTS = ("step", "frequency")  # these, or several of a kind: step_slow, step_cold
 
@@ -48,6 +50,7 @@ class ValveData:
     rated_current: float | None = None
     polarity: int = 1
     null_pressure: float | None = None
+    edge_law: str = "orifice"  # one of EDGE_LAWS
 
 
 @dataclass(frozen=True)

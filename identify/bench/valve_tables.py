@@ -11,6 +11,7 @@ from thermohyd.data import oil_preset
 from thermohyd.identify.fitting.parameters import (
     IN_MOTION,
     STIFFEST_OIL,
+    absent_parameters,
     heat_retention,
     identified_by_default,
     identified_in_motion,
@@ -19,7 +20,7 @@ from thermohyd.oil_definition import OilDefinition, walther_coefficients
 
 from .columns import CONDITIONS, KIND_OF, SIZES, impossible, wrong_size
 from .errors import quoted
-from .record import ActuatorData, StartValue, ValveData
+from .record import EDGE_LAWS, ActuatorData, StartValue, ValveData
 from .test_tables import DynamicTestTable, StaticTest, read_actuator, read_tests
 from .toml_file import TableSource, TomlSource, TomlTable
 from .units import number_of
@@ -113,6 +114,9 @@ def read_start(table: TomlTable, valve: ValveData, actuator: ActuatorData | None
         limits = {name: limit for name, limit in limits.items() if name not in IN_MOTION}
     else:
         nominal |= {info.name: info.nominal for info in identified_in_motion(actuator).values()}
+    for name in absent_parameters(valve):
+        if name in table:
+            raise table.error(f'the edge law "{valve.edge_law}" has no such parameter; leave it out', name)
     table.refuse_unknown(tuple(limits), "parameter")
     start = {}
     for name in table.data:
@@ -153,7 +157,7 @@ def _read_entry(entry: TomlTable, limits: _Limits, nominal: float, stroke: float
 
 
 TABLES = ("valve", "oil", "conditions", "tests", "actuator", "start")
-VALVE = ("name", *SIZES, "polarity")
+VALVE = ("name", *SIZES, "polarity", "edge_law")
 
 
 @dataclass(frozen=True)
@@ -219,6 +223,10 @@ def _valve(table: TomlTable, name: str) -> ValveData:
         raise table.error(
             f"{quoted(polarity)} must be 1, or -1 where a positive current gives a negative flow", "polarity"
         )
+    law = table.text("edge_law") or EDGE_LAWS[0]
+    if law not in EDGE_LAWS:
+        allowed = " or ".join(f'"{word}"' for word in EDGE_LAWS)
+        raise table.error(f"{quoted(law)} must be {allowed}", "edge_law")
     return ValveData(
         name=table.text("name") or name,
         stroke=stroke,
@@ -228,6 +236,7 @@ def _valve(table: TomlTable, name: str) -> ValveData:
         rated_pressure_drop=sizes["rated_pressure_drop"],
         rated_current=sizes["rated_current"],
         polarity=int(polarity),
+        edge_law=law,
     )
 
 

@@ -2,7 +2,7 @@
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -225,7 +225,14 @@ def simulate_command(
 
 
 @app.command("seed")
-def seed_command(out: Out = None, json: Json = False) -> None:
+def seed_command(
+    out: Out = None,
+    json: Json = False,
+    edge_law: Annotated[
+        Literal["orifice", "lubrication"],
+        typer.Option("--edge-law", help="With lubrication: what becomes of the claims, beside the paper's own law."),
+    ] = "orifice",
+) -> None:
     """Reproduce the paper that this program grew from: its Figures 3 to 8, its Eq. 6, and every claim: holds or not.
 
     With --out: seed.html, the figures as PNG and SVG, seed.json, eq6.json (the flow curve for system-level tools) and CSVs.
@@ -234,7 +241,7 @@ def seed_command(out: Out = None, json: Json = False) -> None:
     def study(progress: "Progress") -> "Result":
         from thermohyd.identify.seed.study import seed_study
 
-        return seed_study(progress)
+        return seed_study(progress, edge_law=edge_law)
 
     _study(out, json, "seed.html", lambda progress: study)
 

@@ -188,6 +188,8 @@ def _columns(problem: Problem, fit: Fit) -> Iterator[tuple[str, str, np.ndarray,
         levels = len(np.unique(np.round((values - centre) / reach, 2)))
         shapes = legendre_basis(values, centre, reach, min(DEGREE_OF_VARIATION, max(levels - 1, 1)))[:, 1:]
         for quantity in QUANTITIES:
+            if quantity in problem.plans and problem.plans[quantity].absent:
+                continue
             yield quantity, variable, values, centre, reach, _times(problem, at, quantity, shapes)
 
 

@@ -81,11 +81,7 @@ def fit(
 def static_values(fitted: Fitted) -> dict[str, float]:
     """{parameter: value} of every parameter of a fit of static tests, held ones at their starts."""
     plans = fitted.plans.items()
-    return {name: fitted.values.get(name, plan.start) for name, plan in plans if _asked_for(name, plan)}
-
-
-def _asked_for(name: str, plan: ParameterPlan) -> bool:
-    return name != "heat_retention" or not plan.fixed or plan.given
+    return {name: fitted.values.get(name, plan.start) for name, plan in plans if plan.shown}
 
 
 def run_fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | None = None) -> Fitted:

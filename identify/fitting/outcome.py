@@ -237,8 +237,8 @@ def _estimates(fitted: Fitted, known: Uncertainty, intervals: Mapping[int, Inter
     pressed = tuple(name for name, side in zip(fitted.free, fitted.solution.active, strict=True) if side)
     estimates: dict[str, ParameterEstimate] = {}
     for name, plan in fitted.plans.items():
-        if plan.fixed and name == "heat_retention" and not plan.given:
-            continue  # nobody asked for it
+        if not plan.shown:
+            continue
         value, std, why, at_bound = plan.start, None, "held fixed", False
         interval: tuple[float, float] | None = None
         by_profile = False

@@ -33,8 +33,22 @@ PARAMETERS = (*OF_THE_EDGES, "heat_retention")
 SEEN_IN_MOTION = OF_THE_EDGES
 
 
+# What the edges' geometry gives where lubrication theory rules.
+_ABSENT = {"lubrication": ("transition_number",)}
+
+
+def absent_parameters(valve: ValveData) -> tuple[str, ...]:
+    """Parameters of the edges that the valve's edge law does not have; its vectors keep their place, with nothing behind it."""
+    return _ABSENT.get(valve.edge_law, ())
+
+
 def identified_by_default(valve: ValveData) -> dict[str, ParameterInfo]:
-    """The six static parameters for a valve; the limits of underlap and null bias follow its stroke."""
+    """The static parameters of a valve, one fewer with the lubrication law; limits of underlap and null bias follow its stroke."""
+    absent = absent_parameters(valve)
+    return {name: info for name, info in _of_the_edges(valve).items() if name not in absent}
+
+
+def _of_the_edges(valve: ValveData) -> dict[str, ParameterInfo]:
     half = 0.5 * valve.stroke
     known = (
         ParameterInfo("edge_radius", "m", 10 * MICRON, 0.0, 200 * MICRON, 5 * MICRON, "radius of the rounded edges"),
@@ -94,14 +108,22 @@ class ParameterPlan:
     upper: float
     prior: Prior | None = None
     given: bool = False  # the start came from the user
+    absent: bool = False  # the valve's edge law does not have it
+
+    @property
+    def shown(self) -> bool:
+        """Whether a result names it: not what the law lacks, nor the share of the heat where nobody asked for it."""
+        return not self.absent and (self.info.name != "heat_retention" or not self.fixed or self.given)
 
 
 def plan_parameters(valve: ValveData, start: dict[str, StartValue]) -> dict[str, ParameterPlan]:
     """Merge the defaults with a record's `[start]`; a box always contains its start."""
     plans: dict[str, ParameterPlan] = {}
-    for info in (*identified_by_default(valve).values(), heat_retention()):
+    absent = absent_parameters(valve)
+    for info in (*_of_the_edges(valve).values(), heat_retention()):
         chosen = start.get(info.name)
-        plans[info.name] = _plan(info, chosen, held=info.name == "heat_retention" and chosen is None)
+        held = info.name in absent or (info.name == "heat_retention" and chosen is None)
+        plans[info.name] = replace(_plan(info, chosen, held), absent=info.name in absent)
     return plans
 
 
@@ -113,14 +135,15 @@ def plan_motion(
     known: static values that a fit of the record's static tests found; all of them are then held.
     """
     plans = {info.name: _plan(info, start.get(info.name), False) for info in identified_in_motion(actuator).values()}
-    for info in (*identified_by_default(valve).values(), heat_retention()):
+    absent = absent_parameters(valve)
+    for info in (*_of_the_edges(valve).values(), heat_retention()):
         chosen = start.get(info.name)
-        held = known is not None or chosen is None or not chosen.freed
+        held = known is not None or info.name in absent or chosen is None or not chosen.freed
         plan = _plan(info, chosen, held)
         if known is not None and info.name in known:
             value = known[info.name]
             plan = replace(plan, start=value, lower=min(plan.lower, value), upper=max(plan.upper, value), given=True)
-        plans[info.name] = plan
+        plans[info.name] = replace(plan, absent=info.name in absent)
     return plans
 
 

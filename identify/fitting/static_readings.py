@@ -137,6 +137,7 @@ def base_valve(record: BenchRecord, parameters: Mapping[str, float], heat: bool 
         heat_retention=jnp.asarray(eta) if heat or eta > 0.0 else None,
         land_diameter=None if record.valve.land_diameter is None else jnp.asarray(record.valve.land_diameter),
         null_pressure=body.null_pressure,
+        edge_law=record.valve.edge_law,
         **numbers,  # pyright: ignore[reportArgumentType]  # names checked against Valve's fields by plan_parameters
     )
 

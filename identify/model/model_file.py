@@ -17,6 +17,7 @@ from thermohyd.effects.library import whole_library
 from thermohyd.identify.bench.errors import BenchInputError, quoted, suggestion
 from thermohyd.identify.bench.record import (
     DYNAMIC_TESTS,
+    EDGE_LAWS,
     STATIC_TESTS,
     ActuatorData,
     BenchRecord,
@@ -185,12 +186,16 @@ class ModelReader:
         numbers = {
             key: None if table.get(key) is None else self.number(table[key], f'"valve" "{key}"')
             for key in known
-            if key not in ("name", "polarity")
+            if key not in ("name", "polarity", "edge_law")
         }
         for key in ("stroke", "slot_width"):
             if not numbers[key] or numbers[key] <= 0.0:  # pyright: ignore[reportOptionalOperand]
                 raise self.fail(f'"valve" "{key}" must be a positive length in m')
-        return ValveData(name=str(table.get("name", "")), polarity=-1 if table.get("polarity") == -1 else 1, **numbers)  # pyright: ignore[reportArgumentType]
+        law = table.get("edge_law", EDGE_LAWS[0])  # files of earlier versions have none
+        if law not in EDGE_LAWS:
+            raise self.fail(f'"valve" "edge_law" must be {" or ".join(json.dumps(word) for word in EDGE_LAWS)}')
+        polarity = -1 if table.get("polarity") == -1 else 1
+        return ValveData(name=str(table.get("name", "")), polarity=polarity, edge_law=law, **numbers)  # pyright: ignore[reportArgumentType]
 
     def oil(self, table: dict[str, Any]) -> OilDefinition:
         known = [field.name for field in fields(OilDefinition)]

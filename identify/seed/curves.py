@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from thermohyd.conditions import Conditions, operating_points
+from thermohyd.edge import EdgeLaw
 from thermohyd.numerics import require_float64
 from thermohyd.oil import walther_viscosity
 from thermohyd.static_tests import blocked_port_readings, control_flow
@@ -43,6 +44,7 @@ class SeedCurves:
     pressure_gain: np.ndarray
     flow: np.ndarray
     flow_gain: np.ndarray
+    edge_law: EdgeLaw = "orifice"
 
     def at_opening(self, share: float) -> int:
         """Index of an opening that the curves contain (ValueError otherwise)."""
@@ -112,7 +114,13 @@ def seed_curves(
     arrays = {name: values.reshape(shape) for name, values in found.items()}
     viscosity = np.asarray(jax.jit(walther_viscosity)(true_oil(valve), jnp.asarray(temperature)))
     return SeedCurves(
-        stroke=stroke, supply=supply, temperature=temperature, viscosity=viscosity, opening=opening, **arrays
+        stroke=stroke,
+        supply=supply,
+        temperature=temperature,
+        viscosity=viscosity,
+        opening=opening,
+        edge_law=valve.edge_law,
+        **arrays,
     )
 
 

@@ -38,7 +38,13 @@ def seed_json(study: SeedStudy) -> dict[str, Any]:
     names = ("leakage", "load_pressure", "pressure_gain", "flow", "flow_gain")
     return {
         "units": "SI: m, Pa (gauge), K, m3/s; viscosity m2/s; opening as a share of the stroke",
+        "edge_law": study.edge_law,
         "claims": [asdict(claim) for claim in study.claims],
+        **(
+            {}
+            if study.of_the_paper is None
+            else {"claims_with_the_orifice_law": [asdict(claim) for claim in study.of_the_paper]}
+        ),
         "claims_that": {word: study.count(word) for word in ("holds", "partly", "no")},
         "eq6": {model: flow_curve_json(fit, oil) for model, fit in study.macro.items()},
         "eq6_with_second_tanh": {
@@ -209,8 +215,14 @@ COLOURS = {"holds": "green", "partly": "yellow", "no": "red"}
 
 def print_seed(study: SeedStudy, console: Console) -> None:
     """A row per claim with its figure, and the error of Eq. 6."""
-    rows = [(claim.title, claim.short, Text(claim.holds, style=COLOURS[claim.holds])) for claim in study.claims]
-    console.print(table(("claim of the paper", "computed", ""), rows, gap=2))
+    verdict = lambda claim: Text(claim.holds, style=COLOURS[claim.holds])
+    rows = [(claim.title, claim.short, verdict(claim)) for claim in study.claims]
+    if study.of_the_paper is None:
+        console.print(table(("claim of the paper", "computed", ""), rows, gap=2))
+    else:
+        both = [(*row, own.short, verdict(own)) for row, own in zip(rows, study.of_the_paper, strict=True)]
+        console.print(table(("claim of the paper", study.edge_law, "", "orifice", ""), both, gap=2))
+        console.print(Text(next(claim.computed for claim in study.claims if claim.key == "hm_pressure_gain_constant")))
     macro = study.macro["HM"]
     own = max(fit.worst for fit in macro.fits)
     console.print(

@@ -9,6 +9,7 @@ import numpy as np
 
 from thermohyd import seed_paper as paper
 from thermohyd.actuator import seed_actuator
+from thermohyd.edge import EdgeLaw
 from thermohyd.identify.flow_curve_fit import FlowCurveFit, TwoTermFit, fit_eq6, fit_two_terms
 from thermohyd.identify.result import Result
 
@@ -40,11 +41,17 @@ class SeedStudy(Result):
     performance: dict[str, np.ndarray]
     claims: tuple[Claim, ...]
     seconds: float
+    # Of another edge law than the paper's: the same claims with its own, the orifice's, in the same order.
+    of_the_paper: tuple[Claim, ...] | None = None
 
     @property
     def drawn(self) -> list[int]:
         """Indices of the temperatures at which curves against the opening are drawn, cold to hot."""
         return [self.curves.at_viscosity(viscosity) for viscosity in paper.VISCOSITIES[::-1]]
+
+    @property
+    def edge_law(self) -> EdgeLaw:
+        return self.curves.edge_law
 
     def count(self, holds: str) -> int:
         """How many claims hold, hold "partly", or do not ("no")."""
@@ -62,6 +69,10 @@ class SeedStudy(Result):
 
         columns = ["where", "title", "claim", "holds", "short", "computed", "why"]
         rows = {claim.key: [getattr(claim, name) for name in columns] for claim in self.claims}
+        if self.of_the_paper is not None:
+            columns += ["holds, orifice law", "short, orifice law"]
+            for claim in self.of_the_paper:
+                rows[claim.key] += [claim.holds, claim.short]
         return pd.DataFrame.from_dict(rows, orient="index", columns=columns).rename_axis("key")
 
     def print_on(self, console: "Console") -> None:
@@ -86,12 +97,15 @@ def temperatures() -> np.ndarray:
     return np.sort(np.concatenate([even, [paper.temperature_at(nu) for nu in paper.VISCOSITIES[1:-1]]]))
 
 
-def seed_study(progress: Callable[[str], None] | None = None) -> SeedStudy:
-    """Figures 3 to 8, Eq. 6 and every claim of the seed paper for its valve and oil. Raises RuntimeError in single precision."""
+def seed_study(progress: Callable[[str], None] | None = None, *, edge_law: EdgeLaw = "orifice") -> SeedStudy:
+    """Figures 3 to 8, Eq. 6 and every claim of the seed paper for its valve and oil. Raises RuntimeError in single precision.
+
+    edge_law: "orifice" is the paper's; with "lubrication" the claims of both laws stand side by side.
+    """
     began = time.perf_counter()
     say = progress or (lambda _: None)
     say("simulating the valve of the paper")
-    valve = paper.seed_valve()
+    valve = paper.seed_valve(edge_law)
     curves = seed_curves(valve, temperatures(), paper.SUPPLY_PRESSURES)
     say("fitting Eq. 6")
     even = curves.equidistant
@@ -111,4 +125,6 @@ def seed_study(progress: Callable[[str], None] | None = None) -> SeedStudy:
         *flow_claims(curves, macro["HM"], two_terms, paper.NOMINAL_FLOW),
         *actuator_claims(curves, at_null, valve, seed_actuator(), paper.NOMINAL_FLOW),
     ]
-    return SeedStudy(curves, macro, tuple(two_terms), at_null, tuple(claims), time.perf_counter() - began)
+    beside = None if edge_law == "orifice" else seed_study(progress).claims
+    seconds = time.perf_counter() - began
+    return SeedStudy(curves, macro, tuple(two_terms), at_null, tuple(claims), seconds, beside)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 from thermohyd.identify.bench.errors import suggestion
+from thermohyd.identify.fitting.parameters import absent_parameters
 from thermohyd.identify.model.model import Model
 
 
@@ -120,7 +121,10 @@ def factors_of(
         "return_pressure": return_pressure,
     }
     found = []
+    absent = absent_parameters(model.valve)
     for name, info in _KINDS.items():
+        if name in absent:
+            continue
         value = values[name]
         own = info.tolerance * abs(value) if info.of_value else info.tolerance
         found.append(

@@ -35,6 +35,7 @@ def valve_of_model(model: Model) -> Valve:
         heat_retention=jnp.asarray(eta),
         land_diameter=None if model.valve.land_diameter is None else jnp.asarray(model.valve.land_diameter),
         null_pressure=model.valve.null_pressure,
+        edge_law=model.valve.edge_law,
         **numbers,  # pyright: ignore[reportArgumentType]  # names are those of Valve's fields
     )
     return with_effects(

@@ -143,6 +143,7 @@ class Machine:
         geometry = {
             "width": v.slot_width, "radius": v.edge_radius + wear, "clearance": clearance, "eccentricity": e.eccentricity,
             "discharge_coefficient": v.discharge_coefficient, "transition_number": v.transition_number,
+            "edge_law": v.edge_law,
         }  # fmt: skip
         jet = volume_flow(opening, drop, mean, warm, oil, **geometry)
         flow = jet

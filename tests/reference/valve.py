@@ -10,7 +10,10 @@ from reference.oil import T40, Array, Oil
 
 @dataclass(frozen=True)
 class Valve:
-    """Geometry and the six identified parameters (SI), numbers or one entry per row. Default: the seed valve."""
+    """Geometry and the six identified parameters (SI), numbers or one entry per row. Default: the seed valve.
+
+    edge_law: "orifice" or "lubrication", which has no transition number.
+    """
 
     slot_width: Array = 12e-3
     edge_radius: Array = 15e-6
@@ -20,6 +23,7 @@ class Valve:
     transition_number: Array = 100.0
     null_bias: Array = 0.0
     null_pressure: Array | None = None  # supply pressure at which null_bias holds; None: that of the first row
+    edge_law: str = "orifice"
 
 
 @dataclass(frozen=True)
@@ -127,6 +131,7 @@ class Plant:
             transition_number=v.transition_number,
             eccentricity=e.eccentricity,
             land_leakage=e.land_leakage,
+            edge_law=v.edge_law,
         )
         return self.oil.rho(p_mean, temperature) * flow
 

@@ -20,7 +20,7 @@ from thermohyd.identify.seed.report import CAPTIONS, print_seed
 def run(monkeypatch, study):
     """`thermohyd` with arguments; the study is the one that the other tests made."""
     monkeypatch.setattr(jax_setup, "set_up_jax", lambda: None)
-    monkeypatch.setattr(seed_module, "seed_study", lambda progress=None: study)
+    monkeypatch.setattr(seed_module, "seed_study", lambda progress=None, **_: study)
     monkeypatch.delenv("THERMOHYD_DEBUG", raising=False)
     return lambda *arguments: CliRunner().invoke(app, ["seed", *(str(a) for a in arguments)])
 
