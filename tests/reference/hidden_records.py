@@ -131,7 +131,9 @@ def _truth(hidden: Hidden, exact: hidden_outside.Readings) -> dict[str, Any]:
         "effects": hidden.effects,
         "outside": outside,
         "strength": hidden.strength,
-        "parameters": {k: float(v) for k, v in asdict(bench.valve).items() if k not in ("slot_width", "null_pressure")},
+        "parameters": {
+            k: float(v) for k, v in asdict(bench.valve).items() if k not in ("slot_width", "null_pressure", "edge_law")
+        },
         "noise": "AR(1)" if bench.phi else "white",
         "phi": bench.phi,
         "noise_std": bench.noise,

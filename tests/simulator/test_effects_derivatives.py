@@ -90,7 +90,7 @@ def check(balance, effects, place, steps):
 
     first = at(steps, jnp.ones(count))[0].reshape(-1, ROWS)
     # Pressures by a typical one: at null their difference vanishes.
-    size = np.maximum(np.max(np.abs(first), axis=1), [1e-6, 1e-6, 1e7, 1e7, 1e7][: len(first)])
+    size = np.maximum(np.max(np.abs(first), axis=1), [1e-6, 1e7, 1e7, 1e7, 1e-6][: len(first)])
     unit = jnp.asarray(np.repeat(size, ROWS))
     forward = at(steps, unit)[1]
     assert np.all(np.isfinite(forward))

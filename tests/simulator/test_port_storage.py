@@ -128,7 +128,7 @@ def test_derivatives(tied):
     start = jnp.asarray([12e-6, 2.5e-6, 4e-6, 1e-6, 4e-13, 0.0])
     names = ("edge_radius", "clearance", "underlap", "null_bias")
     unit = jnp.asarray([1e-6, 1e-6, 1e-6, 1e-6, 1e-13, 1e-13])
-    size = np.array([1e-6, 1e-6, 1e7, 1e7, 1e7])
+    size = np.array([1e-6, 1e7, 1e7, 1e7, 1e-6])
 
     def readings(z):
         values = z * unit
