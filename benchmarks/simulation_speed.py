@@ -4,6 +4,8 @@ Claimed: at least 1,500,000 solved blocked-port operating points (both ports) pe
 Jacobian at most 4 times one simulation; memory linear in the rows.
 """
 
+from dataclasses import replace
+
 import jax
 
 
@@ -14,6 +16,7 @@ import numpy as np
 from _peers import NOMINAL, compare, machine, record_of_3000_rows
 
 from thermohyd.conditions import Conditions
+from thermohyd.effects.library import with_effects
 from thermohyd.identify.fitting.static_readings import (
     FitArgs,
     base_valve,
@@ -21,6 +24,7 @@ from thermohyd.identify.fitting.static_readings import (
     residual_and_columns,
     residual_of,
     static_data,
+    with_parameters,
 )
 from thermohyd.static_tests import blocked_port_readings, control_flow
 from thermohyd.valve import Valve
@@ -74,11 +78,42 @@ def jacobian_cost() -> None:
         print(f"  {name:52s} {1e3 * seconds:6.2f} ms   {seconds / base:5.2f} simulations")
 
 
+def other_models() -> None:
+    """Eight sweeps of 60 rows with blocked ports: the ideal valve, the lubrication law, and ports that store oil."""
+    rows = 60
+    x = np.tile(60e-6 * np.interp(np.arange(rows), [0, 30, 59], [-1.0, 1.0, -1.0]), 8)
+    full = lambda value: jnp.full(x.size, value)
+    run, time = np.repeat(np.arange(8.0), rows), np.tile(np.linspace(0.0, 60.0, rows), 8)
+    points = Conditions(
+        jnp.asarray(x), full(210e5), full(2e5), full(313.15), time=jnp.asarray(time), run=jnp.asarray(run)
+    )
+    ideal = base_valve(record_of_3000_rows(), dict(zip(NAMES, NOMINAL.tolist(), strict=True)))
+    storing = with_effects(ideal, {"port_compliance_a": 6e-13, "port_compliance_b": 3e-13})
+    valves = {"ideal valve": ideal, "lubrication law": replace(ideal, edge_law="lubrication"), "storage": storing}
+
+    def once(valve: Valve):
+        found = blocked_port_readings(valve, points)
+        return jnp.stack([found["leakage_flow"], found["load_pressure"]])
+
+    def six(valve: Valve):
+        of = lambda p: once(with_parameters(valve, NAMES, p))
+        return jax.jacfwd(of)(jnp.asarray(NOMINAL))
+
+    for what, function in (("one sweep", once), ("six columns by jacfwd", six)):
+        compiled = {name: jax.jit(function).lower(valve).compile() for name, valve in valves.items()}
+        runs = {name: lambda name=name: jax.block_until_ready(compiled[name](valves[name])) for name in valves}  # noqa: B023
+        medians = compare(runs, 21)
+        for name, seconds in medians.items():
+            ratio = seconds / medians["ideal valve"]
+            print(f"  {what:22s} {name:16s} {1e3 * seconds:6.2f} ms   {ratio:5.2f} of the ideal valve's")
+
+
 def main() -> None:
     print(machine())
     record = record_of_3000_rows()
     points_per_second(base_valve(record, dict(zip(NAMES, NOMINAL.tolist(), strict=True))))
     jacobian_cost()
+    other_models()
 
 
 if __name__ == "__main__":
