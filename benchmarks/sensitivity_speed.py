@@ -80,7 +80,7 @@ def reference_sample(sample: dict[str, float], oil: Oil) -> None:
         "transition_number",
         "null_bias",
     )
-    valve = Valve(**{name: sample[name] for name in names})
+    valve = Valve(**{name: sample[name] for name in names})  # pyright: ignore[reportArgumentType]
     effects = Effects(throttle_heating=sample["heat_retention"], viscosity_shift=sample["viscosity"] - 1.0)
     for test in ("leakage", "pressure_gain", "flow_gain"):
         static_tests.TESTS[test](valve, oil, rows, effects)

@@ -25,7 +25,7 @@ def test_reference_reproduces_the_conformance_rows(name, test):
 def test_film_where_it_is_known():
     c = 2e-6
     # r = 0 is the land alone, and nothing where the edge is open
-    np.testing.assert_allclose(film_integral([-5e-6, 0.0, 3e-6], 0.0, c), [5e-6 / c**3, 0.0, 0.0], rtol=1e-14)
+    np.testing.assert_allclose(film_integral(np.array([-5e-6, 0.0, 3e-6]), 0.0, c), [5e-6 / c**3, 0.0, 0.0], rtol=1e-14)
     # from u = 2 r on there is no film
     assert film_integral(2e-5, 1e-5, c) == 0.0 == film_integral(3e-5, 1e-5, c)
     # Two parabolas in a narrow gap: the journal bearing's (3 pi/8) sqrt(2 r c)/c^3, next term of the order c/r

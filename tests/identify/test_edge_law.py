@@ -96,6 +96,7 @@ def test_a_start_for_what_the_law_lacks_is_refused(tmp_path):
 
 def test_plans_hold_what_the_law_lacks_and_show_it_nowhere():
     record = read_record(sample_record("seed_actuator"))
+    assert record.actuator is not None
     valve = dataclasses.replace(record.valve, edge_law="lubrication")
     assert "transition_number" not in identified_by_default(valve)
     for plans in (plan_parameters(valve, {}), plan_motion(valve, record.actuator, {})):

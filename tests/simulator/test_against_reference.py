@@ -63,7 +63,7 @@ def test_random_valves_oils_and_conditions(test, eta):
         *map(jnp.asarray, (parameters, *coefficients, x, supply, back, temperature, load))
     )
     spread = lambda a: np.repeat(a, ROWS)
-    valve = ReferenceValve(12e-3, *(spread(column) for column in parameters.T))
+    valve = ReferenceValve(12e-3, *(spread(column) for column in parameters.T))  # pyright: ignore[reportArgumentType]
     oil = ReferenceOil(spread(coefficients[0]), spread(coefficients[1]), density=spread(coefficients[2]))
     rows = Rows(*(a.ravel() for a in (x, supply, back, temperature)), load_pressure=load.ravel())
     effects = Effects(throttle_heating=0.0 if eta is None else eta)

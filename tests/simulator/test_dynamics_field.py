@@ -103,6 +103,14 @@ def test_every_effect_alone_and_together(adiabatic, jack):
     assert max(found.values()) < 1e-11
 
 
+def test_the_other_edge_law():
+    of = machine(True, {}, {})
+    of = replace(of, valve=replace(of.valve, edge_law="lubrication"))
+    worst = largest_difference(of, True)
+    print(f"lubrication: {worst:.1e} of the rate")
+    assert worst < 1e-9  # the film's eleven nodes leave 4e-12 of it
+
+
 @pytest.mark.parametrize("adiabatic", [True, False])
 def test_neutral_changes_nothing(adiabatic):
     bare = machine(adiabatic, {}, {})

@@ -74,7 +74,7 @@ def by_reference(test: TestRecord, effects: dict[str, float], **valve) -> np.nda
         test.spool_position, test.supply_pressure, test.return_pressure, test.temperature, test.direction, test.time,
         test.run, rate=test.rate,
     )  # fmt: skip
-    found = reference.TESTS[test.name](Valve(12e-3, **(PARAMETERS | valve)), Oil(A, B), rows, Effects(**effects))
+    found = reference.TESTS[test.name](Valve(12e-3, **(PARAMETERS | valve)), Oil(A, B), rows, Effects(**effects))  # pyright: ignore[reportArgumentType]
     return found[reference.READING[test.name]]
 
 

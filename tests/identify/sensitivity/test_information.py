@@ -63,7 +63,7 @@ def test_fisher_information_is_that_of_the_reference_simulator(study):
         bench = Rows(part.position[rows], 70e5 * ones, 0.0 * ones, 313.15 * ones, direction=ones)
         for i, name in enumerate(OF_THE_EDGES):
             readings = [
-                static_tests.TESTS[test](Valve(12e-3, **{**nominal, name: nominal[name] + d}), oil, bench)
+                static_tests.TESTS[test](Valve(12e-3, **{**nominal, name: nominal[name] + d}), oil, bench)  # pyright: ignore[reportArgumentType]
                 for d in (STEPS[name], -STEPS[name])
             ]
             key = static_tests.READING[test]
