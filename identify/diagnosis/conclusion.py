@@ -11,6 +11,7 @@ import numpy as np
 from thermohyd.effects.library import effect_info
 from thermohyd.identify.fitting.misfit import doubts
 from thermohyd.identify.fitting.outcome import Fitted, Key, fit_result
+from thermohyd.identify.fitting.parameters import effect_plan
 from thermohyd.identify.fitting.problem import Fit, Problem, solution_of
 from thermohyd.identify.fitting.result import FitResult
 from thermohyd.identify.fitting.uncertainty import Block, Covariance, covariance_of

@@ -137,6 +137,7 @@ class Machine:
         wear = wear + np.array([e.edge_wear_pa, e.edge_wear_pb, e.edge_wear_at, e.edge_wear_bt])
         null = v.null_bias + e.null_shift_temperature * (ts - T40)
         if np.any(e.null_shift_pressure):
+            assert v.null_pressure is not None
             null = null + e.null_shift_pressure * ((ps if gauge is None else gauge) - v.null_pressure)
         opening = v.underlap + (1.0 - FROM_SUPPLY) * e.unequal_underlap + OPENS * (x - null)
         clearance = v.clearance + e.thermal_clearance * (ts - T40) + e.pressure_clearance * mean

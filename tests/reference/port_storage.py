@@ -43,20 +43,21 @@ def swept(
 
     A port without compliance is in balance at every moment, which needs ports that do not know of each other.
     """
-    assert rows.time is not None
-    assert rows.run is not None
+    clock, run = rows.time, rows.run
+    assert clock is not None
+    assert run is not None
     if rows.direction is None:
-        rows = replace(rows, direction=sweep_direction(rows.spool_position, rows.run))
+        rows = replace(rows, direction=sweep_direction(rows.spool_position, run))
     plant, steady = blocked_state(valve, oil, rows, effects)
     assert not has_lines(plant)
     p = np.stack([steady.p_a, steady.p_b]).astype(float)
     stores = np.flatnonzero(np.array(compliance) > 0.0)
     assert len(stores) == 2 or not np.any(effects.cross_port_leakage)
     c = np.array(compliance)[stores]
-    for row in range(1, len(rows.time)):
-        if rows.run[row] != rows.run[row - 1] or not len(stores):
+    for row in range(1, len(clock)):
+        if run[row] != run[row - 1] or not len(stores):
             continue
-        span = rows.time[row] - rows.time[row - 1]
+        span = clock[row] - clock[row - 1]
         start = p[:, row - 1].copy()
 
         def rate(time: float, own: np.ndarray, row=row, span=span, start=start) -> np.ndarray:

@@ -76,6 +76,7 @@ def test_exact_checks():
     """Nothing stored changes nothing; slow sweeps tend to the steady curve with their rate; a closed cycle keeps no oil."""
     rows, _, truth = conformance.rows_in_time("port_compliance_hysteresis_bushing")
     assert rows.time is not None
+    assert rows.run is not None
     steady = swept(truth, rows.time, [0.0, 0.0])
     late = {k: swept(truth, k * rows.time) for k in (400.0, 800.0)}
     with quick_compile():

@@ -18,10 +18,12 @@ def test_a_loop_is_fitted_where_it_is_asked_for():
     assert found.converged
     loop = found.parameters["hysteresis"]
     assert loop.unit == "m"
+    assert loop.std is not None
     assert abs(loop.value - 1.2e-6) < 4.0 * loop.std
     assert loop.std < 0.05e-6
     for name in ("clearance", "underlap", "null_bias"):
         estimate = found.parameters[name]
+        assert estimate.std is not None
         assert abs(estimate.value - getattr(VALVE, name)) < 4.0 * estimate.std, name
     assert 0.8 < found.reduced_chi2 < 1.2
     assert model_json(found)["effects"]["hysteresis"]["value"] == loop.value
