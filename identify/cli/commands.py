@@ -101,8 +101,9 @@ def fit_command(
 
         from .several_results import print_summary_of_fits, unsettled
 
+        freed: dict[str, Any] = {"effects": effect} if effect else {}
         return (
-            (lambda record, say: fit(record, effects=effect or (), progress=say)),
+            (lambda record, say: fit(record, progress=say, **freed)),
             print_summary_of_fits,
             unsettled,
         )
