@@ -72,6 +72,20 @@ def test_report_goes_to_stdout_and_warnings_to_both(bench, tmp_path):
     assert ran.stderr == f"thermohyd: warning: {warning}\n"
 
 
+def test_effects_are_freed_by_name(bench, monkeypatch):
+    asked = []
+    found = fake_fit()
+
+    def fit(record, effects=(), progress=None):
+        asked.append(tuple(effects))
+        return found
+
+    stand_in(monkeypatch, "fitting.fit", fit=fit)
+    assert bench("fit", "bench", "--effect", "hysteresis", "--effect", "pilot_leakage").exit_code == 0
+    assert bench("fit", "bench").exit_code == 0
+    assert asked == [("hysteresis", "pilot_leakage"), ()]
+
+
 def test_json_alone_on_stdout(bench):
     ran = bench("fit", "bench", "--json")
     assert json.loads(ran.stdout)["rows"] == 146_220
