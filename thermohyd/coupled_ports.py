@@ -41,6 +41,17 @@ def with_pressures(conditions: Conditions, supply: Float[Array, "..."], return_:
     return eqx.tree_at(lambda c: (c.supply_pressure, c.return_pressure), conditions, (supply, return_))
 
 
+def lost_in_lines(
+    lines: tuple[AbstractLineEffect, ...], ports: Ports, oil: Oil, gauges: Conditions, warm: Float[Array, "..."]
+) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+    """(drop of the supply, rise of the return) [Pa] of all lines; flows are volumes at the gauges, the return's at `warm` [K]."""
+    supply_flow = jnp.sum(ports.inflow, axis=0) / density(oil, gauges.supply_pressure, gauges.temperature)
+    return_flow = jnp.sum(ports.outflow, axis=0) / density(oil, gauges.return_pressure, warm)
+    losses = [line.losses(supply_flow, return_flow) for line in lines]
+    lost, gained = (sum(parts, start=jnp.zeros(())) for parts in zip(*losses, strict=True))
+    return lost, gained
+
+
 def solve_with_lines(
     balance: PortBalance,
     start: Float[Array, "unknowns rows"],
@@ -70,11 +81,7 @@ def solve_with_lines(
         residual, ports = balance(z[:count], within)
         if not lines:
             return residual
-        supply_flow = jnp.sum(ports.inflow, axis=0) / density(oil, gauges.supply_pressure, gauges.temperature)
-        warm = warm_return(ports, within)
-        return_flow = jnp.sum(ports.outflow, axis=0) / density(oil, gauges.return_pressure, warm)
-        losses = [line.losses(supply_flow, return_flow) for line in lines]
-        lost, gained = (sum(parts, start=jnp.zeros(())) for parts in zip(*losses, strict=True))
+        lost, gained = lost_in_lines(lines, ports, oil, gauges, warm_return(ports, within))
         return jnp.concatenate([residual, jnp.stack([z[count] - lost / span, z[count + 1] - gained / span])])
 
     def room(z: Float[Array, "unknowns rows"]) -> Float[Array, " rows"]:

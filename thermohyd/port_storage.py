@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Float
 from thermohyd.effects.effect import Coupling
 
 from .conditions import Conditions, sweep_direction
-from .coupled_ports import crossing_conductance, ports_with_crossing, with_pressures
+from .coupled_ports import crossing_conductance, lost_in_lines, ports_with_crossing, with_pressures
 from .flow_balance import eliminate
 from .numerics import linear_recursion
 from .oil import Oil, density
@@ -33,9 +33,12 @@ STAGES = np.array(
     ]
 )
 PARTS = STAGES.sum(axis=1)  # of a step, where its stages are
-# From the steady state, 6e-13 m3/Pa on a valve whose sweep takes 12 s or 60 s: 6 turns leave 2e-5 of the pressure, and one
-# more, which also takes the derivatives along, 3e-8.
-TURNS = 6
+# The search ends where a turn moves every pressure by less than this share of the supply's; the next one squares it.
+CLOSE = 1e-7
+# From the steady state of 1080 random sweeps (2, 12 and 60 s, 1e-14 to 1e-10 m3/Pa): 3 to 6 turns by the median, 12 at most.
+MOST_TURNS = 40
+# A row whose pressure the last turn still moves by a larger share has no solution that was found, and becomes NaN.
+FOUND = 1e-6
 # A pressure that a turn would move beyond supply or return goes so far towards it, in the logit of its share.
 TOWARDS_END = 4.0
 # Turns of the pressures behind lines: leakage moves them by less than a hundredth, and a turn leaves as much of the error.
@@ -189,26 +192,23 @@ class _Ties(eqx.Module):
     conductance: Float[Array, "..."] | None
     coupling: Coupling
 
-    def state(self, q: Float[Array, "2 rows"]) -> tuple[Ports, Between, Conditions]:
-        """Ports at the logit q of their share of the gauges' pressures, drops to the gauges, conditions inside the lines."""
+    def state(self, q: Float[Array, "2 rows"]) -> tuple[Ports, Conditions]:
+        """Ports at the logit q of their share of the gauges' pressures, and the conditions inside the lines."""
         gauges, oil = self.flows.conditions, self.flows.oil
         drops, inside, flows = between(q, gauges), gauges, self.flows
         ports, _, _ = ports_with_crossing(flows, drops, self.conductance)
         for _ in range(LINE_TURNS if self.coupling.lines else 0):
-            supply_flow = jnp.sum(ports.inflow, axis=0) / density(oil, gauges.supply_pressure, gauges.temperature)
             warm = return_temperature(ports, oil, flows.heat_retention, inside)
-            return_flow = jnp.sum(ports.outflow, axis=0) / density(oil, gauges.return_pressure, warm)
-            losses = [line.losses(supply_flow, return_flow) for line in self.coupling.lines]
-            lost, gained = (sum(parts, start=jnp.zeros(())) for parts in zip(*losses, strict=True))
+            lost, gained = lost_in_lines(self.coupling.lines, ports, oil, gauges, warm)
             inside = with_pressures(gauges, gauges.supply_pressure - lost, gauges.return_pressure + gained)
             flows = eqx.tree_at(lambda f: f.conditions, self.flows, inside)
             behind = Between(drops.supply_drop - lost, drops.return_drop - gained)
             ports, _, _ = ports_with_crossing(flows, behind, self.conductance)
-        return ports, drops, inside
+        return ports, inside
 
     def net(self, q: Float[Array, "2 rows"]) -> Float[Array, "2 rows"]:
         """What flows into each port beyond what leaves it [m3/s], at the port's pressure and temperature."""
-        ports, _, _ = self.state(q)
+        ports, _ = self.state(q)
         surplus = ports.inflow - ports.outflow
         if ports.crossing is not None:
             surplus = surplus + ports.crossing
@@ -239,12 +239,12 @@ def _slopes(ties: _Ties, q: Float[Array, "nodes 2 rows"]) -> tuple[Array, Array,
     """
     drops = between_all(q, ties.flows.conditions)
     rise = drops.supply_drop * drops.return_drop / (drops.supply_drop + drops.return_drop)
-    pressure, net = _at(ties, q)
-    push = lambda unit: jax.jvp(lambda q: jax.vmap(_Ties.net)(ties, q), (q,), (jnp.broadcast_to(unit, q.shape),))[1]
+    pressure = ties.flows.conditions.return_pressure[:, None] + drops.return_drop
+    net, push = jax.linearize(lambda q: jax.vmap(_Ties.net)(ties, q), q)
     if ties.coupling.lines or ties.coupling.crossings:
-        columns = [push(jnp.eye(2)[:, j, None]) / rise[:, j, None] for j in range(2)]
-        return pressure, net, jnp.stack(columns, axis=2), rise
-    return pressure, net, (push(jnp.ones(())) / rise)[:, None], rise
+        units = [jnp.broadcast_to(jnp.eye(2)[:, j, None], q.shape) for j in range(2)]
+        return pressure, net, jnp.stack([push(unit) / rise[:, j, None] for j, unit in enumerate(units)], axis=2), rise
+    return pressure, net, (push(jnp.ones_like(q)) / rise)[:, None], rise
 
 
 class StoredPorts(eqx.Module):
@@ -270,6 +270,7 @@ def stored_ports(
 
     steady: the ports without storage, where the search starts. Rows of a run stand together in the order of time; a run
     starts steady. First derivatives, forward and reverse, are those of the solution (implicit function theorem).
+    Rows whose pressures were not found are NaN.
     push [Pa]: takes the place of all that pressures follow, so that every row depends on its own parameters, on its own
     `push` and, through `source`, on nothing else: `along_rows` then makes the whole derivative.
     Raises ValueError where the conditions have no time.
@@ -281,7 +282,12 @@ def stored_ports(
     chain = _Chain(jnp.where(starts, 0.0, compliance), step, starts, substeps)
     known_ties, known_chain = jax.lax.stop_gradient((ties, chain))
 
-    def turn(_: Array, q: Float[Array, "nodes 2 rows"]) -> Float[Array, "nodes 2 rows"]:
+    def going(state: tuple[Array, Array, Array]) -> Array:
+        _, largest, turns = state
+        return (largest > CLOSE) & (turns < MOST_TURNS)
+
+    def turn(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+        q, _, turns = state
         pressure, net, slope, _ = _slopes(known_ties, q)
         gauges = known_ties.flows.conditions
         condensed = known_chain.condense(known_chain.imbalance(pressure, net), slope)
@@ -290,19 +296,22 @@ def stored_ports(
         up, down = gauges.supply_pressure[:, None] - moved, moved - gauges.return_pressure[:, None]
         inside = (up > 0.0) & (down > 0.0)
         landed = jnp.log(jnp.where(inside, down, 1.0)) - jnp.log(jnp.where(inside, up, 1.0))
-        return jnp.where(inside, landed, q + jnp.where(up > 0.0, -TOWARDS_END, TOWARDS_END))
+        largest = jnp.max(jnp.where(inside, jnp.abs(moved - pressure) / (up + down), 1.0))
+        return jnp.where(inside, landed, q + jnp.where(up > 0.0, -TOWARDS_END, TOWARDS_END)), largest, turns + 1
 
     span = true.supply_pressure - true.return_pressure
     up, down = true.supply_pressure - steady.pressure, steady.pressure - true.return_pressure
     first = jnp.log(jnp.maximum(down, SMALLEST_SHARE * span)) - jnp.log(jnp.maximum(up, SMALLEST_SHARE * span))
     first = jnp.broadcast_to(jax.lax.stop_gradient(first), (len(PARTS) * substeps, *first.shape))
-    q = jax.lax.stop_gradient(jax.lax.fori_loop(0, TURNS, turn, first))
+    begin = (first, jnp.asarray(jnp.inf), jnp.asarray(0))
+    q = jax.lax.stop_gradient(jax.lax.while_loop(going, turn, begin)[0])
 
     # One turn more, which moves nothing: by it what the imbalances depend on reaches the pressures.
     *_, slope, rise = jax.lax.stop_gradient(_slopes(known_ties, q))
     source, carried = known_chain.ends(known_chain.condense(chain.imbalance(*_at(ties, q)), slope))
     moved = along_rows(carried, source)
+    moved = jnp.where(jnp.abs(moved) < FOUND * span, moved, jnp.nan)
     if push is not None:
         moved = jax.lax.stop_gradient(moved) + push
-    ports, _, inside = _ties(valve, oil, true, coupling).state(q[-1] + moved / rise[-1])
+    ports, inside = _ties(valve, oil, true, coupling).state(q[-1] + moved / rise[-1])
     return StoredPorts(ports, inside, source, carried)

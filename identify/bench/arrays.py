@@ -31,14 +31,8 @@ from .valve_tables import BenchFile, read_description
 
 
 Described = Mapping[str, Any]  # names with quantities, texts such as "70 bar", or numbers in SI
-OPTIONS = (
-    "columns",
-    "ignore",
-    "missing",
-    "output",
-    "absolute",
-    "meter",
-)  # keys of [tests.<name>] that say nothing of a file
+# Keys of [tests.<name>] that say nothing of a file.
+OPTIONS = ("columns", "ignore", "missing", "output", "absolute", "meter")
 
 
 @dataclass(frozen=True)

@@ -63,11 +63,10 @@ def fit(
     static = run_fit(record, starts=starts, progress=progress) if record.static_tests or not moving else None
     if not moving:
         assert static is not None
-        result = (
-            fit_result(fit_with(static, freed_effects, progress))
-            if freed_effects
-            else _with_intervals(static, progress)
-        )
+        if freed_effects:
+            result = fit_result(fit_with(static, freed_effects, progress, rounds=MOST_ROUNDS, enough=SETTLED))
+        else:
+            result = _with_intervals(static, progress)
     else:
         # Here, not above: a static fit does not wait for the solvers of motion.
         from .fit_motion import fit_together, run_fit_motion

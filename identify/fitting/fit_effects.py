@@ -31,8 +31,10 @@ def known_effects(record: BenchRecord, names: Iterable[str]) -> tuple[str, ...]:
     return names
 
 
-def fit_with(plain: Fitted, effects: tuple[str, ...], progress: Progress | None = None) -> Fitted:
-    """The fit once more with these effects free, from where the plain one ended; the noise is settled anew."""
+def fit_with(
+    plain: Fitted, effects: tuple[str, ...], progress: Progress | None = None, *, rounds: int, enough: float
+) -> Fitted:
+    """The fit once more with these effects free, from where the plain one ended; the noise is settled anew (`settled`)."""
     say = progress or (lambda _: None)
     say(f"fitting {', '.join(effects)} beside the parameters")
     library = library_for(plain.tests.values())
@@ -40,7 +42,7 @@ def fit_with(plain: Fitted, effects: tuple[str, ...], progress: Progress | None 
     problem = Problem(plain.record, plain.tests, plain.plans, library, white_noise(plain.noise))
     fit = problem.fit(effects, plain.values, hop_basins=True)
     begun = Fitted(plain.record, plain.tests, plans, fit.free, plain.noise, fit.solution, plain.starts, plain.warnings)
-    return settled(problem, fit, begun, rounds=8, enough=0.01)
+    return settled(problem, fit, begun, rounds=rounds, enough=enough)
 
 
 def settled(problem: Problem, fit: Fit, fitted: Fitted, *, rounds: int, enough: float) -> Fitted:

@@ -149,10 +149,8 @@ DRIFT_COLUMNS = ("figure", ">value", "unit", ">%/K", *(f">{cause}" for cause in 
 def actuator_sentence(result: SensitivityResult) -> str:
     """Whose performance it is."""
     a = result.actuator
-    area, volume = (
-        float(a.areas) * 1e4,
-        float(a.volumes) * 1e6,
-    )  # one number each: the formulas are for a symmetric jack
+    # One number each: the formulas are for a symmetric jack.
+    area, volume = float(a.areas) * 1e4, float(a.volumes) * 1e6
     gains = f"loop {float(a.amplifier_gain):g} A/V and {float(a.sensor_gain):g} V/m"
     return f"Actuator: piston {area:g} cm2, chambers {volume:g} cm3, mass {float(a.moving_mass):g} kg, {gains}."
 

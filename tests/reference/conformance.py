@@ -69,47 +69,51 @@ def more_truth() -> dict:
     return json.loads((FOLDER / "more" / "truth.json").read_text(encoding="utf-8"))
 
 
+def columns_of(path: Path) -> dict[str, np.ndarray]:
+    """{column without its unit: its cells as text} of a CSV."""
+    header, *lines = path.read_text(encoding="utf-8").splitlines()
+    cells = np.array([line.split(",") for line in lines])
+    return {title.split(" [")[0]: cells[:, i] for i, title in enumerate(header.split(","))}
+
+
+def _rows(columns: dict[str, np.ndarray]) -> Rows:
+    return Rows(
+        columns["spool_position"],
+        columns["supply_pressure"],
+        columns["return_pressure"],
+        columns["temperature"],
+        time=columns["time"],
+        run=columns["run"].astype(int),
+        rate=columns.get("position_rate"),
+    )
+
+
+def static_file(path: Path) -> tuple[dict[str, Rows], dict[str, dict[str, np.ndarray]]]:
+    """({test: rows}, {test: {"reading", and of the pressure gain "pressure_a", "pressure_b": values}}) of a file of static tests."""
+    found = columns_of(path)
+    rows, readings = {}, {}
+    for test in map(str, dict.fromkeys(found["test"])):
+        own = {
+            k: np.where(c == "", "nan", c)[found["test"] == test].astype(float) for k, c in found.items() if k != "test"
+        }
+        rows[test] = _rows(own)
+        channels = ("reading", "pressure_a", "pressure_b") if test == "pressure_gain" else ("reading",)
+        readings[test] = {channel: own[channel] for channel in channels}
+    return rows, readings
+
+
 @cache
 def more_rows(name: str) -> MoreRows:
     """The static rows of tests/conformance/more/<name>.csv; "reading" is that of the row's test."""
-    path = FOLDER / "more" / f"{name}.csv"
-    header = path.read_text(encoding="utf-8").split("\n", 1)[0].split(",")
-    table = np.genfromtxt(path, delimiter=",", skip_header=1, dtype=str, encoding="utf-8")
-    found = {title.split(" [")[0]: table[:, i] for i, title in enumerate(header)}
-    number = lambda column: np.array([float(value) if value else np.nan for value in column])
-    rows, readings = {}, {}
-    for test in dict.fromkeys(found["test"]):
-        own = {key: number(column[found["test"] == test]) for key, column in found.items() if key != "test"}
-        rows[str(test)] = Rows(
-            own["spool_position"],
-            own["supply_pressure"],
-            own["return_pressure"],
-            own["temperature"],
-            time=own["time"],
-            run=own["run"].astype(int),
-            rate=own["position_rate"],
-        )
-        readings[str(test)] = {key: own[key] for key in ("reading", "pressure_a", "pressure_b")}
-    return MoreRows(rows, readings, more_truth()["files"][name])
+    return MoreRows(*static_file(FOLDER / "more" / f"{name}.csv"), more_truth()["files"][name])
 
 
 @cache
 def rows_in_time(name: str) -> tuple[Rows, dict[str, np.ndarray], dict]:
     """A file with storage at the ports: its rows, {reading: values}, and what stands behind them (SI)."""
-    path = FOLDER / "more" / f"{name}.csv"
-    header = path.read_text(encoding="utf-8").split("\n", 1)[0].split(",")
-    table = np.loadtxt(path, delimiter=",", skiprows=1)
-    own = {title.split(" [")[0]: table[:, i] for i, title in enumerate(header)}
-    rows = Rows(
-        own["spool_position"],
-        own["supply_pressure"],
-        own["return_pressure"],
-        own["temperature"],
-        time=own["time"],
-        run=own["run"].astype(int),
-    )
+    own = {key: column.astype(float) for key, column in columns_of(FOLDER / "more" / f"{name}.csv").items()}
     readings = {key: own[key] for key in ("supply_flow", "pressure_a", "pressure_b")}
-    return rows, {"leakage_flow": own["return_flow"], **readings}, more_truth()["files"][name]
+    return _rows(own), {"leakage_flow": own["return_flow"], **readings}, more_truth()["files"][name]
 
 
 def valve_and_oil_of(truth: dict) -> tuple[Valve, Oil]:

@@ -1,11 +1,13 @@
 """The noise-free rows of tests/conformance/lubrication: valves of the second edge law, of a separately written model."""
 
 import json
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 
+from reference.conformance import static_file
 from reference.oil import Oil, walther
 from reference.valve import Effects, Rows, Valve
 
@@ -24,23 +26,15 @@ NAMES = tuple(truth()["files"])
 
 
 @cache
+def _file(name: str) -> tuple[dict[str, Rows], dict[str, dict[str, np.ndarray]]]:
+    return static_file(FOLDER / f"{name}.csv")
+
+
 def rows_and_readings(name: str, test: str) -> tuple[Rows, dict[str, np.ndarray]]:
     """Operating points of one test, and its readings [SI]: "reading", and for pressure_gain "pressure_a", "pressure_b"."""
-    path = FOLDER / f"{name}.csv"
-    header = [column.split(" [")[0] for column in path.read_text(encoding="utf-8").split("\n", 1)[0].split(",")]
-    table = np.loadtxt(path, delimiter=",", skiprows=1, dtype=str, encoding="utf-8")
-    table = table[table[:, 0] == test]
-    numbers = {column: table[:, i] for i, column in enumerate(header)}
-    of = lambda column: numbers[column].astype(float)
-    rows = Rows(
-        *map(of, ("spool_position", "supply_pressure", "return_pressure", "temperature")),
-        direction=np.sign(of("position_rate")),
-        time=of("time"),
-        run=numbers["run"].astype(int),
-        rate=of("position_rate"),
-    )
-    channels = ("reading", "pressure_a", "pressure_b") if test == "pressure_gain" else ("reading",)
-    return rows, {channel: of(channel) for channel in channels}
+    rows, readings = _file(name)
+    assert rows[test].rate is not None
+    return replace(rows[test], direction=np.sign(rows[test].rate)), readings[test]
 
 
 def valve_of(name: str) -> tuple[Valve, Oil, Effects]:
