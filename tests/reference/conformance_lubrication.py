@@ -33,8 +33,9 @@ def _file(name: str) -> tuple[dict[str, Rows], dict[str, dict[str, np.ndarray]]]
 def rows_and_readings(name: str, test: str) -> tuple[Rows, dict[str, np.ndarray]]:
     """Operating points of one test, and its readings [SI]: "reading", and for pressure_gain "pressure_a", "pressure_b"."""
     rows, readings = _file(name)
-    assert rows[test].rate is not None
-    return replace(rows[test], direction=np.sign(rows[test].rate)), readings[test]
+    rate = rows[test].rate
+    assert rate is not None
+    return replace(rows[test], direction=np.sign(rate)), readings[test]
 
 
 def valve_of(name: str) -> tuple[Valve, Oil, Effects]:
