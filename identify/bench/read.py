@@ -313,6 +313,7 @@ def _read_test(test: StaticTest, table: BenchTable, bench: BenchFile, readings_r
         table=table.table,
         notes=table.notes,
         meter=test.meter,
+        position_std=test.noise.get("spool_position"),
     )
 
 

@@ -81,6 +81,8 @@ class Channel:
     rounding: np.ndarray | None = None
     # Degrees of freedom from which `std` was estimated; infinite where it was stated.
     freedom: float = np.inf
+    # Standard deviation that the position's noise adds to each reading, by the curve's slope; None: positions count as exact.
+    position_part: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -127,6 +129,7 @@ class TestRecord:
     notes: tuple[str, ...] = ()  # what a reader or a reduction did, for the report
     nodes: Nodes | None = None  # of a reduced log: its readings are means over bins
     meter: str = "return"  # where a leakage is read; or "supply"
+    position_std: float | None = None  # m: the stated noise of the positions
 
     @property
     def rows(self) -> int:

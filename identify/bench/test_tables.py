@@ -26,8 +26,12 @@ from .toml_file import TomlTable
 from .units import parse_quantity
 
 
+POSITION_NOISE = {"spool_position": "length"}  # of a static test: what it was read at is measured, too
+
+
 def read_noise(table: TomlTable, readings: Mapping[str, str] | None = None) -> dict[str, float]:
-    """{reading: standard deviation, SI} of a `[tests.<name>]` table: one quantity for all readings, or a table.
+    """{reading: standard deviation, SI} of a `[tests.<name>]` table: one quantity for all readings, or a table, which may also
+    say how noisy the positions are.
 
     readings: {name: kind} where the test's own keys decide it. Raises BenchInputError.
     """
@@ -36,8 +40,9 @@ def read_noise(table: TomlTable, readings: Mapping[str, str] | None = None) -> d
         return {}
     each = table.table("noise") if isinstance(table.data["noise"], dict) else None
     if each is not None:
-        each.refuse_unknown(tuple(readings), "reading")
-        return {r: each.as_quantity(r, text, readings[r], sign="positive") for r, text in each.data.items()}
+        kinds = {**readings, **POSITION_NOISE} if table.path[-1] in STATIC_TESTS else dict(readings)
+        each.refuse_unknown(tuple(kinds), "reading")
+        return {r: each.as_quantity(r, text, kinds[r], sign="positive") for r, text in each.data.items()}
     if len(set(readings.values())) > 1:
         example = ", ".join(f'{reading} = "..."' for reading in list(readings)[:2])
         raise table.error(f"the readings differ in kind; write one value per reading: {{ {example} }}", "noise")

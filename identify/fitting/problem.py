@@ -412,9 +412,12 @@ class Problem:
         present = [name for name in fit.order if name not in self.parameters and fit.values[name] != 0.0]
         steady, stored = [n for n in missing if not stores(n)], [n for n in missing if stores(n)]
         seen = [fit]
+        if with_heat(steady):
+            seen.append(self._beside(fit, part.program(())))
+            steady = [name for name in steady if name not in seen[-1].order]
         if steady:
             lasting = [name for name in present if not stores(name)]
-            seen.append(self._beside(fit, part.program(() if with_heat(steady) else (*lasting, *steady))))
+            seen.append(self._beside(fit, part.program((*lasting, *steady))))
         if stored:
             # As beside the heating: of the valve without the coupling.
             seen.append(self._beside(fit, part.program((*(n for n in present if not coupled(n)), *stored))))

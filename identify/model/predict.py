@@ -346,7 +346,7 @@ def simulate(record: BenchRecord, model: Model, *, progress: Callable[[str], Non
         turned = reversed_channels(test)
         told += [warning_of(test, channel) for channel in turned]
         smooth = smooth_sweep(test)
-        if smooth is not test:
+        if smooth.spool_position is not test.spool_position or smooth.load_pressure is not test.load_pressure:
             told.append(f"{test.name}: a raw log, so position, direction and rate are those of its smooth sweep")
         table = pd.DataFrame(index=range(test.rows)) if test.table is None else test.table.copy()
         for name, (reading, std) in predict_test(static, record, smooth).items():

@@ -5,6 +5,7 @@ differences between repeated sweeps or runs; guessed from third differences of n
 parabola, until the fit's own residuals replace the guess (`reweighted`).
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -149,7 +150,7 @@ def noise_from_neighbours(test: TestRecord, channel: Channel) -> NeighbourNoise:
         x, y = along[start:stop], channel.value[start:stop]
         if stop - start < 4:
             continue
-        e = _divided_third(x, y)
+        e = divided_third(x, y)
         differences.append(e)
         alternating.append(e[1:] * e[:-1] < 0)
     if not differences:
@@ -159,7 +160,7 @@ def noise_from_neighbours(test: TestRecord, channel: Channel) -> NeighbourNoise:
     return NeighbourNoise(std, bool(not test.in_motion and len(signs) >= 8 and np.mean(signs) > 0.6 and std > 0))
 
 
-def _divided_third(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+def divided_third(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Combination of four neighbours that is blind to a parabola through uneven positions, scaled to the noise of one row."""
     points = np.stack([x[k : len(x) - 3 + k] for k in range(4)])
     distance = points[:, None, :] - points[None, :, :]
@@ -240,6 +241,7 @@ class ChannelNoise:
     used: np.ndarray
     degrees_of_freedom: float = np.inf  # degrees of freedom from which `std` was estimated
     neighbours: float | None = None  # scatter of neighbouring rows about a smooth curve, where that says something
+    position_part: np.ndarray | None = None  # what of `std` the positions' noise makes, row by row
 
 
 FROM_RESIDUALS = "taken from the fit's residuals"
@@ -249,19 +251,26 @@ def initial_noise(test: TestRecord, channel: Channel) -> ChannelNoise:
     """The noise known before any fit; where nothing is known, a first guess from neighbouring rows."""
     # Positions are left out of it: in a table of a few hundred rows an even grid is a choice, not a rounding.
     floor = local_steps(channel.value) / np.sqrt(12.0)
+    part = np.zeros(test.rows) if channel.position_part is None else channel.position_part
     if channel.std is not None:
-        std = np.maximum(channel.std, floor)
+        std = np.hypot(np.maximum(channel.std, floor), part)
         declared = channel.std_source.startswith("declared")
         return ChannelNoise(std, channel.std_source, True, declared, std, channel.freedom)
     repeated = noise_from_repeats(test, channel)
     if repeated is not None:
-        std = np.maximum(np.full(test.rows, repeated.std), floor)
+        alike = repeated.std
+        if part.any():
+            alike = noise_beside(
+                part, lambda std: float(np.mean(np.concatenate(repeat_differences(test, channel, std)) ** 2))
+            )
+        std = np.hypot(np.maximum(np.full(test.rows, alike), floor), part)
         return ChannelNoise(std, repeated.source, True, False, std, repeated.degrees_of_freedom)
     rough = noise_from_neighbours(test, channel)
     guess = rough.std
     smallest = 1e-4 * max(float(np.ptp(channel.value)), float(np.max(np.abs(channel.value))), 1e-300)
-    std = np.maximum(np.full(test.rows, max(guess, smallest)), floor)
-    return ChannelNoise(std, FROM_RESIDUALS, False, False, std, neighbours=guess if rough.valid else None)
+    std = np.hypot(np.maximum(np.full(test.rows, max(guess, smallest)), floor), part)
+    scatter = guess if rough.valid else None
+    return ChannelNoise(std, FROM_RESIDUALS, False, False, std, neighbours=scatter, position_part=channel.position_part)
 
 
 def reweighted(noise: ChannelNoise, misfit: np.ndarray, share_left: float) -> ChannelNoise:
@@ -276,8 +285,24 @@ def reweighted(noise: ChannelNoise, misfit: np.ndarray, share_left: float) -> Ch
     mean_square = float(np.mean(misfit**2)) / share_left
     if not noise.known:
         std = np.full_like(noise.std, np.sqrt(mean_square))
+        if noise.position_part is not None:
+            alike = noise_beside(noise.position_part, lambda std: float(np.mean((misfit / std) ** 2)) / share_left)
+            std = np.hypot(alike, noise.position_part)
         return replace(noise, std=std, used=std)
     extra = mean_square - float(np.mean(noise.std**2))
     if extra <= float(np.mean(noise.std**2)):  # less than twice the noise's variance: chance, or nothing to speak of
         return replace(noise, used=noise.std)
     return replace(noise, used=np.sqrt(noise.std**2 + extra))
+
+
+def noise_beside(part: np.ndarray, mean_square: Callable[[np.ndarray], float]) -> float:
+    """The s for which rows of variance s^2 + part^2 scatter as they should: mean_square(std of the rows) = 1. All in SI.
+
+    At least a hundredth of what it would be without `part`, which is an estimate and may be too large.
+    """
+    high = np.sqrt(mean_square(np.ones_like(part)))
+    low = 0.01 * high
+    for _ in range(20):  # to 1e-5 of it
+        middle = np.sqrt(low * high)
+        low, high = (middle, high) if mean_square(np.hypot(middle, part)) > 1.0 else (low, middle)
+    return float(high)

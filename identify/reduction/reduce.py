@@ -20,6 +20,7 @@ from thermohyd.identify.bench.shown_units import significant
 from .monotone_pieces import monotone_pieces, piece_bounds, sweep_axis
 from .noise_of_points import Points, points_of
 from .sweep_position import STEPS_ACROSS, Abscissa, local_line, smooth_abscissa
+from .table_positions import as_measured
 
 
 CELLS = 400  # per piece: the resolution at which the curve's shape is judged
@@ -164,14 +165,14 @@ ROWS_PER_PIECE = 200  # fewer, and the rows are readings that somebody took one 
 
 
 def reduce_test(test: TestRecord, *, max_points: int = 600, log_rows: int = LOG_ROWS) -> TestRecord:
-    """The test with about `max_points` points instead of the rows of a raw log; any other test comes back as it is.
+    """The test with about `max_points` points instead of the rows of a raw log; any other with its sweep's rates (`as_measured`).
 
     test: STATIC test, SI. Points keep the order, direction, run, rate and mean time and conditions of their rows;
     `rows_of_log` counts these, `Channel.std` is the standard error of each point and `std_source`, `notes` say how it
     was found.
     """
     if not is_raw_log(test, max_points=max_points, log_rows=log_rows):
-        return test
+        return as_measured(test)
     pieces, direction = monotone_pieces(test)
     axis = sweep_axis(test)
     readings = [channel.value for channel in test.channels]
@@ -334,12 +335,12 @@ SHARE_OF_PIECE = 100  # rates are slopes over twice this share of a piece's rows
 
 
 def smooth_sweep(test: TestRecord) -> TestRecord:
-    """The test with position, direction and rate [m/s] of the smooth sweep where it is a raw log; else as it is (SI).
+    """The test with direction and rate [m/s] of its smooth sweep, and of a raw log with the position (SI).
 
     A held position (load_flow with a load that sweeps) stays as logged; its load pressure is smoothed instead.
     """
     if test.in_motion or not is_raw_log(test):
-        return test
+        return as_measured(test)
     pieces, direction = monotone_pieces(test)
     axis = sweep_axis(test)
     abscissa = smooth_abscissa(axis, pieces)

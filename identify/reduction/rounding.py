@@ -81,7 +81,7 @@ def rounding_floor(test: TestRecord, channel: Channel) -> np.ndarray:
     """
     sweeps = sweep_ids(test)
     position_step = reading_steps(test.spool_position, sweeps)
-    slope = _slopes(test.spool_position, channel.value, sweeps) if position_step.any() else np.zeros(test.rows)
+    slope = local_slopes(test.spool_position, channel.value, sweeps) if position_step.any() else np.zeros(test.rows)
     return np.sqrt((local_steps(channel.value) ** 2 + (slope * position_step) ** 2) / 12.0)
 
 
@@ -151,7 +151,7 @@ def _common_step(distinct: np.ndarray, gaps: np.ndarray) -> float:
     return 0.0
 
 
-def _slopes(position: np.ndarray, value: np.ndarray, sweeps: np.ndarray) -> np.ndarray:
+def local_slopes(position: np.ndarray, value: np.ndarray, sweeps: np.ndarray) -> np.ndarray:
     """Slope of the curve at every row from its neighbours two rows away within the sweep."""
     slope = np.zeros(len(position))
     for start, stop in piece_bounds(sweeps):

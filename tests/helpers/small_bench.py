@@ -14,6 +14,7 @@ from reference.valve import Effects, Rows, Valve
 
 from helpers.records import NOISE, POINTS, STROKE, noise_of
 from thermohyd.identify.bench.record import BenchRecord, Channel, TestRecord, ValveData
+from thermohyd.identify.bench.sweeps import sweep_direction, sweep_rate
 from thermohyd.oil_definition import OilDefinition
 
 
@@ -75,10 +76,12 @@ def small_record(
     noise: float = 1.0,
     declared: bool = True,
     valve: dict[str, Any] | None = None,
+    position_noise: float = 0.0,
     **start: Any,
 ) -> BenchRecord:
     """A record of `VALVE` with effects at these amounts and noise `noise` times the usual (AR(1) with `phi`).
 
+    position_noise: of the positions read [m], of which the rates are made as a reader makes them.
     valve: parameters that replace those of `VALVE`, each a number or a function of `Rows` that gives one per row.
     """
     oil, rng = Oil(*walther(POINTS)), np.random.default_rng(seed)
@@ -89,7 +92,14 @@ def small_record(
         exact = reference.TESTS[test](replace(VALVE, **own), oil, rows, Effects(**(effects or {})))
         size = noise * NOISE[test]
         value = exact[reference.READING[test]] + noise_of(rng, rows, size, phi)
-        made[test] = _test(test, rows, value, np.full(len(value), size) if declared else None, {})
+        read: dict[str, Any] = {}
+        if position_noise:
+            assert rows.run is not None
+            assert rows.time is not None
+            x = rows.spool_position + position_noise * rng.standard_normal(len(value))
+            rate, direction = sweep_rate(x, rows.time, rows.run), sweep_direction(x, rows.run)
+            read = {"spool_position": x, "rate": rate, "direction": direction}
+        made[test] = _test(test, rows, value, np.full(len(value), size) if declared else None, read)
     return record_of(made, **start)
 
 

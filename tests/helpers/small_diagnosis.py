@@ -34,6 +34,8 @@ CASES: dict[str, dict[str, Any]] = {
     "pilot": {"effects": {"pilot_leakage": 1e-9}, "seed": 1},
     "two": {"effects": {"hysteresis": 1e-6, "flowmeter_offset": 2e-7}, "seed": 2},
     "rivals": {"effects": {"viscosity_shift": 0.1}, "seed": 4},
+    "noisy positions": {"position_noise": 0.1e-6, "declared": False, "seed": 6},
+    "stated beside noisy positions": {"position_noise": 0.2e-6, "seed": 7},
     "outside": {"valve": {"null_bias": wandering_null}, "seed": 5},
 }
 

@@ -174,6 +174,15 @@ def test_noise_for_the_test_and_per_row(tmp_path):
 PRESSURE_TOML = TOML.replace("[tests.leakage]", "[tests.pressure_gain]").replace("leakage.csv", "dp.csv")
 
 
+def test_noise_of_the_positions(tmp_path):
+    test = leakage(
+        write_record(tmp_path, TOML + 'noise = { spool_position = "0.1 um", leakage_flow = "0.01 l/min" }\n')
+    )
+    assert test.position_std == pytest.approx(1e-7)
+    assert test.channels[0].std is not None
+    assert leakage(write_record(tmp_path, TOML + 'noise = "0.01 l/min"\n')).position_std is None
+
+
 def test_pressure_gain_with_both_gauges_and_a_noise_each(tmp_path):
     text = "spool_position [um],load_pressure [bar],pressure_b [bar],pressure_a [bar]\n0,0.5,35,35.5\n1,4,33,37\n"
     toml = PRESSURE_TOML + 'noise = { pressure_a = "0.1 bar", load_pressure = "10 kPa" }\n'

@@ -17,7 +17,10 @@ def effect_of(result: DiagnosisResult, name: str):
     return found
 
 
-@pytest.mark.parametrize("name", ["nothing", "correlated"])
+NOTHING = ["nothing", "correlated", "noisy positions", "stated beside noisy positions"]
+
+
+@pytest.mark.parametrize("name", NOTHING)
 def test_nothing_is_named_where_nothing_is_missing(name):
     result = small_diagnosis(name)
     assert result.verdict == "consistent"

@@ -1,0 +1,168 @@
+"""Find how fast and which way the spool moved behind a table's noisy positions, and what their noise does to the readings. NumPy only.
+
+A transducer's noise of 0.1 um becomes, from one row to the next, a rate of several um/s that the spool never had: effects of
+rate, direction and heating would follow it (docs/diagnosis.md section 2). Raw logs have their own way (`sweep_position`).
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from thermohyd.identify.bench.record import TestRecord
+from thermohyd.identify.bench.shown_units import significant
+from thermohyd.identify.noise.level import MEDIAN_OF_CHI2, divided_third
+
+from .monotone_pieces import monotone_pieces, piece_bounds, sweep_axis
+from .rounding import local_slopes, local_steps
+
+
+SMALLEST = 1e-9  # of the sweep's range: no noise
+FEWEST_ROWS = 8  # of a piece: fewer do not show a line and a scatter about it
+# What a line may leave, as a share of the variance that third differences show: theirs is known to some 20 % of 100 rows.
+STRAIGHT = 1.5
+# A variance up to so many times of what the rounding of positions and times makes is no noise of the transducer: rounding
+# errors have a median of up to 0.75 of their variance where normal ones have 0.45, and 200 rows tell it to some 30 %.
+ROUNDED = 3.0
+# Gain in log-likelihood from which on the readings say that the spool did move as its positions scatter. Rows share their
+# third differences with three others, so that 9 is a likelihood ratio of about e^3.
+MOVED = 9.0
+HEAVY = 3.0  # standard deviations beyond which a third difference is the curve's bend rather than noise
+
+
+@dataclass(frozen=True)
+class _Lines:
+    """Straight lines in time through the positions, per row (SI): `value` and `slope`; `found`: rows that have one."""
+
+    value: np.ndarray
+    slope: np.ndarray
+    found: np.ndarray
+
+
+def as_measured(test: TestRecord) -> TestRecord:
+    """A table with time with directions and rates [m/s] of its smooth sweep, and what noise of its positions adds to the readings.
+
+    Positions stay as read: the errors of a smoothed sweep's are shared by all its rows, and a fit would take them for a
+    shift of that sweep. Their noise is stated (`position_std`) or the scatter that third differences in time show, unless
+    the readings follow it: then the spool moved so. It adds to a reading's by the slope of the curve (effective variance;
+    Fuller, Measurement Error Models, 1987, sec. 3.1): `Channel.position_part`.
+    """
+    stated = test.position_std
+    if test.in_motion or sweep_axis(test) is not test.spool_position:
+        return test
+    pieces, direction = monotone_pieces(test)
+    if test.time is None:
+        return _with_parts(test, stated, test.spool_position, pieces)
+    noise = _scatter(test, pieces) if stated is None else stated
+    if noise <= SMALLEST * float(np.ptp(test.spool_position)):
+        return test
+    lines = _lines(test.time, test.spool_position, pieces, noise)
+    if not lines.found.any():
+        return _with_parts(test, stated, test.spool_position, pieces)
+    direction = np.where(lines.found, direction, test.direction).astype(test.direction.dtype)
+    rate = lines.slope if test.rate is None else np.where(lines.found, lines.slope, test.rate)
+    swept = replace(test, direction=direction, rate=rate)
+    if stated is None:
+        if _spool_followed(test, lines, pieces):
+            return swept
+        note = (
+            f"{test.name}: positions scatter by {significant(noise * 1e6, 2)} um about a smooth sweep in time, and the readings "
+            "do not follow: this is taken for noise of the position and adds to the readings' by the slope of their curves"
+        )
+        swept = replace(swept, notes=(*test.notes, note))
+    return _with_parts(swept, noise, lines.value, pieces)
+
+
+def _with_parts(test: TestRecord, noise: float | None, along: np.ndarray, pieces: np.ndarray) -> TestRecord:
+    """What noise of the positions adds to each reading's, by its curve's slope over the smoother positions `along` (rows,)."""
+    if noise is None:
+        return test
+    part = lambda channel: noise * np.abs(local_slopes(along, channel.value, pieces))
+    return replace(test, channels=tuple(replace(channel, position_part=part(channel)) for channel in test.channels))
+
+
+def _scatter(test: TestRecord, pieces: np.ndarray) -> float:
+    """Standard deviation of a position about any parabola in time [m], beyond what rounding makes; 0 where that may be all.
+
+    A time rounded to 10 ms moves a sweep of 20 um/s by 0.06 um and one of 4 um/s by 0.01 um: each piece has its own.
+    """
+    assert test.time is not None
+    seen, rounding = [], []
+    steps = float(np.median(local_steps(test.spool_position))), float(np.median(local_steps(test.time)))
+    for a, b in piece_bounds(pieces):
+        time, position = test.time[a:b], test.spool_position[a:b]
+        if b - a < FEWEST_ROWS or not np.all(np.diff(time) > 0.0):
+            continue
+        seen.append(divided_third(time, position) ** 2)
+        pace = abs(position[-1] - position[0]) / (time[-1] - time[0])
+        rounding.append(np.full(len(seen[-1]), (steps[0] ** 2 + (pace * steps[1]) ** 2) / 12.0))
+    if not seen:
+        return 0.0
+    square, rounded = np.concatenate(seen) / MEDIAN_OF_CHI2, np.concatenate(rounding)
+    low, high = 0.0, float(np.median(square))
+    if high == 0.0 or float(np.median(square / np.maximum(rounded, 1e-9 * high))) < ROUNDED:
+        return 0.0
+    for _ in range(40):  # the variance beside which the median of all is what it should be
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if np.median(square / (middle + rounded)) > 1.0 else (low, middle)
+    return float(np.sqrt(high))
+
+
+def _lines(time: np.ndarray, position: np.ndarray, pieces: np.ndarray, noise: float) -> _Lines:
+    """Lines over as many rows of each piece as the sweep is straight over, to within its noise."""
+    rows = len(time)
+    lines = _Lines(position.copy(), np.zeros(rows), np.zeros(rows, dtype=bool))
+    for a, b in piece_bounds(pieces):
+        part, count = slice(a, b), b - a
+        if count < FEWEST_ROWS or np.ptp(position[part]) == 0.0 or not np.all(np.diff(time[part]) > 0.0):
+            continue
+        half = count - 1
+        while half >= 2:
+            value, slope, left = line_in_time(time[part], position[part], half)
+            if left <= STRAIGHT * noise**2:
+                lines.value[part], lines.slope[part], lines.found[part] = value, slope, True
+                break
+            half //= 2
+    return lines
+
+
+def line_in_time(time: np.ndarray, values: np.ndarray, half: int) -> tuple[np.ndarray, np.ndarray, float]:
+    """Value and slope per row (rows,) of straight lines over `half` rows on either side, fewer at the ends; variance about them."""
+    n = len(values)
+    row = np.arange(n)
+    low, high = np.maximum(row - half, 0), np.minimum(row + half, n - 1) + 1
+    t, y = time - time.mean(), values - values.mean()
+    sums = [np.concatenate([[0.0], np.cumsum(a)]) for a in (t, t * t, y, t * y)]
+    st, stt, sy, sty = (s[high] - s[low] for s in sums)
+    count = high - low
+    spread = np.maximum(stt - st**2 / count, 1e-300)
+    slope = (sty - st * sy / count) / spread
+    away = t - st / count
+    value = values.mean() + sy / count + slope * away
+    kept = 1.0 - 1.0 / count - away**2 / spread  # of a value's noise in its distance from the line
+    return value, slope, float(np.sum((values - value) ** 2) / max(np.sum(kept), 1.0))
+
+
+def _spool_followed(test: TestRecord, lines: _Lines, pieces: np.ndarray) -> bool:
+    """Whether the readings moved with the scatter of the positions: then the spool did, and no transducer's noise made it."""
+    gain = 0.0
+    for channel in test.channels:
+        seen, expected = [], []
+        slope = local_slopes(lines.value, channel.value, pieces)
+        shift = slope * (test.spool_position - lines.value)
+        for a, b in piece_bounds(pieces):
+            if b - a < FEWEST_ROWS or not lines.found[a]:
+                continue
+            seen.append(divided_third(lines.value[a:b], channel.value[a:b]))
+            expected.append(divided_third(lines.value[a:b], shift[a:b]))
+        if not seen:
+            continue
+        e, g = np.concatenate(seen), np.concatenate(expected)
+        size = np.sqrt(min(np.median(e**2), np.median((e - g) ** 2)) / MEDIAN_OF_CHI2)
+        if size > 0.0:
+            gain += _loss(e / size) - _loss((e - g) / size)
+    return gain > MOVED
+
+
+def _loss(r: np.ndarray) -> float:
+    """Half the sum of squares of small residuals, of large ones their logarithm: minus the log-likelihood with heavy tails."""
+    return float(np.sum(np.log1p((r / HEAVY) ** 2)) * HEAVY**2 / 2.0)

@@ -1,0 +1,108 @@
+"""Tables whose positions were measured, with noise: rates of the smooth sweep, and what that noise adds to the readings."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers.small_bench import POINTS_UP, small_record
+
+from thermohyd.identify.bench.sweeps import sweep_direction, sweep_rate
+from thermohyd.identify.noise.level import ChannelNoise, initial_noise, noise_beside, reweighted
+from thermohyd.identify.reduction.reduce import reduce_test, smooth_sweep
+
+
+NOISE = 0.1e-6  # m, of a position
+
+
+def measured(test: str = "leakage", noise: float = NOISE, *, followed: bool = False, time_step: float = 0.0):
+    """A test of a small bench whose positions scatter by `noise`: a transducer's, or (followed) the spool's own."""
+    record = small_record(seed=7)
+    exact = record.tests[test]
+    assert exact.time is not None
+    scatter = noise * np.random.default_rng(11).standard_normal(exact.rows)
+    position = exact.spool_position + scatter
+    time = np.round(exact.time / time_step) * time_step if time_step else exact.time
+    channel = exact.channels[0]
+    if followed:
+        slope = np.gradient(channel.value, exact.time) / np.gradient(exact.spool_position, exact.time)
+        channel = replace(channel, value=channel.value + np.nan_to_num(slope, posinf=0.0, neginf=0.0) * scatter)
+    noisy = replace(
+        exact,
+        spool_position=position,
+        direction=sweep_direction(position, exact.run),
+        time=time,
+        rate=sweep_rate(position, time, exact.run),
+        channels=(channel,),
+    )
+    return exact, noisy
+
+
+def test_rates_and_directions_are_those_of_the_smooth_sweep():
+    exact, noisy = measured()
+    assert noisy.rate is not None
+    assert exact.rate is not None
+    found = reduce_test(noisy)
+    assert found.rate is not None
+    inner = (
+        np.arange(exact.rows) % POINTS_UP > 0
+    )  # the first row of a way has the position of the last one of the other
+    error = [float(np.std((rate - exact.rate)[inner] / exact.rate[inner])) for rate in (noisy.rate, found.rate)]
+    assert error[1] < 0.005 < 0.02 < error[0]
+    assert np.array_equal(found.direction[inner], exact.direction[inner])
+    assert found.spool_position is noisy.spool_position
+    assert "0.1" in found.notes[-1]
+
+
+def test_a_prediction_sees_the_same_sweep_as_the_fit():
+    _, noisy = measured()
+    fitted, predicted = reduce_test(noisy), smooth_sweep(noisy)
+    for column in ("spool_position", "rate", "direction"):
+        np.testing.assert_array_equal(getattr(fitted, column), getattr(predicted, column))
+
+
+def test_noise_of_the_position_adds_to_a_reading_by_the_slope_of_its_curve():
+    exact, noisy = measured("pressure_gain")
+    [channel] = reduce_test(noisy).channels
+    assert channel.position_part is not None
+    ways = np.arange(exact.rows) // POINTS_UP
+    slope = np.concatenate([
+        np.abs(np.gradient(exact.channels[0].value[ways == way], exact.spool_position[ways == way]))
+        for way in np.unique(ways)
+    ])  # fmt: skip
+    steep = slope > 0.3 * slope.max()
+    assert np.median(channel.position_part[steep] / (NOISE * slope[steep])) == pytest.approx(1.0, abs=0.4)
+    assert channel.std is not None
+    np.testing.assert_allclose(initial_noise(noisy, channel).std, np.hypot(channel.std, channel.position_part))
+
+
+def test_a_spool_that_the_readings_follow_did_move():
+    _, noisy = measured("flow_gain", 5e-6, followed=True)
+    [channel] = reduce_test(noisy).channels
+    assert channel.position_part is None
+    _, same = measured("flow_gain", 5e-6)
+    [channel] = reduce_test(same).channels
+    assert channel.position_part is not None
+
+
+def test_rounded_times_are_no_noise_of_the_position():
+    _, exact = measured(noise=0.0, time_step=0.01)
+    assert reduce_test(exact) is exact
+
+
+def test_stated_noise_counts_without_a_time():
+    _, noisy = measured()
+    timeless = replace(noisy, time=None, rate=None)
+    assert reduce_test(timeless) is timeless
+    [channel] = reduce_test(replace(timeless, position_std=NOISE)).channels
+    assert channel.position_part is not None
+    assert np.max(channel.position_part) > 0.0
+
+
+def test_unknown_noise_is_found_beside_the_positions_part():
+    random = np.random.default_rng(5)
+    part = np.where(np.arange(4000) % 10 == 0, 20.0, 0.1)
+    misfit = np.hypot(1.0, part) * random.standard_normal(part.size)
+    own = noise_beside(part, lambda std: float(np.mean((misfit / std) ** 2)))
+    assert own == pytest.approx(1.0, abs=0.06)
+    unknown = ChannelNoise(np.hypot(2.0, part), "", False, False, part, position_part=part)
+    np.testing.assert_allclose(reweighted(unknown, misfit, 1.0).std, np.hypot(own, part))
