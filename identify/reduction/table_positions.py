@@ -49,7 +49,7 @@ def as_measured(test: TestRecord) -> TestRecord:
     stated = test.position_std
     if test.in_motion or sweep_axis(test) is not test.spool_position:
         return test
-    pieces, direction = monotone_pieces(test)
+    pieces, direction = _ways(test)
     if test.time is None:
         return _with_parts(test, stated, test.spool_position, pieces)
     noise = _scatter(test, pieces) if stated is None else stated
@@ -70,6 +70,16 @@ def as_measured(test: TestRecord) -> TestRecord:
         )
         swept = replace(swept, notes=(*test.notes, note))
     return _with_parts(swept, noise, lines.value, pieces)
+
+
+def _ways(test: TestRecord) -> tuple[np.ndarray, np.ndarray]:
+    """The monotone pieces and their directions (rows,), each with the row at which it turned: the motion before ended there."""
+    pieces, direction = (column.copy() for column in monotone_pieces(test))
+    for a, _ in list(piece_bounds(pieces))[1:]:
+        step = test.spool_position[a] - test.spool_position[a - 1]
+        if test.run[a] == test.run[a - 1] and direction[a] != direction[a - 1] and step * direction[a - 1] > 0.0:
+            pieces[a], direction[a] = pieces[a - 1], direction[a - 1]
+    return pieces, direction
 
 
 def _with_parts(test: TestRecord, noise: float | None, along: np.ndarray, pieces: np.ndarray) -> TestRecord:

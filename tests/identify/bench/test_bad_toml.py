@@ -168,7 +168,7 @@ SPOILED = {
     "noise reading": (
         'file = "leakage.csv"\n',
         'file = "leakage.csv"\nnoise = {flow="1 l/min"}\n',
-        'bench.toml, line 17, [tests.leakage.noise] flow: unknown reading "flow"; known: leakage_flow',
+        'bench.toml, line 17, [tests.leakage.noise] flow: unknown reading "flow"; known: leakage_flow, spool_position',
     ),
     "columns unknown": (
         'file = "leakage.csv"\n',
