@@ -104,6 +104,37 @@ class Nodes:
 
 
 @dataclass(frozen=True)
+class FaultyRow:
+    """A row that is no reading of the valve: its file, line (None: of arrays) and run; sigma: how far beyond its neighbours."""
+
+    file: str
+    line: int | None
+    run: str
+    sigma: float | None = None
+
+    @property
+    def words(self) -> str:
+        return self.file if self.line is None else f"{self.file}, line {self.line}"
+
+
+@dataclass(frozen=True)
+class Fault:
+    """What was wrong with the bench in a test, and the rows that it spoiled; masked: they were left out.
+
+    name: "outliers" (value: how many), "clipped" or "meter_dead_band" (value: the reading at which it stood, SI).
+    """
+
+    name: str
+    test: str
+    channel: str
+    value: float
+    unit: str
+    rows: tuple[FaultyRow, ...]
+    sentence: str
+    masked: bool = True
+
+
+@dataclass(frozen=True)
 class TestRecord:
     """One static test of a record; every array has one entry per row, in the order of the sweep, SI units."""
 
@@ -130,6 +161,7 @@ class TestRecord:
     nodes: Nodes | None = None  # of a reduced log: its readings are means over bins
     meter: str = "return"  # where a leakage is read; or "supply"
     position_std: float | None = None  # m: the stated noise of the positions
+    faults: tuple[Fault, ...] = ()  # of the bench, found so far
 
     @property
     def rows(self) -> int:

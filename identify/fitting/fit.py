@@ -9,6 +9,7 @@ import numpy as np
 from thermohyd.identify.bench.errors import BenchInputError
 from thermohyd.identify.bench.record import BenchRecord, TestRecord
 from thermohyd.identify.noise.level import ChannelNoise, initial_noise
+from thermohyd.identify.reduction.bad_rows import noise_about, outliers, without_limits, without_outliers
 from thermohyd.identify.reduction.reduce import reduce_test
 from thermohyd.numerics import require_float64
 
@@ -95,7 +96,7 @@ def run_fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | N
             say(f"reducing {name}: {test.rows:,} rows")
         turned = reversed_channels(test)
         warnings += [warning_of(test, channel) for channel in turned]
-        tests[name] = reduce_test(with_signs_turned(test, turned))
+        tests[name] = reduce_test(without_limits(with_signs_turned(test, turned)))
     free_parameters(record, plans, tests)  # once more: a raw log has fewer points than rows
     noise = {(t.name, c.name): initial_noise(t, c) for t in tests.values() for c in t.channels}
     problem = StaticSearch(record, tests, plans, free)
@@ -119,6 +120,13 @@ def run_fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | N
         problem.outcome(solution, restart=lower),
         *map(problem.outcome, outcomes if lower else outcomes[1:]),
     ]
+    if (kept := _without_outliers(problem, solution, noise)) is not tests:
+        say("left out rows beyond what their neighbours allow; fitting again")
+        tests = kept
+        noise = {(t.name, c.name): initial_noise(t, c) for t in tests.values() for c in t.channels}
+        problem = replace(problem, tests=tests)
+        solution = problem.basin_hopping(problem.solve(problem.args(noise), solution.p), noise)
+    warnings += [fault.sentence for test in tests.values() for fault in test.faults]
     for _ in range(MOST_ROUNDS):
         settled = problem.settle(noise, solution)
         change = largest_change(noise, settled)
@@ -129,6 +137,26 @@ def run_fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | N
     if solution.relative_offset > SLOPES:
         solution = problem.basin_hopping(solution, noise)
     return Fitted(record, tests, plans, free, noise, solution, tuple(starts_tried), tuple(warnings))
+
+
+def _without_outliers(
+    problem: "StaticSearch", solution: LeastSquaresResult, noise: dict[Key, ChannelNoise]
+) -> dict[str, TestRecord]:
+    """The tests without rows that neither their neighbours nor the fitted valve allow; the same object where there are none."""
+    found: dict[str, dict[str, dict[int, float]]] = {}
+    for (name, reading), rows in channel_slices(problem.tests).items():
+        test = problem.tests[name]
+        channel = next(c for c in test.channels if c.name == reading)
+        if test.rows_of_log is not None:
+            continue
+        misfit = solution.residual[rows] * noise[name, reading].used
+        size = np.maximum(noise_about(test, misfit), 0.0 if channel.std is None else channel.std)
+        left = outliers(test, misfit, size)
+        suspects = outliers(test, channel.value, size) if left else {}
+        found.setdefault(name, {})[reading] = {row: sigma for row, sigma in left.items() if row in suspects}
+    if not any(rows for by_channel in found.values() for rows in by_channel.values()):
+        return problem.tests
+    return {name: without_outliers(test, found.get(name, {})) for name, test in problem.tests.items()}
 
 
 def _with_intervals(fitted: Fitted, progress: Progress | None) -> FitResult:

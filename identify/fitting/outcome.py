@@ -134,6 +134,7 @@ def fit_result(
         starts=fitted.starts,
         notes=tuple(notes),
         warnings=fitted.warnings,
+        faults=tuple(fault for test in fitted.tests.values() for fault in test.faults),
         verdict=_words(fitted, channels, parameters),
     )
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 import pandas as pd
 
-from thermohyd.identify.bench.record import BenchRecord
+from thermohyd.identify.bench.record import BenchRecord, Fault
 from thermohyd.identify.result import Result
 
 
@@ -123,6 +123,7 @@ class FitResult(Result):
     starts: tuple[StartOutcome, ...]
     notes: tuple[str, ...] = ()  # what was reduced, where the noise came from, what was left out
     warnings: tuple[str, ...] = ()
+    faults: tuple[Fault, ...] = ()  # of the bench: rows that are no readings of the valve
     noise_freedom: float = np.inf  # degrees of freedom from which the noise was estimated; infinite: stated
     verdict: tuple[str, ...] = field(default=())  # plain sentences: how well the ideal valve fits and where it misses
 

@@ -17,6 +17,7 @@ from thermohyd.identify.bench.columns import column_unit
 from thermohyd.identify.bench.record import Channel, Nodes, TestRecord
 from thermohyd.identify.bench.shown_units import significant
 
+from .bad_rows import without_outliers_in_log
 from .monotone_pieces import monotone_pieces, piece_bounds, sweep_axis
 from .noise_of_points import Points, points_of
 from .sweep_position import STEPS_ACROSS, Abscissa, local_line, smooth_abscissa
@@ -173,6 +174,7 @@ def reduce_test(test: TestRecord, *, max_points: int = 600, log_rows: int = LOG_
     """
     if not is_raw_log(test, max_points=max_points, log_rows=log_rows):
         return as_measured(test)
+    test = without_outliers_in_log(test)
     pieces, direction = monotone_pieces(test)
     axis = sweep_axis(test)
     readings = [channel.value for channel in test.channels]

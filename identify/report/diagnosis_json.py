@@ -43,6 +43,7 @@ def diagnosis_json(result: DiagnosisResult) -> dict[str, Any]:
         "next_tests_considered": []
         if result.next_test is None
         else [{"test": words, "evidence": evidence} for words, evidence in result.next_test.options],
+        "faults": fit_json(result.after)["faults"],
         "candidates": [_candidate(candidate) for candidate in result.candidates],
         "critical_level": result.critical_level,
         "variations": [_variation(variation) for variation in result.variations],

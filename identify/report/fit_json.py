@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from thermohyd.identify.bench.provenance import record_json
+from thermohyd.identify.bench.record import Fault
 from thermohyd.identify.fitting.result import ChannelFit, FitResult, ParameterEstimate
 from thermohyd.identify.model.model_file import model_json
 
@@ -47,6 +48,7 @@ def fit_json(result: FitResult) -> dict[str, Any]:
             {"start": s.start, "chi2": s.cost, **fields_of(s, "converged", "message", "steps", "restart")}
             for s in result.starts
         ],
+        "faults": [_fault(fault) for fault in result.faults],
         **fields_of(result, "rows", "points", "seconds", "notes", "warnings"),
         "units": "SI: m, Pa (gauge), K, m3/s",
     }
@@ -68,6 +70,19 @@ def _parameter(estimate: ParameterEstimate) -> dict[str, Any]:
         **fields_of(estimate, "value", "unit", "std", "ci95", "at_bound", "fixed", "start"),
         "bounds": [estimate.lower, estimate.upper],
         **fields_of(estimate, "prior_std", "why_no_error_bar", "by_profile", "conditional_on"),
+    }
+
+
+def _fault(fault: Fault) -> dict[str, Any]:
+    runs = {row.run for row in fault.rows}
+    return {
+        **fields_of(fault, "name", "test"),
+        "run": runs.pop() if len(runs) == 1 else None,
+        **fields_of(fault, "channel", "value", "unit"),
+        "std": None,
+        "p_value": None,
+        "rows": [fields_of(row, "file", "line", "sigma") for row in fault.rows],
+        **fields_of(fault, "masked", "sentence"),
     }
 
 

@@ -176,3 +176,28 @@ def test_the_same_answer_twice():
     assert first.effects == again.effects
     assert first.final.chi2 == again.final.chi2
     assert first.p_values == again.p_values
+
+
+def test_bad_rows_are_left_out_and_the_rest_is_as_without_them():
+    record = small_record(seed=0)
+    tests = dict(record.tests)
+    spoiled = ("leakage", "flow_gain")
+    for name in spoiled:
+        test = tests[name]
+        [channel] = test.channels
+        assert channel.std is not None
+        value = channel.value.copy()
+        value[36] += 50.0 * channel.std[36]
+        tests[name] = replace(test, channels=(replace(channel, value=value),))
+    result = diagnose_case(opened(replace(record, tests=tests)))
+    clean = small_diagnosis("nothing")
+    assert result.verdict == "consistent"
+    assert [(fault.test, fault.name, len(fault.rows)) for fault in result.after.faults] == [
+        (name, "outliers", 1) for name in spoiled
+    ]
+    assert all(fault.sentence in result.warnings for fault in result.after.faults)
+    for name, estimate in clean.after.parameters.items():
+        if estimate.std:
+            found = result.after.parameters[name]
+            assert found.std == pytest.approx(estimate.std, rel=0.1)
+            assert abs(found.value - estimate.value) < 0.5 * estimate.std

@@ -43,11 +43,11 @@ def test_rates_and_directions_are_those_of_the_smooth_sweep():
     assert exact.rate is not None
     found = reduce_test(noisy)
     assert found.rate is not None
-    inner = (
-        np.arange(exact.rows) % POINTS_UP > 0
-    )  # the first row of a way has the position of the last one of the other
+    # A run's first row has no motion before it.
+    inner = np.arange(exact.rows) % (2 * POINTS_UP) != 0
     error = [float(np.std((rate - exact.rate)[inner] / exact.rate[inner])) for rate in (noisy.rate, found.rate)]
-    assert error[1] < 0.008 < 0.02 < error[0]
+    assert error[1] < 0.6 * error[0]
+    assert error[1] < 0.008
     assert np.array_equal(found.direction[inner], exact.direction[inner])
     assert found.spool_position is noisy.spool_position
     assert "0.1" in found.notes[-1]

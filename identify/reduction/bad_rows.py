@@ -1,0 +1,232 @@
+"""Find rows that are not readings of the valve: outliers, a clipped gauge, a meter's dead band. NumPy and SciPy's laws only.
+
+A missing effect is no outlier: a row counts as one only where its neighbours, without any model, leave no room for it. A table
+may have one row on a sharp peak, so there the fitted valve must not explain the row either (`outliers`, called by the fit).
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from scipy.stats import t as student
+
+from thermohyd.identify.bench.columns import column_unit
+from thermohyd.identify.bench.record import Fault, FaultyRow, TestRecord
+from thermohyd.identify.bench.shown_units import significant
+from thermohyd.identify.noise.level import MEDIAN_OF_CHI2, divided_third
+
+from .monotone_pieces import monotone_pieces, piece_bounds, sweep_axis
+from .rounding import local_steps
+
+
+CHANCE = 0.01  # of taking any good row of a test for an outlier
+LONGEST = 3  # rows of an outlier, one after the other
+MOST = 0.05  # share of a test's rows beyond which they are no outliers but its noise
+AROUND = 12  # rows on either side that say how large the noise is there
+# Third differences share rows and their median is 37 % efficient: degrees of freedom of the noise per row.
+WORTH = 0.25
+# A constant reading counts as a limit from a share of the rows on, and from so many one after the other; elsewhere the share of
+# equal neighbours must be small, or rounding makes them.
+SHARE, IN_A_ROW, ROUNDING_MAKES = 0.02, 4, 0.02
+LEFT = 8  # rows that must remain: a reading that never changes has a sentence of its own
+
+
+# Rows between two outliers that are found at once.
+APART = 8
+
+
+def outliers(test: TestRecord, values: np.ndarray, noise: np.ndarray | None = None) -> dict[int, float]:
+    """{row: standard deviations} of `values` (rows,) beyond all that their neighbours allow: readings, or what a model leaves.
+
+    Without the row (or two, three in a row), lines and parabolas through the rows before it and behind it, and a line across,
+    say where it might be; the span of all of them has room for kinks, peaks and steps. What a row is beyond that span is
+    compared with the `noise` (rows,), by default what third differences show about there, by Student's law with Bonferroni's
+    allowance for all rows. The worst go first, then their neighbours are looked at anew. The three rows at either
+    end of a sweep are not judged. More than `MOST` of the rows: all that were found, for the caller to say so.
+    """
+    pieces = monotone_pieces(test)[0]
+    noise = noise_about(test, values) if noise is None else noise
+    level = float(student.isf(CHANCE / (2 * LONGEST * max(test.rows, 1)), max(WORTH * test.rows, 3.0)))
+    found: dict[int, float] = {}
+    axis = sweep_axis(test)
+    for a, b in piece_bounds(pieces):
+        rows = np.arange(a, b)
+        while len(found) <= MOST * test.rows + LONGEST:
+            blocks = _beyond(_along(axis[rows]), values[rows], noise[rows], level)
+            if not blocks:
+                break
+            for first, count, sigma in blocks:
+                found |= dict.fromkeys(rows[first : first + count].tolist(), sigma)
+            rows = np.array([row for row in rows.tolist() if row not in found])
+    return dict(sorted(found.items()))
+
+
+def noise_about(test: TestRecord, values: np.ndarray) -> np.ndarray:
+    """Standard deviation of each row from third differences along its piece, about it and over the whole; rounding at least."""
+    pieces = monotone_pieces(test)[0]
+    squares = np.zeros(len(values))
+    for a, b in piece_bounds(pieces):
+        if b - a >= 4:
+            e = divided_third(np.arange(float(b - a)), values[a:b]) ** 2
+            squares[a:b] = np.concatenate([e[:1], e, e[-1:], e[-1:]])
+    around = np.full(len(values), np.median(squares))
+    if len(values) > 2 * AROUND:
+        padded = np.pad(squares, AROUND, mode="reflect")
+        around = np.maximum(around, np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * AROUND + 1), axis=1))
+    least = np.hypot(local_steps(values), 1e-6 * np.ptp(values))
+    return np.maximum(np.maximum(np.sqrt(around / MEDIAN_OF_CHI2), least), 1e-300)
+
+
+def _along(axis: np.ndarray) -> np.ndarray:
+    """What neighbours are compared along: the position where it goes one way, else (a dithered log's) the rows' order."""
+    steps = np.diff(axis)
+    return axis if np.all(steps > 0.0) or np.all(steps < 0.0) else np.arange(float(len(axis)))
+
+
+def _beyond(x: np.ndarray, y: np.ndarray, noise: np.ndarray, level: float) -> list[tuple[int, int, float]]:
+    """(first row, rows, standard deviations) of the blocks beyond their neighbours, the worst first, none near another."""
+    blocks = []
+    for count in range(1, LONGEST + 1):
+        at = np.arange(3, len(y) - 2 - count)
+        if not len(at):
+            continue
+        left = [(x[at - k], y[at - k]) for k in (1, 2, 3)]
+        right = [(x[at + count - 1 + k], y[at + count - 1 + k]) for k in (1, 2, 3)]
+        excess = np.full(len(at), np.inf)
+        for row in (at + k for k in range(count)):
+            place, own = x[row], y[row]
+            near = np.stack([_through([left[0], right[0]], place), *_ahead(left, place), *_ahead(right, place)])
+            excess = np.minimum(excess, np.maximum(own - near.max(axis=0), near.min(axis=0) - own))
+        sigma = excess / (np.sqrt(1.5) * noise[at])  # noise of a row about the line across
+        blocks += [(int(at[i]), count, float(sigma[i])) for i in np.flatnonzero(sigma > level)]
+    apart: list[tuple[int, int, float]] = []
+    for block in sorted(blocks, key=lambda b: -b[2]):
+        if all(abs(block[0] - other[0]) > APART for other in apart):
+            apart.append(block)
+    return apart
+
+
+Point = tuple[np.ndarray, np.ndarray]
+
+
+def _ahead(near: list[Point], place: np.ndarray) -> list[np.ndarray]:
+    """The nearest of three rows, and the line and the parabola through them, at `place`."""
+    return [near[0][1], _through(near[:2], place), _through(near, place)]
+
+
+def _through(points: list[Point], place: np.ndarray) -> np.ndarray:
+    """The polynomial through these points, at `place` (Lagrange)."""
+    value = np.zeros_like(place)
+    for i, (at, reading) in enumerate(points):
+        weight = np.ones_like(place)
+        for j, (other, _) in enumerate(points):
+            weight = weight if j == i else weight * (place - other) / (at - other)
+        value = value + weight * reading
+    return value
+
+
+def without_outliers(test: TestRecord, found: Mapping[str, Mapping[int, float]]) -> TestRecord:
+    """The test without these rows ({channel: {row: standard deviations}}) and with faults that name them; as it is without any.
+
+    Where a channel has more than `MOST` of the rows they stay: so many say that the noise is of another kind.
+    """
+    faults, gone = list(test.faults), set()
+    for name, rows in found.items():
+        if not rows:
+            continue
+        masked = len(rows) <= MOST * test.rows
+        faults.append(_outliers_fault(test, name, rows, masked))
+        gone |= set(rows) if masked else set()
+    if len(faults) == len(test.faults):
+        return test
+    return replace(_without(test, sorted(gone)) if gone else test, faults=tuple(faults))
+
+
+def _outliers_fault(test: TestRecord, name: str, rows: Mapping[int, float], masked: bool) -> Fault:
+    channel = next(c for c in test.channels if c.name == name)
+    unit = column_unit(name)
+    worst = max(rows, key=lambda row: rows[row])
+    reading = f"{significant(float(channel.value[worst]) * unit.factor, 3)} {unit.label}"
+    what = "one row lies" if len(rows) == 1 else f"{len(rows)} rows lie"
+    who = "" if len(rows) == 1 else "the worst "
+    then = "left out of the fit" if masked else "so many are no outliers: they stay, and the noise is not normal"
+    sentence = (
+        f"{test.name}, {name}: {what} beyond what the rows around allow, {who}by {rows[worst]:.0f} standard deviations "
+        f"({_place(test, worst).words}: {reading}); {then}"
+    )
+    places = tuple(replace(_place(test, row), sigma=sigma) for row, sigma in rows.items())
+    return Fault("outliers", test.name, name, float(len(rows)), "1", places, sentence, masked)
+
+
+def without_outliers_in_log(test: TestRecord) -> TestRecord:
+    """A raw log without its outliers: its rows are so dense that no peak of the valve's is one row wide."""
+    return without_outliers(test, {channel.name: outliers(test, channel.value) for channel in test.channels})
+
+
+def without_limits(test: TestRecord) -> TestRecord:
+    """The test without rows at which a gauge was at its limit or a meter stood still: one constant where readings never repeat."""
+    for channel in test.channels:
+        for limit in dict.fromkeys((float(np.min(channel.value)), float(np.max(channel.value)), 0.0)):
+            rows = _standing(test, next(c.value for c in test.channels if c.name == channel.name), limit)
+            if len(rows) < SHARE * test.rows or test.rows - len(rows) < LEFT:
+                continue
+            name = "meter_dead_band" if limit == 0.0 else "clipped"
+            unit = column_unit(channel.name)
+            shown = f"{significant(limit * unit.factor, 3)} {unit.label}"
+            how = "a meter's dead band" if limit == 0.0 else "a gauge at its limit"
+            sentence = (
+                f"{test.name}, {channel.name}: {len(rows)} rows stand at exactly {shown}, where no other reading repeats: {how}; "
+                "left out of the fit"
+            )
+            places = tuple(_place(test, int(row)) for row in rows)
+            fault = Fault(name, test.name, channel.name, limit, unit.si or "1", places, sentence)
+            test = replace(_without(test, rows.tolist()), faults=(*test.faults, fault))
+    return test
+
+
+def _standing(test: TestRecord, value: np.ndarray, limit: float) -> np.ndarray:
+    """Rows at exactly `limit` in stretches of `IN_A_ROW` or more while the spool moved; none where other readings repeat, too."""
+    if test.rows < 2:
+        return np.zeros(0, dtype=int)
+    moved = (np.diff(test.spool_position) != 0.0) & (np.diff(test.run) == 0)
+    same = (np.diff(value) == 0.0) & moved
+    here = same & (value[1:] == limit)
+    others = moved & ~((value[1:] == limit) & (value[:-1] == limit))
+    if np.sum(same & ~here) > ROUNDING_MAKES * max(int(others.sum()), 1):
+        return np.zeros(0, dtype=int)
+    standing = np.zeros(test.rows, dtype=bool)
+    for a, b in piece_bounds(np.cumsum(np.append(0, ~here))):
+        if b - a >= IN_A_ROW:
+            standing[a:b] = True
+    return np.flatnonzero(standing)
+
+
+def _place(test: TestRecord, row: int) -> FaultyRow:
+    line = None if test.lines is None else int(test.lines[row])
+    return FaultyRow(str(test.path.name), line, test.run_names[int(test.run[row])] if test.run_names else "")
+
+
+def _without(test: TestRecord, rows: list[int]) -> TestRecord:
+    """The test without these rows, in every column."""
+    kept = np.ones(test.rows, dtype=bool)
+    kept[rows] = False
+    cut = lambda column: None if column is None else column[kept]
+    channels = tuple(
+        replace(c, value=c.value[kept], std=cut(c.std), rounding=cut(c.rounding), position_part=cut(c.position_part))
+        for c in test.channels
+    )
+    return replace(
+        test,
+        channels=channels,
+        spool_position=test.spool_position[kept],
+        supply_pressure=test.supply_pressure[kept],
+        return_pressure=test.return_pressure[kept],
+        temperature=test.temperature[kept],
+        run=test.run[kept],
+        direction=test.direction[kept],
+        load_pressure=cut(test.load_pressure),
+        time=cut(test.time),
+        rate=cut(test.rate),
+        lines=cut(test.lines),
+        table=None,
+    )

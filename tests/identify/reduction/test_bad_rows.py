@@ -1,0 +1,99 @@
+"""Rows that are no readings of the valve: found where they are, and nowhere else."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers.raw_logs import raw_log
+from helpers.records import NOISE
+from helpers.small_bench import rows_of, small_record
+
+from thermohyd.identify.reduction.bad_rows import outliers, without_limits, without_outliers
+from thermohyd.identify.reduction.reduce import reduce_test
+
+
+def with_readings(test, value):
+    return replace(test, channels=(replace(test.channels[0], value=value),), lines=np.arange(test.rows) + 2)
+
+
+def spoiled(test, shifts):
+    value = test.channels[0].value.copy()
+    for row, shift in shifts.items():
+        value[row] += shift
+    return with_readings(test, value)
+
+
+@pytest.mark.parametrize("test", ["leakage", "pressure_gain", "flow_gain"])
+def test_no_good_row_is_an_outlier(test):
+    """Peaks and steps of 16 rows a way are no outliers, nor is noise: a hundredth of the tests may have one."""
+    assert rows_of(test).spool_position.size == 256
+    seen = 0
+    for seed in range(12):
+        [channel] = small_record(seed=seed).tests[test].channels
+        seen += len(outliers(small_record(seed=seed).tests[test], channel.value))
+    assert seen == 0
+
+
+def test_an_outlier_is_found_with_its_line_and_left_out():
+    test = small_record().tests["flow_gain"]
+    size = NOISE["flow_gain"]
+    bad = spoiled(test, {37: 50.0 * size, 118: -60.0 * size})
+    [channel] = bad.channels
+    assert channel.std is not None
+    found = outliers(bad, channel.value, channel.std)
+    assert set(found) == {37, 118}
+    kept = without_outliers(bad, {channel.name: found})
+    assert kept.rows == test.rows - 2
+    assert not np.isin(channel.value[37], kept.channels[0].value)
+    [fault] = kept.faults
+    assert (fault.name, fault.value, fault.masked) == ("outliers", 2.0, True)
+    assert [row.line for row in fault.rows] == [39, 120]
+    assert all(row.sigma is not None and row.sigma > 5.0 for row in fault.rows)
+    assert "flow_gain.csv, line" in fault.sentence
+    assert without_outliers(test, {channel.name: {}}) is test
+
+
+def test_many_outliers_are_noise_of_another_kind():
+    test = small_record().tests["leakage"]
+    rows = {row: 30.0 * NOISE["leakage"] for row in range(4, 256, 11)}
+    kept = without_outliers(test, {"leakage_flow": rows})
+    assert kept.rows == test.rows
+    assert not kept.faults[0].masked
+    assert "not normal" in kept.faults[0].sentence
+
+
+def test_an_outlier_of_a_raw_log_takes_no_part_in_its_bin():
+    test = raw_log(3)
+    value = test.channels[0].value.copy()
+    value[5000:5002] += 30.0 * np.ptp(value)
+    bad = with_readings(test, value)
+    points = reduce_test(bad)
+    assert [row.line for row in points.faults[0].rows] == [5002, 5003]
+    assert points.channels[0].value.max() < 2.0 * np.abs(test.channels[0].value).max()
+    assert not reduce_test(test).faults
+
+
+def test_a_clipped_gauge_and_a_dead_band():
+    test = small_record().tests["pressure_gain"]
+    value = test.channels[0].value
+    limit = 0.5 * value.max()
+    kept = without_limits(with_readings(test, np.clip(value, -np.inf, limit)))
+    [fault] = kept.faults
+    assert fault.name == "clipped"
+    assert fault.value == limit
+    assert np.all(kept.channels[0].value < limit)
+    assert kept.rows == test.rows - len(fault.rows)
+    flow = small_record().tests["flow_gain"]
+    own = flow.channels[0].value
+    dead = without_limits(with_readings(flow, np.where(np.abs(own) < 0.1 * own.max(), 0.0, own)))
+    assert [fault.name for fault in dead.faults] == ["meter_dead_band"]
+    assert np.all(dead.channels[0].value != 0.0)
+
+
+def test_rounding_and_a_reading_that_never_changes_are_neither():
+    test = small_record().tests["pressure_gain"]
+    value = test.channels[0].value
+    coarse = with_readings(test, np.round(value / (0.1 * value.max())) * 0.1 * value.max())
+    assert without_limits(coarse) is coarse
+    constant = with_readings(test, np.full(test.rows, 3.0))
+    assert without_limits(constant) is constant
