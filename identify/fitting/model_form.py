@@ -85,7 +85,12 @@ def evidence_of_fits(own: FitResult, other: FitResult) -> float:
     """
     better = min(own, other, key=lambda fit: fit.chi2)
     count = [c.effective_size / len(c.measured) / max(c.reduced_chi2, 1.0) for c in better.channels]
-    worth = lambda fit: sum(s * c.reduced_chi2 * len(c.measured) for s, c in zip(count, fit.channels, strict=True))
+
+    def worth(fit: FitResult) -> float:
+        readings = sum(s * c.reduced_chi2 * len(c.measured) for s, c in zip(count, fit.channels, strict=True))
+        priors = sum(((e.value - e.start) / e.prior_std) ** 2 for e in fit.parameters.values() if e.prior_std)
+        return readings + priors
+
     readings = sum(c.effective_size for c in better.channels)
     return evidence(worth(own), worth(other), len(own.free), len(other.free), readings)
 

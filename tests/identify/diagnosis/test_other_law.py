@@ -60,10 +60,3 @@ def test_what_the_right_law_names_stays_named():
     assert not result.effects[0].alternatives
     assert result.after.other_law is not None
     assert result.after.other_law.preferred == "orifice"
-
-
-def test_without_asking_nothing_is_said():
-    result = diagnose_case(small_case("pilot"))
-    assert result.after.other_law is None
-    assert result.to_dict()["fit"]["parameters"]["pilot_leakage"]["model_form"] is None
-    assert "edge law" not in result.summary()

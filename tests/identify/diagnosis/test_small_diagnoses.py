@@ -173,3 +173,10 @@ def test_the_same_answer_twice():
     assert first.effects == again.effects
     assert first.final.chi2 == again.final.chi2
     assert first.p_values == again.p_values
+
+
+def test_the_other_law_of_an_edge_is_not_asked_unless_somebody_asks():
+    result = small_diagnosis("pilot")
+    assert result.after.other_law is None
+    assert result.to_dict()["fit"]["parameters"]["pilot_leakage"]["model_form"] is None
+    assert "edge law" not in result.summary()

@@ -5,14 +5,18 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.fake_diagnosis import fake_diagnosis
 from helpers.fake_fit import fake_fit, fake_parameters
+from helpers.html_page import Tags
 from helpers.records import random_valve, synthetic_record
 
 from thermohyd.identify.bench.record import StartValue
 from thermohyd.identify.fitting.fit import fit
 from thermohyd.identify.fitting.model_form import PREFERRED, evidence, evidence_of_fits, other_law, with_model_form
 from thermohyd.identify.fitting.result import FitResult, OtherLaw
+from thermohyd.identify.report.diagnosis_page import diagnosis_page
 from thermohyd.identify.report.fit_json import fit_json
+from thermohyd.identify.report.page import html_report
 
 
 LAWS = ("orifice", "lubrication")
@@ -141,6 +145,25 @@ def test_a_parameter_that_only_the_law_settles_is_said_not_to_be_determined():
     shown = " ".join(result.summary().replace("*", "").split())
     assert words in shown
     assert "the data do not say which is right" in shown
+
+
+def words_of(page: str) -> str:
+    """What a reader sees."""
+    return " ".join(" ".join(Tags(page).words).split())
+
+
+def test_both_pages_show_it():
+    result = with_model_form(fake_fit(), asked(edge_radius=4.1e-6))
+    pages = [
+        html_report(result, {}, "0"),
+        diagnosis_page(replace(fake_diagnosis("named", points=4), after=result), {}, "0"),
+    ]
+    for html in pages:
+        text = words_of(html)
+        assert "With the lubrication law of the edge" in text
+        assert "edge_radius 14.93 +/- 0.12 4.10 um -91.8 3.9 to 15.2 NOT DETERMINED" in text
+        assert "this record does not determine it" in text
+    assert "law of the edge" not in words_of(html_report(fake_fit(), {}, "0"))
 
 
 @pytest.mark.parametrize("width", [80, 120])
