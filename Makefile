@@ -19,7 +19,7 @@ QUICK := identify/bench identify/report identify/noise identify/model/test_model
 	identify/diagnosis/test_where.py simulator/test_against_reference.py simulator/test_dynamics_field.py \
 	test_import_direction.py test_effect_names.py test_citations.py
 
-.PHONY: help demo test quick lint typecheck pytest bench hidden hidden-dynamic hidden-logs joint-coverage clean
+.PHONY: help demo test quick lint typecheck pytest bench hidden hidden-dynamic hidden-logs joint-coverage law-coverage clean
 help:
 	@echo "make demo    fit one sample record, diagnose another, write demo-report/"
 	@echo "make test    ruff, pyright and pytest against the installed package"
@@ -28,6 +28,7 @@ help:
 	@echo "make hidden  76 records with a hidden effect, diagnosed and scored (SET=2: other seeds, SET=3: faint effects; half an hour)"
 	@echo "make hidden-dynamic  30 records of an actuator with hidden physics, diagnosed and scored (SET=2: other seeds; half an hour)"
 	@echo "make hidden-logs  raw logs in which nothing is missing: do intervals hold the truth, is nothing named? (an hour)"
+	@echo "make law-coverage   24 valves, made by either law of an edge and fitted with either: do intervals hold the truth? (20 minutes)"
 	@echo "make joint-coverage  50 records with static and dynamic tests: do intervals hold the truth? (PLUG_IN=1: valve held; an hour)"
 	@echo "make clean   remove what was built (not $(VENV))"
 	@echo "A Python of 3.12 or newer is looked for; make PYTHON=/path/to/python3.13 demo takes that one. It stays in $(VENV)."
@@ -61,7 +62,7 @@ quick: $(VENV)/.installed-dev
 		--ignore tests/identify/report/test_diagnosis_page.py --ignore tests/identify/bench/test_mangled_records.py
 
 bench: $(VENV)/.installed-dev
-	@for script in $(filter-out benchmarks/hidden_% benchmarks/joint_%,$(wildcard benchmarks/[a-z]*.py)); do \
+	@for script in $(filter-out benchmarks/hidden_% benchmarks/joint_% benchmarks/law_%,$(wildcard benchmarks/[a-z]*.py)); do \
 		echo "== $$script"; $(BIN)/python $$script || exit 1; done
 
 # Answers and table stay in build/hidden; an interrupted run goes on where it stopped.
@@ -76,6 +77,9 @@ hidden-dynamic: $(VENV)/.installed-dev
 hidden-logs: $(VENV)/.installed-dev
 	$(BIN)/python benchmarks/hidden_raw_logs.py fit
 	$(BIN)/python benchmarks/hidden_raw_logs.py diagnose
+
+law-coverage: $(VENV)/.installed-dev
+	$(BIN)/python benchmarks/law_coverage.py --processes $(PROCESSES)
 
 joint-coverage: $(VENV)/.installed-dev
 	$(BIN)/python benchmarks/joint_coverage.py --processes $(PROCESSES) $(if $(PLUG_IN),--plug-in)

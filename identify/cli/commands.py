@@ -59,6 +59,13 @@ InsteadOfFit = Annotated[
         "--model", "-m", metavar="FILE", help="model.json to use with a record's conditions instead of a fit."
     ),
 ]
+ModelForm = Annotated[
+    bool,
+    typer.Option(
+        "--model-form/--no-model-form",
+        help="Fit once more with the other law of an edge, and say what it would change; takes another compilation.",
+    ),
+]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON on stdout, and nothing else there.")]
 
 
@@ -89,6 +96,7 @@ def fit_command(
         list[str] | None,
         typer.Option("--effect", help="Free this effect beside the parameters; may be given several times."),
     ] = None,
+    model_form: ModelForm = True,
 ) -> None:
     """Find edge radius, clearance, underlap, discharge coefficient, transition number and null bias, with error bars.
 
@@ -103,7 +111,7 @@ def fit_command(
 
         freed: dict[str, Any] = {"effects": effect} if effect else {}
         return (
-            (lambda record, say: fit(record, progress=say, **freed)),
+            (lambda record, say: fit(record, progress=say, model_form=model_form, **freed)),
             print_summary_of_fits,
             unsettled,
         )
@@ -122,6 +130,7 @@ def diagnose_command(
             "--learn", help="Where no effect explains the gap, add a smooth empirical term to the model and say so."
         ),
     ] = False,
+    model_form: ModelForm = True,
 ) -> None:
     """Find where bench and ideal valve disagree, name the missing effects, add them, and show the gap shrink.
 
@@ -135,7 +144,7 @@ def diagnose_command(
         from .several_results import print_summary_of_many, unsettled_diagnoses
 
         return (
-            (lambda record, say: diagnose(record, learn=learn, progress=say)),
+            (lambda record, say: diagnose(record, learn=learn, model_form=model_form, progress=say)),
             print_summary_of_many,
             unsettled_diagnoses,
         )

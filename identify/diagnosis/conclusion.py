@@ -10,6 +10,7 @@ import numpy as np
 
 from thermohyd.effects.library import effect_info
 from thermohyd.identify.fitting.misfit import doubts
+from thermohyd.identify.fitting.model_form import OTHER, evidence, other_law, with_model_form
 from thermohyd.identify.fitting.outcome import Fitted, Key, fit_result
 from thermohyd.identify.fitting.parameters import effect_plan
 from thermohyd.identify.fitting.problem import Fit, Problem, solution_of
@@ -18,13 +19,14 @@ from thermohyd.identify.fitting.uncertainty import Block, Covariance, covariance
 from thermohyd.identify.model.learned_terms import LearnedTerm
 from thermohyd.identify.noise.correlation import NoiseCorrelation
 from thermohyd.identify.noise.level import ChannelNoise
-from thermohyd.identify.report.diagnosis_report import further_sentences, headline
+from thermohyd.identify.report.diagnosis_report import further_sentences, headline, in_a_row
 
 from .case import Case, Progress
 from .final_model import FinalModel, exchange_fits, held_out_result
 from .held_out import Split
 from .left_over import lack_of_fit, learn as learn_term, smooth_block, variations_of
 from .next_test import next_test
+from .other_law import ANOTHER_LAW, OtherLawSays, what_the_other_law_says
 from .record_noise import NoiseEstimate, first_noise
 from .result import (
     Alternative,
@@ -75,9 +77,16 @@ def as_channel_noise(noise: dict[Key, NoiseEstimate]) -> dict[Key, ChannelNoise]
 
 
 def conclude(
-    case: Case, selection: Selection, split: Split, model: FinalModel, *, learn: bool, say: Progress = lambda _: None
+    case: Case,
+    selection: Selection,
+    split: Split,
+    model: FinalModel,
+    *,
+    learn: bool,
+    model_form: bool = False,
+    say: Progress = lambda _: None,
 ) -> DiagnosisResult:
-    """Confirm on the rows held out, and put everything into figures and words."""
+    """Confirm on the rows held out, ask the other law of an edge (`model_form`), and put everything into figures and words."""
     case = replace(case, base=model.base)
     problem, base = case.problem, case.base
     first = screen(problem.with_all_columns(base), problem.library.names, case.steps, level=LEVEL)
@@ -91,7 +100,12 @@ def conclude(
     held = _held_out(case, split, model, fit, term, smooth, first, say)
     before = result_of(case.problem, base, case.fitted, case.noise, scale=max(base.chi2 / len(base.residual), 1.0))
     after = result_of(problem, fit, case.fitted, case.noise, scale=max(fit.chi2 / len(fit.residual), 1.0))
-    effects = tuple(_named(name, after, model) for name in fit.effects)
+    says = None
+    if model_form and not problem.in_motion:
+        say("the final model with the other law of the edge")
+        says = what_the_other_law_says(problem, fit, first.critical)
+        after = _with_both_laws(after, fit, says, case)
+    effects = tuple(_named(name, after, model, says) for name in fit.effects)
     verdict: Verdict = "consistent"
     if model.disagrees:
         verdict = "unexplained"
@@ -107,8 +121,14 @@ def conclude(
     return DiagnosisResult(
         record=case.fitted.record,
         verdict=verdict,
-        headline=headline(verdict, effects, where, held, gaps, shifts, smooth, judged=after.judged),
-        sentences=(*further_sentences(effects, before, smooth), *doubts(after.channels, after.parameters)),
+        headline=headline(
+            verdict, effects, where, held, gaps, shifts, smooth, judged=after.judged, law=_better_law(after)
+        ),
+        sentences=(
+            *further_sentences(effects, before, smooth),
+            *_of_the_other_law(says),
+            *doubts(after.channels, after.parameters),
+        ),
         where=where,
         where_after=regions(after.channels, case.fitted.tests) if model.disagrees else (),
         effects=effects,
@@ -117,7 +137,9 @@ def conclude(
         gap_before=gaps[0],
         gap_after=gaps[1],
         held_out=held,
-        next_test=next_test(case.problem, fit, model.rivals, model.scale, say) if verdict == "ambiguous" else None,
+        next_test=next_test(case.problem, fit, model.rivals, model.scale, say, says)
+        if verdict == "ambiguous"
+        else None,
         before=before,
         after=after,
         shifts=shifts,
@@ -173,11 +195,41 @@ def _learned(variation: Variation, term: LearnedTerm) -> Variation:
     return replace(variation, coefficients=term.coefficients, learned=True)
 
 
-def _named(name: str, after: FitResult, model: FinalModel) -> NamedEffect:
+def _with_both_laws(after: FitResult, fit: Fit, says: OtherLawSays, case: Case) -> FitResult:
+    """The final model's result with what the other law makes of its parameters. The whitened rows are independent readings."""
+    there = replace(case.fitted, record=says.problem.record, plans=dict(says.problem.plans))
+    rows = len(fit.residual) - len(says.problem.parameters)
+    scale = max(min(fit.chi2, says.fit.chi2) / rows, 1.0)
+    other = result_of(says.problem, says.fit, there, case.noise, scale=max(says.fit.chi2 / rows, 1.0))
+    speaks = evidence(fit.chi2 / scale, says.fit.chi2 / scale, len(fit.free), len(says.fit.free), rows)
+    return with_model_form(after, other_law(after, other, speaks))
+
+
+def _better_law(after: FitResult) -> str:
+    """The other law of an edge where the data prefer it."""
+    asked = after.other_law
+    return "" if asked is None or asked.preferred != asked.law else asked.law
+
+
+def _of_the_other_law(says: OtherLawSays | None) -> tuple[str, ...]:
+    """What stands under the headline where an effect is asked for by one law only."""
+    if says is None or not says.in_place_of:
+        return ()
+    law = says.problem.record.valve.edge_law
+    one = len(says.in_place_of) == 1
+    return (
+        f"With the {law} law of the edge the record is explained as well without {in_a_row(says.in_place_of)}: only the "
+        f"{OTHER[law]} law asks for {'it, so it is' if one else 'them, so they are'} no finding about the valve.",
+    )
+
+
+def _named(name: str, after: FitResult, model: FinalModel, says: OtherLawSays | None) -> NamedEffect:
     estimate, rivals, info = after.parameters[name], model.rivals[name], effect_info(name)
     alike = tuple(
         Alternative(r.name, r.fit.values[r.name], effect_info(r.name).unit, r.chi2_more) for r in rivals.alike
     )
+    if says is not None and name in says.in_place_of:
+        alike = (*alike, Alternative(ANOTHER_LAW, np.nan, "", says.chi2_more))
     return NamedEffect(
         name=name,
         value=estimate.value,

@@ -13,6 +13,7 @@ import numpy as np
 
 from thermohyd.identify.bench.record import BenchRecord
 from thermohyd.identify.fitting.library import Library, motion_library
+from thermohyd.identify.fitting.model_form import with_model_form
 from thermohyd.identify.fitting.parameters import IN_MOTION, ParameterPlan, Prior
 from thermohyd.identify.fitting.problem import Noise, Problem
 from thermohyd.identify.fitting.result import FitResult
@@ -127,7 +128,9 @@ def fitted_together(
     scale = lambda fit: max(fit.chi2 / len(fit.residual), 1.0)
     of = lambda p, fit: result_of(p, fit, fitted, noise, scale(fit))
     before = of(problem, plain)
-    return before, before if final is plain else of(full, final)
+    # The other law of an edge was asked of the static tests alone.
+    after = with_model_form(before if final is plain else of(full, final), static.result.after.other_law)
+    return before, after
 
 
 def in_one(record: BenchRecord, static: Stage, motion: Stage, say: Progress = lambda _: None) -> DiagnosisResult:
@@ -175,17 +178,21 @@ def _as_fitted(effect: NamedEffect, after: FitResult) -> NamedEffect:
     return replace(effect, value=joint.value, std=joint.std, ci95=joint.ci95, at_bound=joint.at_bound)
 
 
-def diagnose(record: BenchRecord, *, learn: bool = False, progress: Progress | None = None) -> DiagnosisResult:
+def diagnose(
+    record: BenchRecord, *, learn: bool = False, model_form: bool = True, progress: Progress | None = None
+) -> DiagnosisResult:
     """Find where a record disagrees with the ideal valve, name the missing effects, add them and show the gap close.
 
     learn: add the leading smooth variation to the model where no effect explains the rest (marked as empirical).
+    model_form: fit the final model of the static tests with the other law of an edge too: an effect that only one law asks
+    for is not named, and each estimate says how far the other law moves it.
     Raises what `fit` raises: BenchInputError where the record determines nothing, RuntimeError in single precision.
     Each step can be called alone: `open_case`, `choose`, `final_model`, `conclude`.
     """
     require_float64("diagnose")
     began = time.perf_counter()
     say = progress or (lambda _: None)
-    stage = lambda case: diagnose_stage(case, learn=learn, say=say)
+    stage = lambda case: diagnose_stage(case, learn=learn, model_form=model_form, say=say)
     if not record.dynamic_tests:
         result = stage(open_case(record, say)).result
     elif not record.static_tests:
@@ -199,13 +206,17 @@ def diagnose(record: BenchRecord, *, learn: bool = False, progress: Progress | N
     return replace(result, seconds=time.perf_counter() - began)
 
 
-def diagnose_stage(case: Case, *, learn: bool = False, say: Progress = lambda _: None) -> Stage:
+def diagnose_stage(
+    case: Case, *, learn: bool = False, model_form: bool = False, say: Progress = lambda _: None
+) -> Stage:
     """What follows `open_case`; `seconds` of the result is left at 0."""
     case, selection, split = choose(case, say)
     model = final_model(case, selection, split, say)
-    return Stage(case, model, conclude(case, selection, split, model, learn=learn, say=say))
+    return Stage(case, model, conclude(case, selection, split, model, learn=learn, model_form=model_form, say=say))
 
 
-def diagnose_case(case: Case, *, learn: bool = False, say: Progress = lambda _: None) -> DiagnosisResult:
+def diagnose_case(
+    case: Case, *, learn: bool = False, model_form: bool = False, say: Progress = lambda _: None
+) -> DiagnosisResult:
     """The answer of an opened case."""
-    return diagnose_stage(case, learn=learn, say=say).result
+    return diagnose_stage(case, learn=learn, model_form=model_form, say=say).result

@@ -11,6 +11,7 @@ import numpy as np
 from thermohyd.identify.bench.record import TestRecord
 from thermohyd.identify.fitting.problem import Fit, Problem
 
+from .other_law import ANOTHER_LAW, OtherLawSays
 from .result import NextTest
 from .rivals import Rivals
 from .screening import BOTH_PORTS, Projection, can_measure_ports, ports_apart
@@ -25,26 +26,40 @@ def next_test(
     rivals: dict[str, Rivals],
     scale: float,
     say: Callable[[str], None] = lambda _: None,
+    law: OtherLawSays | None = None,
 ) -> NextTest | None:
-    """The change of conditions under which the closest pair of rivals differs most, with the evidence to expect."""
-    pairs = [(final, r.fit) for rival in rivals.values() for r in rival.alike]
+    """The change of conditions under which the closest pair of rivals differs most, with the evidence to expect.
+
+    law: another law of the edge that stands in the place of named effects is a rival too.
+    """
+    pairs = [(problem, r.fit) for rival in rivals.values() for r in rival.alike]
+    names = {r.name for rival in rivals.values() for r in rival.alike} | {n for n, r in rivals.items() if r.alike}
+    ports = can_measure_ports(problem)
+    if law is not None and law.in_place_of:
+        # What both port pressures would show is only worked out for two models of one law.
+        pairs, ports = [*pairs, (law.problem, law.needed)], False
+        names |= {*law.in_place_of, ANOTHER_LAW}
     if not pairs:
         return None
     say("designing the next test")
     found = []
     for words, tests in menu(problem.tests):
-        elsewhere = replace(problem, tests=tests, used=None)
+        there = lambda here, tests=tests: replace(here, tests=tests, used=None)
         # Every pair has to come apart, so the weakest one counts.
-        evidence = min(min(_apart(problem, elsewhere, a, b), _apart(problem, elsewhere, b, a)) for a, b in pairs)
+        evidence = min(
+            min(
+                _apart(here, there(here), there(problem), final, b),
+                _apart(problem, there(problem), there(here), b, final),
+            )
+            for here, b in pairs
+        )
         found.append((words, evidence / scale))
-    if can_measure_ports(problem):
-        evidence = min(min(ports_apart(problem, a, b), ports_apart(problem, b, a)) for a, b in pairs)
+    if ports:
+        evidence = min(min(ports_apart(problem, final, b), ports_apart(problem, b, final)) for _, b in pairs)
         found.append((BOTH_PORTS, evidence / scale))
     found.sort(key=lambda option: -option[1])
     words, evidence = found[0]
-    names = sorted(
-        {r.name for rival in rivals.values() for r in rival.alike} | {n for n, r in rivals.items() if r.alike}
-    )
+    names = sorted(names)
     if words == BOTH_PORTS and evidence >= ENOUGH:
         sentence = f"repeat the pressure-gain test {words}: {', '.join(names)} would then differ by about {evidence:.0f} in chi-square"
     elif evidence < ENOUGH:
@@ -105,9 +120,12 @@ def _at_rate(test: TestRecord, factor: float) -> TestRecord:
     return replace(test, time=test.time / factor, rate=rate, nodes=nodes)
 
 
-def _apart(here: Problem, there: Problem, true: Fit, other: Fit) -> float:
-    """Chi-square by which `other` would miss new data that follow `true`, once refitted to old and new data together."""
-    made = there.evaluate(true.values, true.effects)
+def _apart(here: Problem, there: Problem, truth: Problem, true: Fit, other: Fit) -> float:
+    """Chi-square by which `other` would miss new data that follow `true`, once refitted to old and new data together.
+
+    here, there: the old and the new data as `other` sees them. truth: the new data as `true` sees them.
+    """
+    made = truth.evaluate(true.values, true.effects)
     claimed = there.evaluate(other.values, other.effects)
     columns = [other.order.index(name) for name in other.free]
     new_columns = claimed.columns[:, [claimed.order.index(name) for name in other.free]]

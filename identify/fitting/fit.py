@@ -16,10 +16,13 @@ from thermohyd.numerics import require_float64
 from .boxes import Box
 from .fit_effects import fit_with, known_effects
 from .least_squares import LeastSquaresResult, multi_start, solve
+from .library import library_for
+from .model_form import evidence_of_fits, fitted_with, other_law, plans_with_other_law, refit, with_model_form
 from .outcome import Fitted, Key, fit_result, uncertainty_of
 from .parameters import ParameterPlan, free_parameters, plan_parameters, readings_of
+from .problem import Problem, white_noise
 from .profile_intervals import covariance_holds, profile_intervals
-from .result import FitResult, StartOutcome
+from .result import FitResult, OtherLaw, StartOutcome
 from .starts import basin_hopping, null_position, reversed_channels, warning_of, with_signs_turned
 from .static_readings import FitArgs, base_valve, box_of, channel_slices, prior_rows, residual_of, static_data
 from .uncertainty import largest_change, settled_noise
@@ -38,18 +41,26 @@ PROFILE_CLOSE_ENOUGH = 1e-2  # chi-square is then right to 1e-4
 BELIEVE_BELOW = 0.05
 SLOPES = 1e-3  # the same, from where on an end may lie on the slope of a kink: then the other side is looked at
 MOST_BETTER = 4  # times that a profile may run into a deeper optimum
+CLOSE = 25.0  # chi-square up to which the other law of an edge is no worse than this one, and its intervals looked at closely
 TINY = 1e-12  # chi-square per reading of readings that the model meets to rounding: nothing is left to judge by
 
 Progress = Callable[[str], None]
 
 
 def fit(
-    record: BenchRecord, *, effects: Iterable[str] = (), starts: int = STARTS, progress: Progress | None = None
+    record: BenchRecord,
+    *,
+    effects: Iterable[str] = (),
+    model_form: bool = False,
+    starts: int = STARTS,
+    progress: Progress | None = None,
 ) -> FitResult:
     """Fit the free parameters of a record's valve and actuator to all its tests at once, static and dynamic ones.
 
     effects: names of effects (docs/physics.md section 8.2) to free beside them, of a record of static tests; error bars are
     then those of the covariance. `diagnose` finds out which ones are missing.
+    model_form: fit the static tests with the other law of an edge too, and say how far each parameter moves (`other_law`,
+    `model_form` of each estimate). The command does so by default; here it is asked for, since it is a second fit to compile.
 
     Raises BenchInputError where the record cannot determine anything (no readings, everything held, fewer readings than
     parameters, an effect that it cannot speak of) and RuntimeError in single precision. A fit that does not converge is
@@ -62,12 +73,15 @@ def fit(
     if freed_effects and moving:
         raise BenchInputError("effects are freed by name in records of static tests only", file=record.folder)
     static = run_fit(record, starts=starts, progress=progress) if record.static_tests or not moving else None
+    asked = lambda fitted, own: _other_law(fitted, own, progress) if model_form else None
     if not moving:
         assert static is not None
         if freed_effects:
-            result = fit_result(fit_with(static, freed_effects, progress, rounds=MOST_ROUNDS, enough=SETTLED))
+            static = fit_with(static, freed_effects, progress, rounds=MOST_ROUNDS, enough=SETTLED)
+            result = fit_result(static)
         else:
-            result = _with_intervals(static, progress)
+            static, result = _with_intervals(static, progress)
+        result = with_model_form(result, asked(static, result))
     else:
         # Here, not above: a static fit does not wait for the solvers of motion.
         from .fit_motion import fit_together, run_fit_motion
@@ -75,6 +89,8 @@ def fit(
         known, freed = (None, ()) if static is None else (static_values(static), static.free)
         motion = run_fit_motion(record, progress, known, freed)
         result = fit_result(motion if static is None else fit_together(record, static, motion, progress))
+        if static is not None:
+            result = with_model_form(result, asked(static, fit_result(static)))
     return replace(result, seconds=time.perf_counter() - began)
 
 
@@ -159,8 +175,12 @@ def _without_outliers(
     return {name: without_outliers(test, found.get(name, {})) for name, test in problem.tests.items()}
 
 
-def _with_intervals(fitted: Fitted, progress: Progress | None) -> FitResult:
-    """The fit in figures; its intervals by profiles of chi-square where the covariance at the optimum does not hold."""
+def _with_intervals(fitted: Fitted, progress: Progress | None, *, settle: bool = True) -> tuple[Fitted, FitResult]:
+    """The fit, and the same in figures; intervals by profiles of chi-square where the covariance at the optimum does not hold.
+
+    Another fit than the one given where a profile ran into a deeper optimum. settle: the noise that is not known is then
+    estimated once more.
+    """
     say = progress or (lambda _: None)
     problem = StaticSearch(fitted.record, fitted.tests, fitted.plans, fitted.free)
     for _ in range(MOST_BETTER):
@@ -176,15 +196,44 @@ def _with_intervals(fitted: Fitted, progress: Progress | None) -> FitResult:
         std = np.sqrt(np.diag(matrix))
         profiles = profile_intervals(best, problem.boxes, std, reach**2 * known.inflation, hold, say)
         if profiles.better is None:
-            return fit_result(fitted, uncertainty=known, intervals=profiles.intervals)
+            return fitted, fit_result(fitted, uncertainty=known, intervals=profiles.intervals)
         say("a profile found a better optimum")
         better = problem.basin_hopping(problem.solve(args, profiles.better.p), noise)
-        noise = problem.settle(noise, better)
+        noise = problem.settle(noise, better) if settle else noise
         better = problem.solve(problem.args(noise), better.p)
         fitted = replace(
             fitted, noise=noise, solution=better if better.converged else problem.basin_hopping(better, noise)
         )
-    return fit_result(fitted)
+    return fitted, fit_result(fitted)
+
+
+def _other_law(fitted: Fitted, own: FitResult, progress: Progress | None) -> OtherLaw | None:
+    """The same static tests with the other law of an edge, at the noise that this fit left; None where nothing is free there."""
+    say = progress or (lambda _: None)
+    record, plans, free = plans_with_other_law(fitted)
+    if not free or not own.converged:
+        return None
+    say(f"the same with the {record.valve.edge_law} law of the edge")
+    effects = tuple(name for name in fitted.free if name not in plans)
+    if effects:
+        library = library_for(fitted.tests.values())
+        problem = Problem(fitted.record, fitted.tests, dict(fitted.plans), library, white_noise(fitted.noise))
+        other = fit_result(fitted_with(*refit(problem, effects, fitted.values), fitted))
+    else:
+        search = StaticSearch(record, fitted.tests, plans, free)
+        beside = np.array([fitted.values.get(name, plans[name].start) for name in free])
+        starts = [
+            np.clip(beside, [plans[n].lower for n in free], [plans[n].upper for n in free]),
+            *search.first_starts(),
+        ]
+        ends = [search.solve(search.args(fitted.noise), start) for start in starts]
+        best = min(ends, key=lambda end: end.cost if np.isfinite(end.cost) else np.inf)
+        solution = search.basin_hopping(best, fitted.noise)
+        there = Fitted(record, fitted.tests, plans, free, fitted.noise, solution, (), ())
+        # The interval of a law that the data refute need not be right to a tenth: profiles beside a misfit take long.
+        close = solution.cost <= fitted.solution.cost + CLOSE
+        other = _with_intervals(there, progress, settle=False)[1] if close else fit_result(there)
+    return other_law(own, other, evidence_of_fits(own, other))
 
 
 @dataclass(frozen=True)

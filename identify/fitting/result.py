@@ -3,7 +3,7 @@
 Methods that need reports, figures or the simulator import them when they are called: the numbers stay light.
 """
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -26,6 +26,24 @@ DISAGREES = 2.0
 
 
 @dataclass(frozen=True)
+class ModelForm:
+    """What the other law of an edge makes of one parameter (SI; docs/diagnosis.md section 6.1).
+
+    value: with that law, None where the law has no such parameter. chi2: of the record with that law, at this fit's noise.
+    std: standard uncertainty by the noise and by the choice of the law, about this fit's value. ci95: holds both laws' 95 %
+    intervals; std and ci95 are None where one of the laws gives no error bar. undetermined: the move is far beyond the error
+    bar, and the data do not say which law is right.
+    """
+
+    law: str
+    value: float | None
+    chi2: float
+    std: float | None
+    ci95: tuple[float, float] | None
+    undetermined: bool = False
+
+
+@dataclass(frozen=True)
 class ParameterEstimate:
     """One parameter after the fit (SI).
 
@@ -33,7 +51,8 @@ class ParameterEstimate:
     (held fixed, at its bound, no reading depends on it, a flat direction shared with ...). `by_profile`: the interval is
     that of the profile of chi-square, and need not lie evenly about the value; `std` is then the root mean square about
     the value of a normal law in two pieces with these sides, and at a bound there is an interval without a `std`.
-    `conditional_on`: parameters at their bounds, which std and interval take to stay there.
+    `conditional_on`: parameters at their bounds, which std and interval take to stay there. `std` and `ci95` know the noise
+    alone; `model_form` also knows the other law of an edge, where that was asked.
     """
 
     name: str
@@ -50,6 +69,28 @@ class ParameterEstimate:
     why_no_error_bar: str = ""
     by_profile: bool = False
     conditional_on: tuple[str, ...] = ()
+    model_form: ModelForm | None = None
+
+
+@dataclass(frozen=True)
+class OtherLaw:
+    """A record's static tests fitted with the other law of an edge, at the noise that the fit with its own law left.
+
+    chi2, own_chi2: of both laws, comparable. evidence: by which Akaike's criterion is lower with the other law, for as many
+    readings as the correlated ones are worth; negative where it is higher. preferred: the law that the data prefer, None where
+    they do not say. misfit: neither law explains the record, so that the evidence does not count. parameters: with the other law.
+    """
+
+    law: str
+    own: str
+    chi2: float
+    own_chi2: float
+    evidence: float
+    preferred: str | None
+    misfit: bool
+    converged: bool
+    message: str
+    parameters: dict[str, ParameterEstimate]
 
 
 @dataclass(frozen=True)
@@ -126,6 +167,7 @@ class FitResult(Result):
     faults: tuple[Fault, ...] = ()  # of the bench: rows that are no readings of the valve
     noise_freedom: float = np.inf  # degrees of freedom from which the noise was estimated; infinite: stated
     verdict: tuple[str, ...] = field(default=())  # plain sentences: how well the ideal valve fits and where it misses
+    other_law: OtherLaw | None = None  # where it was asked
 
     @property
     def judged(self) -> bool:
@@ -160,12 +202,16 @@ class FitResult(Result):
 
     def to_dataframe(self) -> pd.DataFrame:
         """One row per parameter, by name, SI: value, unit, std, ci95_low, ci95_high (NaN: no error bar), start, lower, upper,
-        at_bound, fixed, why_no_error_bar, and how the interval was found."""
+        at_bound, fixed, why_no_error_bar, how the interval was found, and model_form_value, _std, _low and _high (`ModelForm`)."""
         rows = {}
         for name, estimate in self.parameters.items():
-            row = asdict(estimate)
+            row = {field.name: getattr(estimate, field.name) for field in fields(estimate)}
             low, high = row.pop("ci95") or (np.nan, np.nan)
             del row["name"]
+            form = row.pop("model_form")
+            seen = (np.nan,) * 4 if form is None else (form.value, form.std, *(form.ci95 or (np.nan, np.nan)))
+            beyond = dict(zip(("value", "std", "low", "high"), seen, strict=True))
+            row |= {f"model_form_{key}": np.nan if value is None else value for key, value in beyond.items()}
             std, prior = (np.nan if row.pop(key) is None else getattr(estimate, key) for key in ("std", "prior_std"))
             head = {"value": row.pop("value"), "unit": row.pop("unit"), "std": std, "ci95_low": low, "ci95_high": high}
             rows[name] = {**head, **row, "prior_std": prior}

@@ -12,7 +12,7 @@ from thermohyd.identify.bench.provenance import file_rows, record_rows
 from thermohyd.identify.bench.shown_units import significant
 from thermohyd.identify.diagnosis.result import DiagnosisResult
 
-from . import diagnosis_words as words, fit_report as report_content
+from . import diagnosis_words as words, fit_report as report_content, model_form_words
 from .diagnosis_figures import diagnosis_figures
 from .diagnosis_json import diagnosis_json
 from .fit_json import json_text
@@ -57,6 +57,9 @@ def diagnosis_page(result: DiagnosisResult, figures: dict[str, bytes], version: 
         next_test=result.next_test,
         shifts=words.shift_rows(result),
         parameters=report_content.parameter_rows(result.before),
+        model_form_title=model_form_words.title(result.after),
+        model_form=model_form_words.model_form_rows(result.after),
+        model_form_sentences=model_form_words.model_form_sentences(result.after),
         tests=[name for name in figures if name not in PLACED and name not in evidence],
         evidence=evidence,
         held_out=_sentence(words.held_out(result)),

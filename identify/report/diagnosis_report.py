@@ -3,6 +3,8 @@
 One screen, which reads the same without colour.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from rich.console import Console, Group, RenderableType
 from rich.padding import Padding
@@ -26,6 +28,7 @@ from thermohyd.identify.fitting.result import FitResult
 
 from . import diagnosis_words as words
 from .diagnosis_words import excess, percent
+from .model_form_words import model_form_sentences
 from .terminal import heading, indented, table
 
 
@@ -41,8 +44,12 @@ def headline(
     shifts: tuple[ParameterShift, ...],
     smooth: tuple[Variation, ...] = (),
     judged: bool = True,
+    law: str = "",
 ) -> str:
-    """The first sentence of every report. judged: the noise is known, so that agreement with it means something."""
+    """The first sentence of every report. judged: the noise is known, so that agreement with it means something.
+
+    law: the other law of an edge, where the data prefer it.
+    """
     place = _place(where)
     if verdict == "consistent":
         if judged:
@@ -51,16 +58,17 @@ def headline(
             "Nothing in the library does better than the ideal valve, but whether that explains the record cannot be judged: "
             "the noise was estimated from what the fits leave. State it (noise in bench.toml) or run each sweep twice (column run)."
         )
-    names = _and([f"{e.name} ({amount(e.name, e.value, e.unit, e.std)})" for e in effects])
+    names = in_a_row([f"{e.name} ({amount(e.name, e.value, e.unit, e.std)})" for e in effects])
     if verdict == "unexplained":
         first = place or "Model and bench disagree beyond noise"
+        better = f"; the {law} law of the edge does better" if law else ""
         if not effects:
-            return f"{first}, and nothing in the library explains it{_curve(smooth)} (reduced chi-square {excess(gap[0])})."
-        names = _and([f"{e.name} ({_with_rivals(e)})" for e in effects])
+            return f"{first}, and nothing in the library explains it{_curve(smooth)} (reduced chi-square {excess(gap[0])}){better}."
+        names = in_a_row([f"{e.name} ({_with_rivals(e)})" for e in effects])
         share = _closed(held)
         closes = f"{_verb(effects, 'closes', 'close')} {share}" if share else _verb(effects, "helps", "help")
         rest = f"but nothing in the library explains the rest{_curve(smooth)} (reduced chi-square {excess(gap[0])} to {excess(gap[1])})"
-        return f"{first}: {names} {closes}, {rest}."
+        return f"{first}: {names} {closes}, {rest}{better}."
     closes = _closes(held, gap, "it" if len(effects) == 1 else "them")
     lead = f"{place}: " if place else ""
     if verdict == "named":
@@ -151,7 +159,8 @@ def _verb(effects: tuple[NamedEffect, ...], one: str, many: str) -> str:
     return one if len(effects) == 1 else many
 
 
-def _and(words: list[str]) -> str:
+def in_a_row(words: Sequence[str]) -> str:
+    """ "a, b and c"."""
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}" if words else ""
 
 
@@ -200,6 +209,7 @@ def _facts(result: DiagnosisResult, rows: int) -> Table:
         ("gap", [words.gap(result)]),
         ("held out", [words.held_out(result, short=True)]),
         ("rivals", words.rival_sentences(result)[:rows]),
+        ("edge law", model_form_sentences(result.after)[:rows]),
         ("next test", [] if result.next_test is None else [result.next_test.sentence]),
         ("left over", [words.left_over(result)]),
         ("empirical", words.variations(result)[: max(1, rows - 3)]),

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from thermohyd.identify.bench.columns import column_unit
 from thermohyd.identify.bench.record import is_dynamic
 from thermohyd.identify.bench.shown_units import DisplayUnit, amount, beside, display_unit, effect_unit, significant
-from thermohyd.identify.diagnosis.result import Candidate, DiagnosisResult, NamedEffect, Region, Variation
+from thermohyd.identify.diagnosis.result import Alternative, Candidate, DiagnosisResult, NamedEffect, Region, Variation
 from thermohyd.identify.diagnosis.where import miss_words, region_words
 
 
@@ -189,11 +189,15 @@ def rival_sentences(result: DiagnosisResult) -> list[str]:
     for effect in result.effects:
         if effect.alternatives:
             fits = [
-                f"{rival.name} of {amount(rival.name, rival.value, rival.unit)} (chi-square {rival.chi2_more:+.1f})"
-                for rival in effect.alternatives
+                f"{rival.name}{_of_amount(rival)} (chi-square {rival.chi2_more:+.1f})" for rival in effect.alternatives
             ]
             sentences.append(f"In place of {effect.name} the data allow as well: {'; '.join(fits)}.")
     return sentences
+
+
+def _of_amount(rival: Alternative) -> str:
+    """Another law of the edge has no amount."""
+    return f" of {amount(rival.name, rival.value, rival.unit)}" if math.isfinite(rival.value) else ""
 
 
 def shift_rows(result: DiagnosisResult) -> list[ShiftRow]:

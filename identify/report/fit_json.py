@@ -17,6 +17,7 @@ from thermohyd.identify.model.model_file import model_json
 
 from .fit_figures import fit_figures
 from .fit_report import chi2_band
+from .model_form_words import model_form_sentences
 from .page import html_report
 from .style import drawn
 
@@ -44,6 +45,7 @@ def fit_json(result: FitResult) -> dict[str, Any]:
         "identifiability": fields_of(
             result.identifiability, "condition_number", "weak_directions", "singular_values", "sentences"
         ),
+        "other_law": _other_law(result),
         "starts": [
             {"start": s.start, "chi2": s.cost, **fields_of(s, "converged", "message", "steps", "restart")}
             for s in result.starts
@@ -70,6 +72,25 @@ def _parameter(estimate: ParameterEstimate) -> dict[str, Any]:
         **fields_of(estimate, "value", "unit", "std", "ci95", "at_bound", "fixed", "start"),
         "bounds": [estimate.lower, estimate.upper],
         **fields_of(estimate, "prior_std", "why_no_error_bar", "by_profile", "conditional_on"),
+        "model_form": None if estimate.model_form is None else fields_of(estimate.model_form, *MODEL_FORM),
+    }
+
+
+MODEL_FORM = ("law", "value", "chi2", "std", "ci95", "undetermined")
+OTHER_LAW = ("law", "own", "chi2", "own_chi2", "evidence", "preferred", "misfit", "converged", "message")
+
+
+def _other_law(result: FitResult) -> dict[str, Any] | None:
+    asked = result.other_law
+    if asked is None:
+        return None
+    estimates = asked.parameters.items()
+    return {
+        **fields_of(asked, *OTHER_LAW),
+        "parameters": {
+            name: fields_of(e, "value", "unit", "std", "ci95", "at_bound", "fixed") for name, e in estimates
+        },
+        "sentences": model_form_sentences(result),
     }
 
 

@@ -27,6 +27,7 @@ from thermohyd.identify.bench.shown_units import (
 )
 from thermohyd.identify.fitting.result import FitResult, ParameterEstimate
 
+from .model_form_words import model_form_rows, model_form_sentences, title
 from .terminal import grid, heading, indented, table
 
 
@@ -306,6 +307,7 @@ def print_report(result: FitResult, console: Console) -> None:
     _heading(console, "Parameters")
     console.print(_parameters(result, wide))
     _sentences(console, parameter_remarks(result), "")
+    _model_form(console, result, wide)
     _correlations(console, result)
     _section(console, "Identifiability", identifiability(result))
 
@@ -345,6 +347,28 @@ def _parameters(result: FitResult, wide: bool) -> Padding:
         cells = (row.name, row.value, row.unit, row.std, *([row.relative] if wide else []), row.interval, row.start)
         rows.append((*cells, Text(row.status, style="bold red" if row.alarming else "dim")))
     return indented(table(headings, rows, gap=int(wide)))
+
+
+def _model_form(console: Console, result: FitResult, wide: bool) -> None:
+    asked = result.other_law
+    if asked is None:
+        return
+    _heading(console, title(result))
+    headings = (
+        "name",
+        f">{asked.own}",
+        f">{asked.law}",
+        "unit",
+        ">95 % with either",
+        *([">move", "status"] if wide else []),
+    )
+    rows = []
+    for row in model_form_rows(result):
+        cells = (row.name, row.own if wide else row.value, row.other, row.unit, row.interval)
+        rows.append((*cells, *([row.move, Text(row.status, style="bold red")] if wide else [])))
+    if rows:
+        console.print(indented(table(headings, rows, gap=int(wide))))
+    _sentences(console, model_form_sentences(result), "")
 
 
 def _tests(result: FitResult, wide: bool) -> Padding:

@@ -9,7 +9,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from thermohyd.identify.bench.provenance import file_rows, record_rows
 from thermohyd.identify.fitting.result import FitResult
 
-from . import fit_report as content
+from . import fit_report as content, model_form_words
 
 
 def page(template: str, figures: Mapping[str, bytes], **content: Any) -> str:
@@ -35,6 +35,9 @@ def html_report(result: FitResult, figures: dict[str, bytes], version: str) -> s
         verdict=content.verdict(result),
         parameters=content.parameter_rows(result),
         remarks=content.parameter_remarks(result),
+        model_form_title=model_form_words.title(result),
+        model_form=model_form_words.model_form_rows(result),
+        model_form_sentences=model_form_words.model_form_sentences(result),
         correlations=content.correlations(result),
         threshold=content.CORRELATION_THRESHOLD,
         identifiability=content.identifiability(result),

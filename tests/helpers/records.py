@@ -26,10 +26,12 @@ def one_sweep(points: int) -> np.ndarray:
     return STROKE * (0.12 * s + 0.88 * s**5)
 
 
-def operating_points(points: int) -> Rows:
+def operating_points(
+    points: int, temperatures: tuple[float, ...] = TEMPERATURES, supplies: tuple[float, ...] = SUPPLIES
+) -> Rows:
     """Sweeps up and down at every temperature and supply pressure."""
     up = one_sweep(points)
-    sweeps = [(x, t, p) for t in TEMPERATURES for p in SUPPLIES for x in (up, up[::-1])]
+    sweeps = [(x, t, p) for t in temperatures for p in supplies for x in (up, up[::-1])]
     x = np.concatenate([s[0] for s in sweeps])
     spread = lambda values: np.repeat(np.asarray(values, dtype=float), points)
     direction = spread([1.0 if s[0][0] < 0 else -1.0 for s in sweeps])
@@ -54,19 +56,23 @@ def synthetic_record(
     *,
     points: int = 31,
     phi: float = 0.0,
+    noise: float = 1.0,
     declared: bool = True,
     tests: tuple[str, ...] = ("leakage", "pressure_gain", "flow_gain"),
+    temperatures: tuple[float, ...] = TEMPERATURES,
+    supplies: tuple[float, ...] = SUPPLIES,
     effects: Effects = IDEAL,
     **start,
 ) -> BenchRecord:
-    """A record of `valve` with noise; `declared` says whether bench.toml would state its standard deviation."""
+    """A record of `valve` with `noise` times the usual noise; `declared`: bench.toml would state its standard deviation."""
     oil = Oil(*walther(POINTS))
-    rows = operating_points(points)
+    rows = operating_points(points, temperatures, supplies)
     made = {}
     for test in tests:
         channel = reference.READING[test]
-        value = reference.TESTS[test](valve, oil, rows, effects)[channel] + noise_of(rng, rows, NOISE[test], phi)
-        std = np.full(len(value), NOISE[test]) if declared else None
+        size = noise * NOISE[test]
+        value = reference.TESTS[test](valve, oil, rows, effects)[channel] + noise_of(rng, rows, size, phi)
+        std = np.full(len(value), size) if declared else None
         assert rows.direction is not None
         assert rows.run is not None
         made[test] = TestRecord(

@@ -48,7 +48,7 @@ def bench(monkeypatch):
     monkeypatch.delenv("THERMOHYD_DEBUG", raising=False)
     result = fake_fit()
     reader(monkeypatch, lambda folder, readings_required=True: result.record)
-    stand_in(monkeypatch, "fitting.fit", fit=lambda record, progress=None: result)
+    stand_in(monkeypatch, "fitting.fit", fit=lambda record, progress=None, model_form=True: result)
     return lambda *arguments: CliRunner().invoke(app, [str(a) for a in arguments])
 
 
@@ -76,14 +76,14 @@ def test_effects_are_freed_by_name(bench, monkeypatch):
     asked = []
     found = fake_fit()
 
-    def fit(record, effects=(), progress=None):
-        asked.append(tuple(effects))
+    def fit(record, effects=(), model_form=True, progress=None):
+        asked.append((tuple(effects), model_form))
         return found
 
     stand_in(monkeypatch, "fitting.fit", fit=fit)
     assert bench("fit", "bench", "--effect", "hysteresis", "--effect", "pilot_leakage").exit_code == 0
-    assert bench("fit", "bench").exit_code == 0
-    assert asked == [("hysteresis", "pilot_leakage"), ()]
+    assert bench("fit", "bench", "--no-model-form").exit_code == 0
+    assert asked == [(("hysteresis", "pilot_leakage"), True), ((), False)]
 
 
 def test_json_alone_on_stdout(bench):
@@ -128,7 +128,7 @@ def test_several_records_get_a_folder_each_and_a_table(bench, tmp_path):
 def test_one_failing_record_does_not_stop_the_others(bench, monkeypatch, tmp_path):
     calls = iter([fake_fit(), ValueError("singular"), fake_fit(converged=False, message="100 steps were not enough")])
 
-    def fit(record, progress):
+    def fit(record, progress, model_form):
         found = next(calls)
         if isinstance(found, Exception):
             raise found
@@ -187,7 +187,7 @@ def test_predictions_do_not_overwrite_the_record(tmp_path):
 
 def test_not_converged_is_a_failure_that_still_reports(bench, monkeypatch, tmp_path):
     result = fake_fit(converged=False, message="100 steps were not enough")
-    stand_in(monkeypatch, "fitting.fit", fit=lambda record, progress=None: result)
+    stand_in(monkeypatch, "fitting.fit", fit=lambda record, progress=None, model_form=True: result)
     ran = bench("fit", "bench", "--out", tmp_path, "--json")
     assert ran.exit_code == 1
     assert "thermohyd: the fit did not converge: 100 steps were not enough" in ran.stderr

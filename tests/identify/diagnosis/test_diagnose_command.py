@@ -30,15 +30,17 @@ class Bench:
         self.kinds = kinds
         self.computed: list[str] = []
         self.learned: list[bool] = []
+        self.asked_other_law: list[bool] = []
 
     def read_record(self, folder: Path):
         if str(folder).endswith("unreadable"):
             raise BenchInputError("no such folder", file=folder)
         return replace(fake_diagnosis(points=4).record, folder=Path(folder))
 
-    def diagnose(self, record, *, learn, progress):
+    def diagnose(self, record, *, learn, model_form, progress):
         self.computed.append(record.folder.name)
         self.learned.append(learn)
+        self.asked_other_law.append(model_form)
         progress("working")
         kind = self.kinds.get(record.folder.name, "named")
         if isinstance(kind, BaseException):
@@ -150,7 +152,9 @@ def test_interrupted_between_records(bench, tmp_path):
 def test_not_converged_is_a_failure_that_still_reports(bench, tmp_path, monkeypatch):
     result = fake_diagnosis("named", points=4)
     result = replace(result, after=replace(result.after, converged=False, message="100 steps were not enough"))
-    stand_in(monkeypatch, "diagnosis.diagnose", diagnose=lambda record, learn=False, progress=None: result)
+    stand_in(
+        monkeypatch, "diagnosis.diagnose", diagnose=lambda record, learn=False, model_form=True, progress=None: result
+    )
     ran = bench("a", "--out", tmp_path / "out")
     assert ran.exit_code == 1
     assert "thermohyd: the fit did not converge: 100 steps were not enough" in ran.stderr

@@ -201,3 +201,10 @@ def test_bad_rows_are_left_out_and_the_rest_is_as_without_them():
             found = result.after.parameters[name]
             assert found.std == pytest.approx(estimate.std, rel=0.1)
             assert abs(found.value - estimate.value) < 0.5 * estimate.std
+
+
+def test_the_other_law_of_an_edge_is_not_asked_unless_somebody_asks():
+    result = small_diagnosis("pilot")
+    assert result.after.other_law is None
+    assert result.to_dict()["fit"]["parameters"]["pilot_leakage"]["model_form"] is None
+    assert "edge law" not in result.summary()

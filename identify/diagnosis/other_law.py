@@ -1,0 +1,60 @@
+"""Would the other law of an edge ask for the same effects? The final model fitted with it, and what it does not need taken out.
+
+Not a search of its own: nothing is looked for that only the other law would ask for (docs/diagnosis.md section 10.1).
+"""
+
+from dataclasses import dataclass
+
+from thermohyd.identify.fitting.model_form import refit
+from thermohyd.identify.fitting.problem import Fit, Problem
+
+from .rivals import ALIKE
+from .search import implausible
+
+
+ANOTHER_LAW = "another law of the edge"  # as a rival is named
+
+
+@dataclass(frozen=True)
+class OtherLawSays:
+    """The final model with the other law of an edge. chi-squares are of the whitened rows, at one noise.
+
+    fit: with all effects of the final model. needed: with those that this law asks for too. chi2_more: of `needed` over the
+    final model with the record's own law, in units of the misfit left; negative where it does better.
+    """
+
+    problem: Problem
+    fit: Fit
+    needed: Fit
+    chi2_more: float
+
+    @property
+    def in_place_of(self) -> tuple[str, ...]:
+        """Effects that are asked for by the record's own law only: the other one does as well without them."""
+        if self.chi2_more >= ALIKE:
+            return ()
+        return tuple(name for name in self.fit.effects if name not in self.needed.effects)
+
+
+def what_the_other_law_says(problem: Problem, final: Fit, critical: float) -> OtherLawSays:
+    """Fit the final model with the other law, then take out one effect after the other that it does not ask for.
+
+    critical: the score from which on an effect is named. An effect that costs less than its square, in units of the misfit that
+    the better of both laws leaves, would not have been found with the other law.
+    """
+    there, whole = refit(problem, final.effects, final.values)
+    rows = len(final.residual) - len(problem.parameters)
+    left = lambda fit: max(fit.chi2 / max(rows - len(fit.free), 1), 1.0)
+    scale = min(left(whole), left(final))
+    needed = whole
+    while needed.effects:
+        without = [
+            there.fit([n for n in needed.effects if n != name], {**needed.values, name: 0.0}) for name in needed.effects
+        ]
+        least = min(without, key=lambda fit: fit.chi2)
+        least = there.fit(least.effects, least.values, hop_basins=True)
+        if not (least.chi2 - needed.chi2) / scale < critical**2:
+            break
+        needed = least
+    more = (needed.chi2 - final.chi2) / scale + implausible(needed) - implausible(final)
+    return OtherLawSays(there, whole, needed, more)
