@@ -107,7 +107,8 @@ def conclude(
         after = _with_both_laws(after, fit, says, case)
     effects = tuple(_named(name, after, model, says) for name in fit.effects)
     verdict: Verdict = "consistent"
-    if model.disagrees:
+    crowded = [fault.sentence for fault in after.faults if not fault.masked]
+    if model.disagrees or (crowded and effects):
         verdict = "unexplained"
     elif effects:
         verdict = "ambiguous" if any(e.alternatives for e in effects) else "named"
@@ -125,6 +126,7 @@ def conclude(
             verdict, effects, where, held, gaps, shifts, smooth, judged=after.judged, law=_better_law(after)
         ),
         sentences=(
+            *(f"Nothing is named: {sentence}." for sentence in crowded if effects),
             *further_sentences(effects, before, smooth),
             *_of_the_other_law(says),
             *doubts(after.channels, after.parameters),

@@ -208,3 +208,17 @@ def test_the_other_law_of_an_edge_is_not_asked_unless_somebody_asks():
     assert result.after.other_law is None
     assert result.to_dict()["fit"]["parameters"]["pilot_leakage"]["model_form"] is None
     assert "edge law" not in result.summary()
+
+
+def test_where_many_rows_are_bad_nothing_is_named():
+    record = small_record(**CASES["pilot"])
+    test = record.tests["leakage"]
+    [channel] = test.channels
+    assert channel.std is not None
+    value = channel.value.copy()
+    value[5::16] += 50.0 * channel.std[5::16]
+    tests = {**record.tests, "leakage": replace(test, channels=(replace(channel, value=value),))}
+    result = diagnose_case(opened(replace(record, tests=tests)))
+    assert [fault.masked for fault in result.after.faults] == [False]
+    assert result.verdict == "unexplained"
+    assert any("not normal" in warning for warning in result.warnings)
