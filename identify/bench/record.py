@@ -114,7 +114,9 @@ class FaultyRow:
 
     @property
     def words(self) -> str:
-        return self.file if self.line is None else f"{self.file}, line {self.line}"
+        if self.line is None:
+            return self.file
+        return f"{self.file}, {'line' if '.' in self.file else 'row'} {self.line}"  # of arrays the name is the test's alone
 
 
 @dataclass(frozen=True)

@@ -212,12 +212,12 @@ def test_the_other_law_of_an_edge_is_not_asked_unless_somebody_asks():
 
 def test_where_many_rows_are_bad_nothing_is_named():
     record = small_record(**CASES["pilot"])
-    test = record.tests["leakage"]
+    test = record.tests["flow_gain"]
     [channel] = test.channels
     assert channel.std is not None
     value = channel.value.copy()
-    value[5::16] += 50.0 * channel.std[5::16]
-    tests = {**record.tests, "leakage": replace(test, channels=(replace(channel, value=value),))}
+    value[6::16] += 50.0 * channel.std[6::16]
+    tests = {**record.tests, "flow_gain": replace(test, channels=(replace(channel, value=value),))}
     result = diagnose_case(opened(replace(record, tests=tests)))
     assert [fault.masked for fault in result.after.faults] == [False]
     assert result.verdict == "unexplained"
