@@ -28,7 +28,7 @@ def valve_of(number: int, truth: str) -> Any:
     return replace(random_valve(np.random.default_rng([5, number])), edge_law=truth)
 
 
-def fitted(number: int, truth: str, law: str, **start: StartValue) -> FitResult:
+def fitted(number: int, truth: str, law: str, **start: Any) -> FitResult:
     random = np.random.default_rng([6, number])
     record = synthetic_record(valve_of(number, truth), random, points=31, noise=NOISE, **start)
     return fit(replace(record, valve=replace(record.valve, edge_law=law)), model_form=True)
@@ -139,6 +139,7 @@ def test_a_parameter_that_only_the_law_settles_is_said_not_to_be_determined():
     # Seven standard errors are not far where they are a tenth of the value.
     assert {name for name, f in form.items() if f is not None and f.undetermined} == {"edge_radius"}
     assert form["heat_retention"] is None
+    assert form["edge_radius"] is not None
     assert form["edge_radius"].ci95 == pytest.approx((4.1e-6 - 2 * 0.118e-6, 14.93e-6 + 1.96 * 0.118e-6))
     words = "edge_radius: 14.93 +/- 0.12 um; 4.1 with the lubrication law: this record does not determine it."
     assert words in fit_json(result)["other_law"]["sentences"]
@@ -180,7 +181,9 @@ def test_where_the_data_prefer_a_law_nothing_is_said_to_be_open():
         result = with_model_form(fake_fit(), asked(speaks, edge_radius=4.1e-6))
         assert result.other_law is not None
         assert result.other_law.preferred == law
-        assert not result.parameters["edge_radius"].model_form.undetermined
+        form = result.parameters["edge_radius"].model_form
+        assert form is not None
+        assert not form.undetermined
 
 
 def test_beside_a_misfit_no_law_is_preferred():
