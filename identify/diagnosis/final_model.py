@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from thermohyd.identify.fitting.library import asks_for_more, stores
 from thermohyd.identify.fitting.problem import Fit, Problem
 
 from .case import LEVEL_OF_ALL_ROWS, Case, Progress
@@ -75,7 +76,9 @@ def exchange_fits(
     rest = [name for name in ranked if name not in spared]
     chosen = rest[:1]
     if len(rest) > 2:
-        chosen.append(str(np.random.default_rng(SEED).choice(rest[1:])))
+        lots = np.random.default_rng(SEED).permutation(rest[1:])
+        # Any will do, so none whose program nobody else has asked for.
+        chosen.append(next((str(name) for name in lots if not stores(name) or asks_for_more(final.effects)), rest[1]))
     others = final.effects[1:]
     say("exchange test")
     return {name: problem.fit((*others, name), {**final.values, final.effects[0]: 0.0}) for name in chosen}

@@ -4,17 +4,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from thermohyd.identify.fitting.library import expensive_to_compile
+from thermohyd.effects.library import effect_info
+from thermohyd.identify.fitting.library import asks_for_more, expensive_to_compile, stores
 from thermohyd.identify.fitting.problem import Fit, Problem
 
 from .screening import screen
 from .search import LEVEL, implausible
+from .stored_oil import REACH, could_explain, within_reach
 
 
 # Chi-square within which two effects explain a record alike: a likelihood ratio of 20.
 ALIKE = 6.0
-# Linear scores choose who is refitted; they may be wrong by this much, or by this share.
-REACH, RELATIVE_REACH = 30.0, 0.3
 SAME_SHAPE = 0.97  # correlation of two signatures from which on one is refitted in the place of the other in any case
 MOST_REFITS = 8
 MOST_SWAPS = 3
@@ -55,11 +55,15 @@ def rivals_of(problem: Problem, final: Fit, name: str, steps: dict, *, scale: fl
     candidates = [n for n in problem.library.names if n not in final.effects]
     scores = screen(problem.with_all_columns(without), [*candidates, name], steps, level=LEVEL)
     named, ranked = scores.best(name), [s for s in scores.ranked if s.name != name]
-    within = gain - max(REACH * scale, RELATIVE_REACH * gain)
+    within = within_reach(gain, scale)
     twin = lambda s: named is not None and abs(float(s.direction @ named.direction)) > SAME_SHAPE
     likely = sorted([s for s in ranked if s.strength**2 > within or twin(s)], key=lambda s: not twin(s))
     if len(likely) < 2:
-        likely = ranked[:2]
+        likely = [s for s in ranked if not stores(s.name) or asks_for_more(final.effects)][:2]
+    if effect_info(name).of_sweeps:
+        # What ports store lags and loops as well, in another way at every amount: its score alone does not dismiss it.
+        known, asked = {s.name for s in likely}, could_explain(problem, without, scores, within)
+        likely += [s for s in ranked if s.name in asked and s.name not in known]
     # Heat beside a coupled effect compiles for long: only where the linear score says that it could be an equal.
     likely = [
         s

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from thermohyd.effects.library import DYNAMIC_EFFECTS, EFFECTS, effect_info, with_effects
-from thermohyd.identify.fitting.library import Library, with_heat
+from thermohyd.identify.fitting.library import Library, stores, with_heat
 from thermohyd.identify.fitting.parameters import PARAMETERS, identified_by_default
 from thermohyd.identify.fitting.problem import Fit, Problem
 from thermohyd.identify.fitting.static_readings import base_valve, conditions_of, mean_over_nodes, row_weights
@@ -184,8 +184,11 @@ def finite_steps(problem: Problem, fit: Fit, names: Iterable[str]) -> dict[str, 
         if name in fit.effects:
             continue
         amount = effect_info(name).scale
-        moved = problem.evaluate({**held, name: amount}, (*fit.effects, name))
-        found[name] = (moved.residual - fit.residual) / amount
+        if stores(name) and not any(map(stores, fit.effects)):
+            before, after = (problem.stored_beside(fit, **{name: value})[0] for value in (0.0, amount))
+        else:
+            before, after = fit.residual, problem.evaluate({**held, name: amount}, (*fit.effects, name)).residual
+        found[name] = (after - before) / amount
     return found
 
 

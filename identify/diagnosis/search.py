@@ -9,10 +9,11 @@ from scipy.optimize import nnls
 from scipy.special import chdtrc
 
 from thermohyd.effects.library import effect_info
-from thermohyd.identify.fitting.library import expensive_to_compile
+from thermohyd.identify.fitting.library import expensive_to_compile, stores
 from thermohyd.identify.fitting.problem import Fit, Problem
 
 from .screening import Screen, Signature, screen
+from .stored_oil import could_explain, within_reach
 
 
 LEVEL = 0.005  # probability of naming anything, at each step of the search, in a record that needs nothing more
@@ -102,9 +103,10 @@ def search(
             steps.append(Step(scores, {}, (), min(p_single, p_pair)))
             break
         say(f"effect {len(chosen) + 1}: refitting the leading candidates")
-        singles = _singles(problem, current, chosen, ranked, scores.critical)
+        singles = _singles(problem, current, chosen, scores, ranked)
         best = min(singles.values(), key=merit)
-        double = _best_pair(problem, current, chosen, scores, pairs, best)
+        stored = any(stores(name) for name in (*chosen, *singles))
+        double = _best_pair(problem, current, chosen, scores, pairs, best, stored)
         threshold = scores.critical**2 + PAIR_PENALTY
         if double is not None and merit(double) < merit(best) - threshold and len(chosen) + 2 <= most:
             best = double
@@ -130,8 +132,8 @@ def _singles(
     problem: Problem,
     current: Fit,
     chosen: tuple[str, ...],
+    scores: Screen,
     ranked: list[Signature],
-    critical: float,
 ) -> dict[str, Fit]:
     """Refits of the leading candidates, each beside the effects chosen so far.
 
@@ -140,17 +142,29 @@ def _singles(
     """
     fits = {}
     for s in leading(ranked):
-        if expensive_to_compile((*chosen, s.name)) and not expensive_to_compile(chosen) and s.strength < critical:
+        if (
+            expensive_to_compile((*chosen, s.name))
+            and not expensive_to_compile(chosen)
+            and s.strength < scores.critical
+        ):
+            continue
+        if stores(s.name) and not any(map(stores, chosen)):
             continue
         start = {**current.values, s.name: s.estimate}
         fits[s.name] = problem.fit((*chosen, s.name), start, most_steps=GLANCE)
+    # Oil stored at the ports where it could explain as much as the best of the others.
+    gain = current.chi2 - min((fit.chi2 for fit in fits.values()), default=current.chi2)
+    asked = could_explain(problem, current, scores, within_reach(gain))
+    for s in (s for s in ranked if s.name in asked and s.name not in fits):
+        fits[s.name] = problem.fit((*chosen, s.name), {**current.values, s.name: s.estimate}, most_steps=GLANCE)
     rows = max(int(current.used.sum()), 1)
     explained = any(fit.chi2 <= EXPLAINED * rows for fit in fits.values())
     if chosen or explained or current.chi2 <= FAR * rows:
         return fits
     null = {n: current.values[n] for n in ("null_bias",) if n in current.values}
     for name in dict.fromkeys([*fits, *problem.library.names]):
-        if name in chosen or (expensive_to_compile((*chosen, name)) and not expensive_to_compile(chosen)):
+        dear = stores(name) and name not in fits
+        if name in chosen or dear or (expensive_to_compile((*chosen, name)) and not expensive_to_compile(chosen)):
             continue
         start = {**{n: current.values[n] for n in chosen}, **null, name: effect_info(name).scale}
         fit = problem.fit((*chosen, name), start, most_steps=GLANCE)
@@ -195,11 +209,16 @@ def _best_pair(
     scores: Screen,
     pairs: list[tuple[tuple[Signature, Signature], float]],
     best: Fit,
+    stored: bool,
 ) -> Fit | None:
-    """The best nonlinear refit among the leading pairs; partners of the best single effect are tried too."""
+    """The best nonlinear refit among the leading pairs; partners of the best single effect are tried too.
+
+    stored: whether oil stored at the ports was refitted already.
+    """
     lead = next((name for name in best.effects if name not in chosen), None)
     too_expensive = lambda pair: (
-        expensive_to_compile((*chosen, pair[0][0].name, pair[0][1].name)) and not expensive_to_compile(chosen)
+        (expensive_to_compile((*chosen, pair[0][0].name, pair[0][1].name)) and not expensive_to_compile(chosen))
+        or (not stored and any(stores(s.name) for s in pair[0]))
     )
     cheap = [pair for pair in pairs if not too_expensive(pair) or (pair is pairs[0] and not _nearly(pairs))]
     partners = [pair for pair in cheap if lead in (pair[0][0].name, pair[0][1].name)][:3]

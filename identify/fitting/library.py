@@ -71,6 +71,12 @@ def expensive_to_compile(names: Iterable[str]) -> bool:
     return any(coupled(name) for name in names) and (with_heat(names) or any(stores(name) for name in names))
 
 
+def asks_for_more(names: Iterable[str]) -> bool:
+    """Whether effects need a program that most records do without: one that takes long to compile, or that of stored oil."""
+    names = tuple(names)
+    return expensive_to_compile(names) or any(stores(name) for name in names)
+
+
 def library_for(tests: Iterable[TestRecord]) -> Library:
     """The part of the library that the columns of these tests can show."""
     tests = list(tests)

@@ -93,6 +93,28 @@ def with_amounts(valve: Valve, names: tuple[str, ...], amounts: Float[Array, "ef
     return eqx.tree_at(lambda v: [effect.amount for effect in v.effects], added, [amounts[i] for i in order])
 
 
+def spread_over_rows(values: Float[Array, " all"], data: StaticData) -> dict[str, Float[Array, "all rows"]]:
+    """The values beside every row of each group of tests."""
+    return {
+        group: jnp.broadcast_to(values[:, None], (values.shape[0], group_rows(data.conditions, tests)))
+        for group, tests in groups_of(data.conditions).items()
+    }
+
+
+def rowwise_valve(effects: tuple[str, ...], group: str, values: Float[Array, "all rows"], args: LibraryArgs) -> Valve:
+    """The valve at the rows of a group, with the learned terms, from parameters and amounts row by row."""
+    rowwise, _ = split(effects)
+    terms = args.terms[group]
+    parameters, amounts = values[: len(PARAMETERS)], values[len(PARAMETERS) :]
+    # Without heat (valve.heat_retention None) its entry stands in the vector but nothing depends on it.
+    heat = args.valve.heat_retention is not None
+    names = PARAMETERS if heat else PARAMETERS[:-1]
+    valve = with_parameters(args.valve, names, parameters * terms.factor + terms.shift)
+    thicker = rowwise.index(str(factor_on("viscosity")))
+    amounts = amounts.at[thicker].set((1.0 + amounts[thicker]) * terms.viscosity - 1.0)
+    return with_amounts(valve, rowwise, amounts)
+
+
 # Entries of a row behind its parameters and amounts: changes [Pa] of both port pressures.
 PUSHES = 2
 
@@ -108,15 +130,7 @@ def readings_of_rows(
     stored = None
     for group, tests in groups_of(args.data.conditions).items():
         values = spread[group]
-        terms = args.terms[group]
-        parameters, amounts = values[: len(PARAMETERS)], values[len(PARAMETERS) : -PUSHES]
-        # Without heat (valve.heat_retention None) its entry stands in the vector but nothing depends on it.
-        heat = args.valve.heat_retention is not None
-        names = PARAMETERS if heat else PARAMETERS[:-1]
-        valve = with_parameters(args.valve, names, parameters * terms.factor + terms.shift)
-        thicker = rowwise.index(str(factor_on("viscosity")))
-        amounts = amounts.at[thicker].set((1.0 + amounts[thicker]) * terms.viscosity - 1.0)
-        valve = with_amounts(valve, rowwise, amounts)
+        valve = rowwise_valve(effects, group, values[:-PUSHES], args)
         if storing and group == STORED_GROUP:
             readings, stored = predict_stored(valve, tests, args.data.conditions, values[-PUSHES:])
             found |= readings
@@ -138,10 +152,7 @@ def residual_and_columns(
     groups = groups_of(data.conditions)
     entries = len(p) - len(filters)
     whole = jnp.concatenate([p[:entries], jnp.zeros(PUSHES)])
-    spread = {
-        group: jnp.broadcast_to(whole[:, None], (whole.shape[0], group_rows(data.conditions, tests)))
-        for group, tests in groups.items()
-    }
+    spread = spread_over_rows(whole, data)
 
     def of_rows(spread: dict[str, Float[Array, "all rows"]]) -> tuple[tuple[Array, ...], Array | None, Array | None]:
         found, stored = readings_of_rows(effects, spread, args)
@@ -173,17 +184,17 @@ def residual_and_columns(
                 own = rows_of_test(moved[port], channel.test, {STORED_GROUP: groups[STORED_GROUP]}, data)
                 column = column + slopes[i][entries + port] * own
         for name, amount in zip(filters, p[entries:], strict=True):
-            reading, column = _filtered(name, amount, channel, reading, column, args)
+            reading, column = filtered(name, amount, channel, reading, column, args)
         reading, column = data.means(channel.test, reading), data.means(channel.test, column)
         parts.append(whiten(args.whitening[i], (reading - channel.value) * channel.weight))
         columns.append(whiten(args.whitening[i], column * channel.weight))
     return jnp.concatenate(parts), jnp.concatenate(columns, axis=1)
 
 
-def _filtered(
+def filtered(
     name: str, amount: Array, channel: ChannelRows, reading: Array, columns: Array, args: LibraryArgs
 ) -> tuple[Array, Array]:
-    """A reading and its columns behind a filter, with the column of its own amount added."""
+    """A reading and its columns behind a filter, with the column of its own amount added as the last."""
     if channel.test not in effect_info(name).shows:
         return reading, jnp.concatenate([columns, jnp.zeros_like(reading)[None]])
     read = args.data.conditions[channel.test]

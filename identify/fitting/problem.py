@@ -37,6 +37,7 @@ from .static_readings import (
     prior_rows,
     static_data,
 )
+from .storage_columns import storage_columns
 from .uncertainty import Key, settled_noise
 
 
@@ -167,6 +168,15 @@ class StaticReadings:
     def evaluation(self, program: tuple[str, ...]) -> Evaluation:
         both, args = library_program(program), self._arguments(program)
         return lambda p: both(jnp.asarray(p), args)
+
+    def storage(
+        self, vector: Callable[[tuple[str, ...]], np.ndarray], present: tuple[str, ...], amounts: Mapping[str, float]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """What `storage_columns` gives beside the effects `present`; vector: the values of named entries."""
+        program = tuple(name for name in self.program((*present, *amounts)) if not stores(name))
+        p, c = vector(self.order(program)), np.array([*amounts.values()])
+        found = storage_columns(program, tuple(amounts), p, c, self._arguments(program))
+        return np.asarray(found[0]), np.asarray(found[1])
 
     @property
     def _heat_asked(self) -> bool:
@@ -420,11 +430,32 @@ class Problem:
             seen.append(self._beside(fit, part.program((*lasting, *steady))))
         if stored:
             # As beside the heating: of the valve without the coupling.
-            seen.append(self._beside(fit, part.program((*(n for n in present if not coupled(n)), *stored))))
+            seen.append(replace(fit, order=tuple(stored), columns=self.stored_beside(fit)[1]))
         order = part.order(self.library.names)
         columns = [next(other for other in seen if name in other.order).column(name) for name in order]
         values = {name: fit.values.get(name, 0.0) for name in order}
         return replace(fit, order=order, values=values, columns=np.stack(columns, axis=1))
+
+    def stored_beside(self, fit: Fit, **amounts: float) -> tuple[np.ndarray, np.ndarray]:
+        """Residuals (rows,) of a fit that stores nothing with these amounts stored at the ports, and columns (rows, all that store).
+
+        No program that fits stored oil is compiled for it; rows of ports that are not blocked are 0.
+        """
+        (part,) = self.readings
+        assert isinstance(part, StaticReadings)
+        amounts = {name: amounts.get(name, 0.0) for name in self.library.names if stores(name)}
+        vector = lambda order: np.array([fit.values.get(name, 0.0) for name in order], dtype=float)
+        residual, columns = part.storage(vector, self._uncoupled(fit), amounts)
+        priors = np.zeros(len(self.parameters))
+        real = self._real_rows(len(residual) + len(priors))
+        residual = np.concatenate([residual, priors])[real]
+        return residual, np.concatenate([columns, np.zeros((len(amounts), len(priors)))], axis=1).T[real]
+
+    def _uncoupled(self, fit: Fit) -> tuple[str, ...]:
+        """What of a fit's effects leaves the ports apart."""
+        return tuple(
+            name for name in fit.order if name not in self.parameters and fit.values[name] != 0.0 and not coupled(name)
+        )
 
     def _beside(self, fit: Fit, program: tuple[str, ...]) -> Fit:
         """The same point seen by another program, without the effects that it does not have."""
@@ -492,17 +523,21 @@ class Problem:
             return Box(name, value, scale, value, value, held=True)
         return Box(name, min(max(value, lower), upper), scale, lower, upper)
 
-    def _result(
-        self, chosen: tuple[str, ...], order: tuple[str, ...], free: tuple[str, ...], result: LeastSquaresResult
-    ) -> Fit:
-        priors = len(self.parameters)
+    def _real_rows(self, count: int) -> np.ndarray:
+        """Of `count` residuals, the priors the last, those that are no pads."""
         places, first = [], 0
         for part in self.readings:
             for test in part.tests.values():
                 for _ in test.channels:
                     places.append(np.arange(first, first + test.rows))
                     first += part.size(test.rows)
-        real = np.concatenate([*places, np.arange(len(result.residual) - priors, len(result.residual))])
+        return np.concatenate([*places, np.arange(count - len(self.parameters), count)])
+
+    def _result(
+        self, chosen: tuple[str, ...], order: tuple[str, ...], free: tuple[str, ...], result: LeastSquaresResult
+    ) -> Fit:
+        priors = len(self.parameters)
+        real = self._real_rows(len(result.residual))
         values = dict(zip(order, (float(v) for v in result.p), strict=True))
         pressed = frozenset(name for name, side in zip(order, result.active, strict=True) if side and name in free)
         used = np.ones(len(real), dtype=bool) if self.used is None else np.append(

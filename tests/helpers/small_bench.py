@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from reference import static_tests as reference
 from reference.oil import Oil, walther
+from reference.port_storage import swept_together
 from reference.valve import Effects, Rows, Valve
 
 from helpers.records import NOISE, POINTS, STROKE, noise_of
@@ -101,6 +102,18 @@ def small_record(
             read = {"spool_position": x, "rate": rate, "direction": direction}
         made[test] = _test(test, rows, value, np.full(len(value), size) if declared else None, read)
     return record_of(made, **start)
+
+
+def blocked_record(compliance: tuple[float, float] = (0.0, 0.0), *, seed: int = 0, **effects: Any) -> BenchRecord:
+    """Leakage and pressure gain of `VALVE`, white noise; what the ports A and B store [m3/Pa], and other effects."""
+    oil, rng, made = Oil(*walther(POINTS)), np.random.default_rng(seed), {}
+    for test in ("leakage", "pressure_gain"):
+        rows = rows_of(test)
+        exact = swept_together(VALVE, oil, rows, Effects(**effects), compliance)
+        exact["load_pressure"] = exact["pressure_a"] - exact["pressure_b"]
+        value = exact[reference.READING[test]] + noise_of(rng, rows, NOISE[test], 0.0)
+        made[test] = _test(test, rows, value, np.full(len(value), NOISE[test]), {})
+    return record_of(made)
 
 
 def record_of(tests: dict[str, TestRecord], **start: Any) -> BenchRecord:

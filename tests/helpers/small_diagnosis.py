@@ -40,8 +40,8 @@ CASES: dict[str, dict[str, Any]] = {
 }
 
 
-def opened(record: BenchRecord) -> Case:
-    with patch.object(case_module, "library_for", lambda tests: Library(LIBRARY, {})):
+def opened(record: BenchRecord, names: tuple[str, ...] = LIBRARY) -> Case:
+    with patch.object(case_module, "library_for", lambda tests: Library(names, {})):
         return open_case(record)
 
 

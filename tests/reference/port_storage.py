@@ -1,39 +1,43 @@
 """Blocked ports that store oil along a sweep: C dp/dt = Q_in - Q_out, integrated row by row."""
 
 from dataclasses import fields, replace
+from typing import Any
 
 import numpy as np
 from scipy.integrate import solve_ivp
+from scipy.sparse import identity
 from scipy.special import logit
 
 from reference.balance import blocked, has_lines
 from reference.oil import T40, Oil
 from reference.static_tests import blocked_state, read_flow
-from reference.valve import Effects, Rows, Valve, plant_of, sweep_direction
+from reference.valve import Effects, Plant, Rows, Valve, plant_of, sweep_direction
 
 
-def _at(rows: Rows, before: int, row: int, share: float) -> Rows:
-    """The operating point between two rows, with the direction of the motion that ends at the second."""
+def _at(rows: Rows, before: Any, row: Any, share: float) -> Rows:
+    """The operating points between rows, each a number or (n,), with the direction of the motion that ends at the second."""
     linear = ("spool_position", "supply_pressure", "return_pressure", "temperature")
     own = {f.name: getattr(rows, f.name) for f in fields(rows)}
-    cut = {name: None if column is None else column[row : row + 1] for name, column in own.items()}
+    cut = {name: None if column is None else np.atleast_1d(column[row]) for name, column in own.items()}
     mixed = {n: np.atleast_1d((1.0 - share) * own[n][before] + share * own[n][row]) for n in linear}
     return Rows(**{**cut, **mixed})
 
 
 def net_flows(valve: Valve, oil: Oil, effects: Effects, rows: Rows, p: np.ndarray) -> np.ndarray:
-    """What flows into A and into B beyond what leaves [m3/s], at pressures p = (p_A, p_B) of one operating point."""
+    """What flows into A and into B beyond what leaves [m3/s], at pressures p (2,) of one operating point, or (2, rows)."""
     plant = plant_of(valve, effects, oil, rows)
-    ps, pt = plant.ps[0], plant.pt[0]
+    one = p.ndim == 1
+    p = p[:, None] if one else p
+    ps, pt = plant.ps, plant.pt
     warm = [plant.heated(plant.ts, ps - p[i], 0.5 * (ps + p[i])) for i in (0, 1)]
-    cross = plant.cross_flow(p[0] - p[1], 0.5 * (p[0] + p[1]), warm[0] if p[0] > p[1] else warm[1])[0]
+    cross = plant.cross_flow(p[0] - p[1], 0.5 * (p[0] + p[1]), np.where(p[0] > p[1], *warm))
     found = []
     for i, (enter, leave) in enumerate((("PA", "AT"), ("PB", "BT"))):
-        inflow = plant.edge(enter, ps - p[i], 0.5 * (ps + p[i]), plant.ts)[0]
-        outflow = plant.edge(leave, p[i] - pt, 0.5 * (p[i] + pt), warm[i])[0]
+        inflow = plant.edge(enter, ps - p[i], 0.5 * (ps + p[i]), plant.ts)
+        outflow = plant.edge(leave, p[i] - pt, 0.5 * (p[i] + pt), warm[i])
         mass = inflow - outflow + (-cross if i == 0 else cross)
-        found.append(mass / plant.oil.rho(p[i], warm[i][0]))
-    return np.array(found)
+        found.append(mass / plant.oil.rho(p[i], warm[i]))
+    return np.array(found)[:, 0] if one else np.array(found)
 
 
 def swept(
@@ -67,6 +71,45 @@ def swept(
 
         found = solve_ivp(rate, (0.0, span), start[stores], method="LSODA", rtol=tolerance, atol=tolerance * 1e5)
         p[stores, row] = found.y[:, -1]
+    return _read(plant, rows, effects, p)
+
+
+def swept_together(
+    valve: Valve, oil: Oil, rows: Rows, effects: Effects, compliance: tuple[float, float], tolerance: float = 1e-5
+) -> dict[str, np.ndarray]:
+    """As `swept`, to 1e-4 of the largest reading and ten times as fast: all runs side by side, of equally many rows each. The ports do
+    not know of each other."""
+    assert rows.time is not None
+    assert rows.run is not None
+    if rows.direction is None:
+        rows = replace(rows, direction=sweep_direction(rows.spool_position, rows.run))
+    plant, steady = blocked_state(valve, oil, rows, effects)
+    assert not has_lines(plant)
+    assert not np.any(effects.cross_port_leakage)
+    p = np.stack([steady.p_a, steady.p_b]).astype(float)
+    first = np.flatnonzero(np.diff(rows.run, prepend=rows.run[0] - 1))
+    count = len(rows.run) // len(first)
+    assert np.array_equal(first, count * np.arange(len(first)))
+    stores = np.flatnonzero(np.array(compliance) > 0.0)
+    c = np.array(compliance)[stores, None]
+    for row in first[:, None].T + np.arange(1, count)[:, None] if len(stores) else ():
+        span, start = rows.time[row] - rows.time[row - 1], p[:, row - 1].copy()
+
+        # Time as the share of each run's own step.
+        def rate(share: float, own: np.ndarray, row=row, span=span, start=start) -> np.ndarray:
+            both = start.copy()
+            both[stores] = own.reshape(len(stores), -1)
+            return (span * net_flows(valve, oil, effects, _at(rows, row - 1, row, share), both)[stores] / c).ravel()
+
+        begin = start[stores].ravel()
+        found = solve_ivp(rate, (0.0, 1.0), begin, method="Radau", rtol=tolerance, atol=tolerance * 1e5,
+                          jac_sparsity=identity(begin.size))  # fmt: skip
+        p[np.ix_(stores, row)] = found.y[:, -1].reshape(len(stores), -1)
+    return _read(plant, rows, effects, p)
+
+
+def _read(plant: Plant, rows: Rows, effects: Effects, p: np.ndarray) -> dict[str, np.ndarray]:
+    """The readings at port pressures (2, rows)."""
     q = logit((p - plant.pt) / (plant.ps - plant.pt))
     state = blocked(plant, q, plant.ps, plant.pt)
     drop = plant.ps - plant.pt

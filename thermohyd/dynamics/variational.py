@@ -9,6 +9,7 @@ collocation across would be wrong by the size of the jump: steps are cut at the 
 The steps are those that `diffrax.diffeqsolve` takes, walked in blocks and kept with their dense output.
 """
 
+from collections.abc import Callable
 from typing import Any
 
 import diffrax
@@ -85,14 +86,14 @@ class Way(eqx.Module):
         aim = jnp.minimum(aim, self.last)
         return Walk(time, aim, state, control, jnp.asarray(False), jnp.asarray(0))
 
-    def block(self, walk: Walk, args: tuple[Plant, Scaling]) -> tuple[Walk, Steps]:
-        """The next BLOCK steps that are tried."""
+    def block(self, walk: Walk, args: tuple[Plant, Scaling]) -> tuple[Walk, Walk, Steps]:
+        """The next BLOCK steps that are tried: (where they lead, where the solver stood before each, the steps)."""
         solver = Rodas5P()
         nearly = self.last
         for _ in range(100):  # a step that would leave this little goes to the end
             nearly = eqxi.prevbefore(nearly)
 
-        def attempt(walk: Walk, _: None) -> tuple[Walk, Steps]:
+        def attempt(walk: Walk, _: None) -> tuple[Walk, tuple[Walk, Steps]]:
             going = self.going(walk)
             # Behind the end steps are tried and not taken: of a length that does no harm.
             aim = jnp.where(going, walk.aim, walk.time + 1e-6)
@@ -112,12 +113,13 @@ class Way(eqx.Module):
             still = DenseOutput(t0=walk.time, t1=walk.time, y0=here, y1=here, bends=jnp.zeros((3, *here.shape)))
             kept = DenseOutput(t0=walk.time, t1=aim, **path)
             kept = jax.tree.map(lambda a, b: jnp.where(taken, a, b), kept, still)
-            return onward, Steps(walk.time, kept.t1, kept)
+            return onward, (walk, Steps(walk.time, kept.t1, kept))
 
-        return jax.lax.scan(attempt, walk, None, length=BLOCK)
+        onward, (before, steps) = jax.lax.scan(attempt, walk, None, length=BLOCK)
+        return onward, before, steps
 
 
-CUTS = 16  # kinks that a block has room for
+CUTS = 16  # kinks that a block has room for; what comes after them is left to the next block
 HALVINGS = 30  # of a step, to find a kink in it
 
 
@@ -140,12 +142,42 @@ def distances(plant: Plant, time: Float[Array, ""], state: State) -> Float[Array
     return jnp.concatenate(signed)
 
 
-def _cuts(steps: Steps, plant: Plant, scaling: Scaling) -> Float[Array, " cuts"]:
-    """Times of the block's kinks, ascending, inf where there are fewer."""
-    distance = lambda path, time: distances(plant, time, scaling.unpack(path.evaluate(time)))
-    at_each = jax.vmap(distance)
+class Crossings(eqx.Module):
+    """Kinks that a block's steps cross: distances at a step's begin, and whether the sign is another at its end."""
+
+    first: Float[Array, "steps kinks"]
+    crossed: Bool[Array, "steps kinks"]
+
+
+def _distance_along(plant: Plant, scaling: Scaling) -> Callable[[DenseOutput, Array], Array]:
+    return lambda path, time: distances(plant, time, scaling.unpack(path.evaluate(time)))
+
+
+def _crossings(steps: Steps, plant: Plant, scaling: Scaling) -> Crossings:
+    at_each = jax.vmap(_distance_along(plant, scaling))
     first, second = at_each(steps.path, steps.begin), at_each(steps.path, steps.end)
-    crossed = (first > 0.0) != (second > 0.0)
+    # One step alone always fits, so that every block goes on.
+    assert first.shape[1] <= CUTS
+    return Crossings(first, (first > 0.0) != (second > 0.0))
+
+
+def _with_room(
+    onward: Walk, before: Walk, steps: Steps, plant: Plant, scaling: Scaling
+) -> tuple[Walk, Steps, Crossings]:
+    """The block's first steps, as many as have room for all their kinks; the others are tried again with the next block."""
+    found = _crossings(steps, plant, scaling)
+    kept = jnp.cumsum(jnp.sum(found.crossed, axis=1)) <= CUTS
+    count = jnp.sum(kept)
+    next_one = jax.tree.map(lambda each: each[jnp.minimum(count, BLOCK - 1)], before)
+    onward = jax.tree.map(lambda last, here: jnp.where(count == BLOCK, last, here), onward, next_one)
+    # Left out: of no length, at the end.
+    begin, end = (jnp.where(kept, time, onward.time) for time in (steps.begin, steps.end))
+    return onward, Steps(begin, end, steps.path), Crossings(found.first, found.crossed & kept[:, None])
+
+
+def _cuts(steps: Steps, found: Crossings, plant: Plant, scaling: Scaling) -> Float[Array, " cuts"]:
+    """Times of the block's kinks, ascending, inf where there are fewer."""
+    distance, first = _distance_along(plant, scaling), found.first
     kinks = np.arange(first.shape[1])
     of_kink = jax.vmap(jax.vmap(lambda path, time, kink: distance(path, time)[kink], (None, 0, 0)), (0, 0, None))
 
@@ -156,8 +188,8 @@ def _cuts(steps: Steps, plant: Plant, scaling: Scaling) -> Float[Array, " cuts"]
         return jnp.where(before, middle, low), jnp.where(before, high, middle)
 
     bracket = tuple(jnp.broadcast_to(end[:, None], first.shape) for end in (steps.begin, steps.end))
-    found = jax.lax.fori_loop(0, HALVINGS, halve, bracket)[1]
-    return jnp.sort(jnp.ravel(jnp.where(crossed, found, jnp.inf)))[:CUTS]
+    times = jax.lax.fori_loop(0, HALVINGS, halve, bracket)[1]
+    return jnp.sort(jnp.ravel(jnp.where(found.crossed, times, jnp.inf)))[:CUTS]
 
 
 class Pieces(eqx.Module):
@@ -168,9 +200,9 @@ class Pieces(eqx.Module):
     path: DenseOutput
 
 
-def pieces_of(steps: Steps, plant: Plant, scaling: Scaling) -> Pieces:
+def _pieces_of(steps: Steps, found: Crossings, plant: Plant, scaling: Scaling) -> Pieces:
     """The block's steps cut at their kinks; spare pieces have no length."""
-    ends = jnp.sort(jnp.concatenate([steps.end, _cuts(steps, plant, scaling)]))
+    ends = jnp.sort(jnp.concatenate([steps.end, _cuts(steps, found, plant, scaling)]))
     ends = jnp.minimum(ends, steps.end[-1])
     begins = jnp.concatenate([steps.begin[:1], ends[:-1]])
     # The first step that ends behind the piece's middle.
@@ -268,8 +300,8 @@ def run_along(
 
     def block(carry: tuple[Walk, Array, Array, Array]) -> tuple[Walk, Array, Array, Array]:
         walk, tangent, states, tangents = carry
-        onward, steps = way.block(walk, args)
-        pieces = pieces_of(steps, plant, scaling)
+        onward, steps, crossings = _with_room(*way.block(walk, args), plant, scaling)
+        pieces = _pieces_of(steps, crossings, plant, scaling)
         end, begins, rates = _onward(pieces, *_slopes(pieces, plant, moved, scaling), tangent)
         here = ((times > walk.time) & (times <= onward.time))[:, None]
         found, along = _rows(pieces, times, begins, rates)

@@ -20,6 +20,7 @@ from thermohyd.identify.fitting.static_readings import (
     predict,
     static_data,
 )
+from thermohyd.identify.fitting.storage_columns import columns_of_stored
 from thermohyd.identify.noise.correlation import NoiseCorrelation
 from thermohyd.identify.noise.whitening import whitening_of
 from thermohyd.identify.reduction.monotone_pieces import run_ids
@@ -64,14 +65,25 @@ def test_columns_against_forward_mode():
         found = predict(own, data.conditions)
         return jnp.concatenate([(found[c.test][c.reads] - c.value) * c.weight for c in data.channels])
 
+    neutral = point.at[-2:].set(0.0)
     with quick_compile():
-        residual, columns = jax.jit(lambda p: residual_and_columns(EFFECTS, p, args))(point)
+        program = jax.jit(lambda p: residual_and_columns(EFFECTS, p, args))
+        residual, columns = program(point)
+        before, of_none = program(neutral)
+        look = jax.jit(lambda c: columns_of_stored(EFFECTS[:1], EFFECTS[1:], point[:-2], c, args))
+        seen, of_amounts = look(point[-2:])
+        seen_before, of_neutral = look(jnp.zeros(2))
         expected, slopes = jax.jit(lambda p: (plainly(p), jax.jacfwd(plainly)(p)))(point)
     np.testing.assert_allclose(residual, expected, atol=1e-6 * float(jnp.max(jnp.abs(expected))))
     for name, own, other in zip(order_of(EFFECTS), columns, slopes.T, strict=True):
         size = float(jnp.max(jnp.abs(other)))
         assert np.all(np.isfinite(np.asarray(own)))
         np.testing.assert_allclose(own, other, atol=1e-6 * size if size else 1e-300, err_msg=name)
+
+    # A search looks at stored oil without the program that fits it: the same readings and derivatives, at neutral and beyond.
+    for own, other in ((seen, residual), (seen_before, before), (of_amounts, columns[-2:]), (of_neutral, of_none[-2:])):
+        np.testing.assert_allclose(own, other, atol=1e-6 * float(jnp.max(jnp.abs(other))))
+    assert float(jnp.max(jnp.abs(of_neutral))) > 0.0
 
 
 def test_programs_with_and_without_storage():
