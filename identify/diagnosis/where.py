@@ -57,9 +57,8 @@ def _of_channel(fit: ChannelFit, test: TestRecord, total: float) -> Iterator[Reg
         excess = float(np.sum(squares[inside])) - float(inside.sum())
         misfit = (fit.measured - fit.predicted)[inside]
         rms = float(np.sqrt(max(np.mean(misfit**2 - fit.std[inside] ** 2), 0.0)))
-        yield Region(
-            fit.test, fit.channel, limits, excess, excess / total, int(inside.sum()), float(np.mean(misfit)), rms
-        )
+        mean, rows = float(np.mean(misfit)), int(inside.sum())
+        yield Region(fit.test, fit.channel, limits, excess, excess / total, rows, mean, rms, fit.signal)
         left &= ~inside
 
 

@@ -11,6 +11,7 @@ from reference.dynamic_bench import plain, write
 from thermohyd.identify.bench.read import read_record
 from thermohyd.identify.bench.record import BenchRecord
 from thermohyd.identify.bench.sensors import Sensor
+from thermohyd.identify.diagnosis.diagnose import diagnose
 from thermohyd.identify.fitting.fit import fit
 from thermohyd.identify.fitting.motion_runs import CommandSignal, step_runs
 from thermohyd.identify.fitting.parameters import IN_MOTION, plan_motion
@@ -74,6 +75,12 @@ def test_the_model_predicts_volts_in_its_own_loop(found, record, tmp_path):
     drawn = next(c for c in found.channels if c.channel == "piston_position")
     np.testing.assert_allclose(table["piston_position_predicted [V]"], drawn.predicted, atol=1e-6)
     np.testing.assert_allclose(table["piston_position_predicted_std [V]"], drawn.predicted_std, rtol=1e-4, atol=1e-9)
+
+
+def test_a_diagnosis_of_an_unequal_jack_in_volts(record):
+    found = diagnose(record)
+    assert found.verdict == "consistent", found.headline
+    assert found.parameters["piston_position_gain"].value == pytest.approx(GAIN * 1e-3, rel=0.02)
 
 
 def rig(actuator: dict, sensors: dict, command: str = "setpoint", **columns) -> BenchRecord:
