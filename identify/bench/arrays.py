@@ -32,7 +32,7 @@ from .valve_tables import BenchFile, read_description
 
 Described = Mapping[str, Any]  # names with quantities, texts such as "70 bar", or numbers in SI
 # Keys of [tests.<name>] that say nothing of a file.
-OPTIONS = ("columns", "ignore", "missing", "output", "absolute", "meter")
+OPTIONS = ("columns", "ignore", "missing", "output", "absolute", "meter", "command")
 
 
 @dataclass(frozen=True)
@@ -62,10 +62,11 @@ def record_from_arrays(
     start: Mapping[str, Any] | None = None,
     noise: Mapping[str, Any] | None = None,
     options: Mapping[str, Described] | None = None,
+    sensors: Mapping[str, Any] | None = None,
     readings_required: bool = True,
 ) -> BenchRecord:
     """See `BenchRecord.from_arrays`."""
-    bench = _described(tests, valve, oil, conditions, actuator, start, noise, options)
+    bench = _described(tests, valve, oil, conditions, actuator, start, noise, options, sensors)
     frames = {test.name: _frame(tests[test.name], test) for test in _all(bench)}
     return _record(bench, frames, readings_required)
 
@@ -80,13 +81,14 @@ def record_from_dataframe(
     start: Mapping[str, Any] | None = None,
     noise: Mapping[str, Any] | None = None,
     options: Mapping[str, Described] | None = None,
+    sensors: Mapping[str, Any] | None = None,
     readings_required: bool = True,
 ) -> BenchRecord:
     """See `BenchRecord.from_dataframe`."""
     for name, frame in _tables(tests, "tests").items():
         if not isinstance(frame, pd.DataFrame):
             raise _of_test(name, f"is {_kind_of(frame)}; expected a pandas DataFrame")
-    bench = _described(tests, valve, oil, conditions, actuator, start, noise, options)
+    bench = _described(tests, valve, oil, conditions, actuator, start, noise, options, sensors)
     return _record(bench, {test.name: tests[test.name] for test in _all(bench)}, readings_required)
 
 
@@ -103,6 +105,7 @@ def _described(
     start: Mapping[str, Any] | None,
     noise: Mapping[str, Any] | None,
     options: Mapping[str, Described] | None,
+    sensors: Mapping[str, Any] | None = None,
 ) -> BenchFile:
     """What a bench.toml with these values says. Raises BenchInputError."""
     tables: dict[str, dict[str, Any]] = {name: {"file": str(name)} for name in _tables(tests, "tests")}
@@ -117,7 +120,13 @@ def _described(
                 if key not in OPTIONS:
                     raise BenchInputError(f"unknown key {quoted(key)}; {suggestion(str(key), OPTIONS)}", key=what)
                 tables[name][key] = value
-    root = {"valve": _without_none(valve), "tests": tables, "conditions": conditions, "start": _start(start)}
+    root = {
+        "valve": _valve(valve),
+        "tests": tables,
+        "conditions": conditions,
+        "start": _start(start),
+        "sensors": sensors,
+    }
     if not isinstance(oil, OilDefinition):
         root["oil"] = {"preset": oil} if isinstance(oil, str) else oil
     if actuator is not None:
@@ -141,6 +150,16 @@ def _without_none(value: Any) -> Any:
     if is_dataclass(value) and not isinstance(value, type):
         value = asdict(value)
     return {k: v for k, v in value.items() if v is not None} if isinstance(value, Mapping) else value
+
+
+def _valve(value: Any) -> Any:
+    """Of a ValveData only what its record stated."""
+    table = _without_none(value)
+    if isinstance(value, ValveData):
+        for size in ("slot_width", "stroke"):
+            if not table.pop(f"{size}_stated"):
+                del table[size]
+    return table
 
 
 def _actuator(value: Any) -> Any:

@@ -63,6 +63,11 @@ def column_unit(name: str) -> DisplayUnit:
     return _OWN_UNIT.get(name) or KINDS.get(KIND_OF.get(name, ""), DisplayUnit(""))
 
 
+def reading_unit(name: str, signal: str = "") -> DisplayUnit:
+    """The bench unit of a reading; of one that is kept as a signal, "V" or "count", that of the signal."""
+    return DisplayUnit(signal) if signal else column_unit(name)
+
+
 def unit_of_test(test: str) -> DisplayUnit:
     """The bench unit of a static test's readings."""
     return column_unit(next(iter(READINGS[test])))

@@ -2,16 +2,17 @@
 
 import numpy as np
 
-from .columns import likely_unit
+from .columns import column_unit, likely_unit
 from .record import TestRecord
 from .test_file import BenchTable
-from .valve_tables import BenchFile
+from .valve_tables import BenchFile, equivalent_slot_width
 
 
 LOW_SUPPLY = 10e5  # Pa: below it servovalves are not tested
 LOWEST_REACH = 0.01  # of the stroke: a sweep within it resolves no edge
 BEYOND_OIL = 40.0  # K that the viscosity may be extrapolated without a word
 FREE_FLOW = 3.0  # times the flow through the open slots without any loss: beyond it no valve
+UNLIKE = 3.0  # factor between the slots that are stated and those that pass the rated flow
 SATURATED = 1.5  # times the supply: no static load pressure exceeds it
 
 
@@ -77,6 +78,23 @@ def condition_warnings(test: TestRecord, table: BenchTable, bench: BenchFile) ->
                 "only: what it is there is a guess, and with it the result; is the unit of temperature right?"
             )
     return tuple(found)
+
+
+def rating_warnings(bench: BenchFile) -> tuple[str, ...]:
+    """What is unusual about a rated flow beside slots that are stated: these rule, and pass another flow."""
+    valve = bench.valve
+    if not valve.slot_width_stated or valve.rated_flow is None or valve.rated_pressure_drop is None:
+        return ()
+    width = equivalent_slot_width(valve.rated_flow, valve.rated_pressure_drop, valve.stroke, bench.oil)
+    if 1.0 / UNLIKE < width / valve.slot_width < UNLIKE:
+        return ()
+    flow, shown = column_unit("rated_flow"), column_unit("slot_width")
+    passed = valve.rated_flow * valve.slot_width / width
+    return (
+        f"{bench.source.words}: slots of {shown.words(valve.slot_width, 3)} over the whole stroke pass about "
+        f"{flow.words(passed, 3)} at the rated pressure drop, but rated_flow is {flow.words(valve.rated_flow, 3)}: is a unit "
+        "wrong? The slot width rules",
+    )
 
 
 def _flow_warning(test: TestRecord, bench: BenchFile, file: str, name: str, flow: np.ndarray) -> list[str]:

@@ -62,6 +62,9 @@ def record_json(record: BenchRecord) -> dict[str, Any]:
     }
     if record.actuator is not None:
         content["actuator"] = record.actuator.to_dict()
+        loop = record.sensors.get("piston_position")
+        if loop is not None and loop.in_loop and loop.gain is None:
+            content["actuator"]["sensor_gain"] = None  # what stands in for it says nothing
     return content
 
 
@@ -110,8 +113,10 @@ def _geometry(record: BenchRecord) -> str:
     parts = [
         f"{'at' if key == 'rated_pressure_drop' else key.replace('_', ' ')} {column_unit(key).words(value, 5)}"
         for key, value in found.items()
-        if value is not None
+        if value is not None and (key != "stroke" or valve.stroke_stated)
     ]
+    parts += [] if valve.stroke_stated else ["no stroke stated"]
+    parts += [] if valve.slot_width_stated else ["slot width by the rated flow"]
     return f"{valve.name}: {', '.join(parts)}"
 
 

@@ -15,9 +15,10 @@ from .cells import BadCellsError, BadCellsOfTest
 from .columns import CONDITIONS, READINGS, column_unit
 from .errors import BenchInputError, listed, quoted, suggestion
 from .headers import likely_header, mapping
-from .plausibility import check_supply, condition_warnings, static_warnings
+from .plausibility import check_supply, condition_warnings, rating_warnings, static_warnings
 from .provenance import provenance_of
-from .record import BenchRecord, Channel, DynamicTest, TestRecord, at_first_row
+from .record import BenchRecord, Channel, DynamicTest, TestRecord, at_first_row, kind_of_test
+from .sensors import EACH_RUN, FREE, SIGNALS, Sensor
 from .sweeps import first_step_back, sweep_direction, sweep_rate
 from .test_file import BenchTable, read_bench_csv
 from .test_tables import DynamicTestTable, StaticTest
@@ -26,6 +27,8 @@ from .valve_tables import BenchFile, read_bench_toml
 
 
 NAME = "bench.toml"
+# A full command as a signal, where nobody states its gain: only where a search begins.
+FULL_SIGNAL = {"V": 10.0, "count": 2048.0}
 
 
 def read_tables(bench: BenchFile) -> dict[str, BenchTable]:
@@ -89,11 +92,34 @@ def channels_of(table: BenchTable, test: StaticTest, found: tuple[str, ...]) -> 
     """The readings with what the user says of their noise."""
     channels = []
     for reading in found:
+        sensor = _estimated(test.sensors.get(reading), table, reading)
         std, source = table.values.get(f"{reading}_std"), "declared per row"
         if std is None and reading in test.noise:
             std, source = np.full(table.rows, test.noise[reading]), f"declared in {test.table.source.words}"
-        channels.append(Channel(reading, table.values[reading], std, "" if std is None else source))
+        channels.append(Channel(reading, table.values[reading], std, "" if std is None else source, sensor=sensor))
     return tuple(channels)
+
+
+def _estimated(sensor: Sensor | None, table: BenchTable, reading: str) -> Sensor | None:
+    """The sensor of a column where a fit has something to find in it; None where its unit says all."""
+    if sensor is None or not sensor.estimated:
+        return None
+    signal = table.signals.get(reading)
+    if signal is None:
+        return sensor if sensor.signal == "" else None
+    return replace(sensor, signal=signal) if sensor.gain is None else sensor
+
+
+def check_sensors(table: BenchTable, test: StaticTest) -> None:
+    """Raise BenchInputError where a sensor is to be estimated by what is no reading of the test."""
+    allowed = (*READINGS[kind_of_test(test.name)], "command")
+    for name, sensor in test.sensors.items():
+        if name in table.values and name not in allowed and sensor.estimated:
+            raise table.error(
+                name, None,
+                f"the {test.name} test runs along this column, which is no reading: state its gain and its zero in [sensors], "
+                "without a tolerance",
+            )  # fmt: skip
 
 
 def runs(table: BenchTable) -> tuple[np.ndarray, tuple[str, ...]]:
@@ -105,11 +131,12 @@ def runs(table: BenchTable) -> tuple[np.ndarray, tuple[str, ...]]:
 
 
 def _read(test: DynamicTestTable, table: BenchTable, bench: BenchFile, required: bool) -> DynamicTest:
+    check_sensors(table, test)
     run, run_names = runs(table)
     step = test.kind == "step"
     time = _time(table, test, run) if step else None
     frequency = None if step else _frequency(table, test)
-    command, kind = _command(table, test, bench)
+    command, kind, sensor, reference = _command(table, test, bench)
     found = tuple(reading for reading in READINGS[test.kind] if reading in table.values)
     if required and not found:
         raise missing(table, test, f"{' or '.join(_examples(test))}, a reading")
@@ -139,6 +166,8 @@ def _read(test: DynamicTestTable, table: BenchTable, bench: BenchFile, required:
         frequency=frequency,
         output=test.output,
         absolute=test.absolute,
+        command_sensor=sensor,
+        command_reference=reference,
     )
 
 
@@ -177,17 +206,37 @@ def _frequency(table: BenchTable, test: DynamicTestTable) -> np.ndarray:
     return found
 
 
-def _command(table: BenchTable, test: DynamicTestTable, bench: BenchFile) -> tuple[np.ndarray, str]:
-    """(command per row, its kind). A frequency test without a command runs about 0."""
+def _command(
+    table: BenchTable, test: DynamicTestTable, bench: BenchFile
+) -> tuple[np.ndarray, str, Sensor | None, float]:
+    """(command per row, its kind, its sensor where a fit estimates that, by which gain it is kept). A frequency test without a
+    command runs about 0."""
     assert bench.actuator is not None
-    closed = bench.actuator.closed_loop
+    closed = test.closed_loop
     if "command" not in table.values:
         if test.kind == "step":
             example = "command [mm], a setpoint of the piston" if closed else "command [um] or command [mA]"
             raise missing(table, test, example)
         by_current = table.kinds.get("amplitude_ratio", "").endswith("per current")
-        return np.zeros(table.rows), "setpoint" if closed else "current" if by_current else "spool_position"
+        return np.zeros(table.rows), "setpoint" if closed else "current" if by_current else "spool_position", None, 1.0
     command = table.values["command"]
+    sensor = _estimated(test.sensors.get("command"), table, "command")
+    if sensor is not None and not sensor.signal:
+        sensor = None  # a setpoint in millimetres has no zero to be found
+    if sensor is not None and sensor.free_zero == EACH_RUN:
+        raise table.error("command", None, f'a command has one zero: write zero = "{FREE}" in [sensors]')
+    reference = 1.0 if sensor is None else sensor.reference
+    if sensor is not None and sensor.gain is None:
+        if closed and not sensor.in_loop:
+            raise table.error(
+                "command", None,
+                "in closed loop the setpoint is compared with the piston's sensor: give [sensors] piston_position, and the "
+                "controller no sensor_gain",
+            )  # fmt: skip
+        # A stand-in, by which a search begins: ten volts are the whole stroke.
+        full = 0.5 * bench.actuator.piston_stroke if closed else bench.valve.stroke
+        reference = full / (FULL_SIGNAL[sensor.signal or "V"])
+        command = reference * (command - sensor.zero)
     kind = "setpoint" if closed else "current" if table.kinds["command"] == "current" else "spool_position"
     rated = bench.valve.rated_current
     if kind == "current" and rated is None:
@@ -199,12 +248,15 @@ def _command(table: BenchTable, test: DynamicTestTable, bench: BenchFile) -> tup
         "current": (2.0 * (rated or np.inf), "twice the rated current"),
         "spool_position": (2.0 * bench.valve.stroke, "twice the stroke"),
     }[kind]
-    _check_size(table, "command", command, limit, words)
-    return command, kind
+    if sensor is None or sensor.gain is not None:
+        _check_size(table, "command", command, limit, words)
+    return command, kind, sensor, reference
 
 
 def _check_reading(table: BenchTable, bench: BenchFile, test: DynamicTestTable, reading: str) -> None:
     assert bench.actuator is not None
+    if table.kinds[reading] in SIGNALS.values():
+        return
     if reading == "spool_position":
         _check_size(table, reading, table.values[reading], 2.0 * bench.valve.stroke, "twice the stroke")
     if reading == "piston_position":
@@ -261,6 +313,7 @@ def record_of(
     tests = {test.name: _read_test(test, tables[test.name], bench, readings_required) for test in bench.tests.values()}
     moving = {name: _read(test, tables[name], bench, readings_required) for name, test in bench.dynamic.items()}
     warnings = [w for name, test in tests.items() for w in static_warnings(test, tables[name], bench)]
+    warnings = [*rating_warnings(bench), *warnings]
     for name, test in moving.items():
         warnings += condition_warnings(test, tables[name], bench)
     return BenchRecord(
@@ -273,10 +326,30 @@ def record_of(
         warnings=tuple(warnings),
         actuator=bench.actuator,
         actuator_given=bench.actuator_given,
+        sensors=_sensors(bench, tables),
+        piston_area_given=bench.piston_area_given,
     )
 
 
+def _sensors(bench: BenchFile, tables: dict[str, BenchTable]) -> dict[str, Sensor]:
+    """The sensors, those of free gain with the signal that the files have."""
+    seen = [(column, name, table) for name, table in tables.items() for column in table.signals]
+    found = dict(bench.sensors)
+    for column, _, table in seen:
+        own = "piston_position" if column == "command" and column not in found else column
+        sensor, signal = found.get(own), table.signals[column]
+        if sensor is None or sensor.gain is not None:
+            continue
+        if sensor.signal not in (None, signal):
+            raise table.error(
+                column, None, f"is in {signal}, but elsewhere in {sensor.signal}: one sensor gives one kind of signal"
+            )
+        found[own] = replace(sensor, signal=signal)
+    return found
+
+
 def _read_test(test: StaticTest, table: BenchTable, bench: BenchFile, readings_required: bool) -> TestRecord:
+    check_sensors(table, test)
     position, abscissa = _position(table, bench, test)
     given = {name: condition(table, bench, test, name) for name in CONDITIONS}
     check_supply(table, bench, given["supply_pressure"], given["return_pressure"])

@@ -13,6 +13,10 @@ import pandas as pd
 
 from thermohyd.oil_definition import OilDefinition
 
+from .columns import reading_unit
+from .sensors import Sensor
+from .shown_units import DisplayUnit
+
 
 # The edge laws of `thermohyd.edge`, named here too for readers that do without JAX.
 EDGE_LAWS = ("orifice", "lubrication")
@@ -51,6 +55,9 @@ class ValveData:
     polarity: int = 1
     null_pressure: float | None = None
     edge_law: str = "orifice"  # one of EDGE_LAWS
+    # Whether the record states them; else slot_width is worked out from the rated flow, and the stroke is a stand-in.
+    slot_width_stated: bool = True
+    stroke_stated: bool = True
 
 
 @dataclass(frozen=True)
@@ -83,6 +90,13 @@ class Channel:
     freedom: float = np.inf
     # Standard deviation that the position's noise adds to each reading, by the curve's slope; None: positions count as exact.
     position_part: np.ndarray | None = None
+    # What made the signal behind it, where a fit estimates that; `value` and `std` are then signals if its gain is free.
+    sensor: Sensor | None = None
+
+    @property
+    def signal(self) -> str:
+        """The unit of a signal, "V" or "count"; empty where the values are SI."""
+        return "" if self.sensor is None else self.sensor.shown_as
 
 
 @dataclass(frozen=True)
@@ -278,6 +292,9 @@ class DynamicTest(TestRecord):
     frequency: np.ndarray | None = None
     output: str = "spool_position"
     absolute: bool = False
+    # Of a command in volts or counts whose gain is estimated: `command` is command_reference * (signal - the sensor's zero).
+    command_sensor: Sensor | None = None
+    command_reference: float = 1.0
 
     @property
     def axis(self) -> str:
@@ -290,7 +307,10 @@ class DynamicTest(TestRecord):
 
     @property
     def _driven(self) -> dict[str, np.ndarray | None]:
-        return {self.command_kind: self.command, "frequency": self.frequency, "external_force": self.external_force}
+        command = {self.command_kind: self.command}
+        if self.command_sensor is not None and self.command_sensor.gain is None:
+            command = {"command_signal": self.command / self.command_reference}
+        return {**command, "frequency": self.frequency, "external_force": self.external_force}
 
     @property
     def place(self) -> np.ndarray:
@@ -345,6 +365,8 @@ class BenchRecord:
     actuator: ActuatorData | None = None
     actuator_given: bool = True
     provenance: Provenance | None = None  # None: not read from files
+    sensors: Mapping[str, Sensor] = field(default_factory=dict)  # by column
+    piston_area_given: bool = True  # in the file: the scale of every length of the piston
 
     @property
     def static_tests(self) -> dict[str, TestRecord]:
@@ -355,6 +377,11 @@ class BenchRecord:
     def dynamic_tests(self) -> dict[str, DynamicTest]:
         """The step and frequency tests."""
         return dynamic_among(self.tests)
+
+    def unit_of(self, test: str, channel: str) -> DisplayUnit:
+        """In which a reading is shown: the bench unit, or its signal's where the gain of its sensor is free."""
+        found = self.tests[test].channels if test in self.tests else ()
+        return reading_unit(channel, next((c.signal for c in found if c.name == channel), ""))
 
     @property
     def source(self) -> str:
@@ -373,6 +400,7 @@ class BenchRecord:
         start: Mapping[str, Any] | None = None,
         noise: Mapping[str, Any] | None = None,
         options: Mapping[str, Mapping[str, Any]] | None = None,
+        sensors: Mapping[str, Any] | None = None,
         readings_required: bool = True,
     ) -> "BenchRecord":
         """A record from NumPy arrays: what `read_record` makes of the same rows in CSV files, to the last bit.
@@ -387,7 +415,8 @@ class BenchRecord:
         [oil], or an OilDefinition. conditions: for columns that a test does not have. actuator: as [actuator], for dynamic
         tests. start: as [start], such as {"clearance": 2e-6, "discharge_coefficient": {"value": 0.7, "fixed": True}}.
         noise: {test: standard deviation, or {reading: standard deviation}}. options: {test: columns, ignore, missing="skip",
-        output, absolute, meter as in [tests.<name>]}.
+        output, absolute, meter, command as in [tests.<name>]}. sensors: as [sensors], {"flow": {"gain": "free"}}; a number
+        for a column of free gain is then a voltage.
 
         Raises BenchInputError: `file` is then the test's name, `column` the column, `row` counts from 0; its sentence calls
         arguments by their tables in a bench.toml, such as [valve] stroke.
@@ -412,6 +441,7 @@ class BenchRecord:
             start=start,
             noise=noise,
             options=options,
+            sensors=sensors,
             readings_required=readings_required,
         )
 
@@ -427,6 +457,7 @@ class BenchRecord:
         start: Mapping[str, Any] | None = None,
         noise: Mapping[str, Any] | None = None,
         options: Mapping[str, Mapping[str, Any]] | None = None,
+        sensors: Mapping[str, Any] | None = None,
         readings_required: bool = True,
     ) -> "BenchRecord":
         """A record from one DataFrame per test, whose columns have the headers of a CSV: "spool_position [um]", "run".
@@ -455,5 +486,6 @@ class BenchRecord:
             start=start,
             noise=noise,
             options=options,
+            sensors=sensors,
             readings_required=readings_required,
         )

@@ -55,6 +55,8 @@ KINDS = {
     "length per current": DisplayUnit("um/mA", 1e3, si="m/A"),
     "velocity per current": DisplayUnit("mm/s/mA", 1.0, si="m/s/A"),
     "plain number": DisplayUnit("1"),
+    "voltage": DisplayUnit("V"),
+    "number of counts": DisplayUnit("count"),
     "angle": DisplayUnit("deg", 180.0 / math.pi, si="rad"),
 }
 # For tables and curves: so many of the bench unit are one of SI, and 0 degC in K.
@@ -94,7 +96,13 @@ _OF_FIGURES = {
 
 def display_unit(si_unit: str) -> DisplayUnit:
     """The bench unit for a parameter's SI unit (pint spelling); what is not in the table is shown in SI."""
-    return _OF_SI.get(si_unit.replace(" ", "").replace("**", "^"), DisplayUnit(si_unit))
+    plain = si_unit.replace(" ", "").replace("**", "^")
+    quantity, per, signal = plain.rpartition("/")
+    if per and signal in ("V", "count") and plain not in _OF_SI:
+        # The gain of a sensor: of lengths a piston's, not a spool's.
+        known = {"m": DisplayUnit("mm", 1e3), "m/s": KINDS["velocity"]}.get(quantity) or _OF_SI.get(quantity)
+        return DisplayUnit(f"{known.label}/{signal}", known.factor) if known is not None else DisplayUnit(si_unit)
+    return _OF_SI.get(plain, DisplayUnit(si_unit))
 
 
 def effect_unit(name: str, si_unit: str) -> DisplayUnit:

@@ -1,6 +1,7 @@
 """A test's file as standard columns in SI units: headers recognised, units converted, what cannot be refused."""
 
 import re
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +13,7 @@ from .csv_file import CsvLines, csv_cells, read_csv_lines
 from .errors import BenchInputError, listed, quoted
 from .headers import mapping, recognise, split_header
 from .record import ValveData
+from .sensors import COLUMNS, OTHERS, SIGNALS, Sensor, of_signal
 from .sheets import ENDINGS, SheetRows, read_sheet
 from .test_tables import StaticTest
 from .units import Unit, UnitError, expected, parse_unit
@@ -32,6 +34,7 @@ class BenchTable:
     units: dict[str, Unit]  # standard name -> its unit
     source: Source
     unused: tuple[str, ...]  # headers that give no standard column
+    signals: dict[str, str]  # standard name -> "V" or "count", of the columns whose header has a signal's unit
     _cells: Cells
     _kept: np.ndarray  # rows of the file that are rows of the table
 
@@ -93,11 +96,24 @@ def bench_table(test: StaticTest, valve: ValveData, source: Source) -> BenchTabl
         units=units,
         source=source,
         unused=tuple(header for i, header in enumerate(source.header) if i not in columns.values()),
+        signals=_signals(test, units),
         _cells=cells,
         _kept=kept,
     )
     _check_values(table)
     return table
+
+
+def _signals(test: StaticTest, units: dict[str, Unit]) -> dict[str, str]:
+    """{column with a sensor: the signal that its header's unit is of}"""
+    found = {}
+    for name in units:
+        for signal, kind in SIGNALS.items():
+            if name in test.sensors and kind in test.sensors[name].kinds:
+                with suppress(UnitError):
+                    parse_unit(units[name].text, kind)
+                    found[name] = signal
+    return found
 
 
 def _source(test: StaticTest) -> Source:
@@ -220,16 +236,33 @@ def _unit(test: StaticTest, name: str, text: str, valve: ValveData) -> tuple[Uni
     """The unit of a column, and which of the kinds that the column may be of it is. Raises UnitError."""
     kinds = test.kinds[name]
     full_scale = valve.stroke if name in test.percent_of_stroke else None
+    reading = name.removesuffix("_std")
+    sensor = test.sensors.get(reading)
     for kind in kinds[1:]:
         try:
-            return parse_unit(text, kind), kind
+            unit = parse_unit(text, kind)
         except UnitError:
             continue
+        return (unit, kind) if sensor is None else of_signal(sensor, unit, kind, spread=reading != name)
     try:
-        return parse_unit(text, kinds[0], full_scale), kinds[0]
+        unit = parse_unit(text, kinds[0], full_scale)
     except UnitError as error:
         also = "".join(f", or {expected(kind)}" for kind in kinds[1:])
-        raise UnitError(f"{error}{also}") from None
+        raise UnitError(f"{error}{also}{_of_no_sensor(text, reading, sensor)}") from None
+    return (unit, kinds[0]) if sensor is None else of_signal(sensor, unit, kinds[0], spread=reading != name)
+
+
+def _of_no_sensor(text: str, name: str, sensor: Sensor | None) -> str:
+    """What to say of a signal whose gain nobody states; empty of anything else."""
+    if sensor is None and name in (*COLUMNS, *OTHERS):
+        for kind in SIGNALS.values():
+            with suppress(UnitError):
+                if kind == "voltage" or text.strip() not in ("1", "-", "%"):
+                    parse_unit(text, kind)
+                    return (
+                        f'; of a reading in volts or counts, [sensors] says what it means: {name} = {{ gain = "free" }}'
+                    )
+    return ""
 
 
 def _check_values(table: BenchTable) -> None:

@@ -6,11 +6,11 @@ The actuator's table holds the jack, its load and its loop, with the defaults th
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from .columns import ABSOLUTE_RATIO, READINGS, columns_of, columns_of_frequency, columns_of_step
+from .columns import ABSOLUTE_RATIO, KIND_OF, READINGS, columns_of, columns_of_frequency, columns_of_step
 from .errors import quoted, suggestion
 from .record import (
     DYNAMIC_TESTS,
@@ -22,6 +22,7 @@ from .record import (
     kind_of_test,
     misgiven_side,
 )
+from .sensors import EACH_RUN, FREE, Sensor, noise_of_signal, with_signals
 from .toml_file import TomlTable
 from .units import parse_quantity
 
@@ -29,12 +30,16 @@ from .units import parse_quantity
 POSITION_NOISE = {"spool_position": "length"}  # of a static test: what it was read at is measured, too
 
 
-def read_noise(table: TomlTable, readings: Mapping[str, str] | None = None) -> dict[str, float]:
+def read_noise(
+    table: TomlTable, readings: Mapping[str, str] | None = None, sensors: Mapping[str, Sensor] | None = None
+) -> dict[str, float]:
     """{reading: standard deviation, SI} of a `[tests.<name>]` table: one quantity for all readings, or a table, which may also
     say how noisy the positions are.
 
-    readings: {name: kind} where the test's own keys decide it. Raises BenchInputError.
+    readings: {name: kind} where the test's own keys decide it. sensors: of readings that may be signals; one whose gain is
+    free has its noise in volts or counts. Raises BenchInputError.
     """
+    given = sensors or {}
     readings = READINGS[table.path[-1]] if readings is None else readings
     if "noise" not in table:
         return {}
@@ -42,11 +47,22 @@ def read_noise(table: TomlTable, readings: Mapping[str, str] | None = None) -> d
     if each is not None:
         kinds = {**readings, **POSITION_NOISE} if table.path[-1] in STATIC_TESTS else dict(readings)
         each.refuse_unknown(tuple(kinds), "reading")
-        return {r: each.as_quantity(r, text, kinds[r], sign="positive") for r, text in each.data.items()}
+        return {r: _noise(each, r, text, kinds[r], given.get(r)) for r, text in each.data.items()}
     if len(set(readings.values())) > 1:
         example = ", ".join(f'{reading} = "..."' for reading in list(readings)[:2])
         raise table.error(f"the readings differ in kind; write one value per reading: {{ {example} }}", "noise")
-    return {r: table.as_quantity("noise", table.data["noise"], kind, sign="positive") for r, kind in readings.items()}
+    return {r: _noise(table, "noise", table.data["noise"], kind, given.get(r)) for r, kind in readings.items()}
+
+
+def _noise(table: TomlTable, key: str, text: object, kind: str, sensor: Sensor | None) -> float:
+    found = noise_of_signal(text, sensor)
+    if found is not None:
+        if not found > 0.0:
+            raise table.error(f"{quoted(text)} must be positive", key)
+        return found
+    if sensor is not None and sensor.gain is None:
+        return table.as_quantity(key, text, sensor.kinds[0], sign="positive")
+    return table.as_quantity(key, text, kind, sign="positive")
 
 
 # Key: kind of quantity, sign, default (docs/bench_format.md section 2.5); None: the pairs of an unequal jack.
@@ -70,8 +86,33 @@ CONTROLLER = {"amplifier_gain": "amplifier gain", "sensor_gain": "sensor gain"}
 HEAT = ("adiabatic", "isothermal")
 
 
-def read_actuator(table: TomlTable, valve: ValveData) -> ActuatorData:
-    """Read the `[actuator]` table, SI. Raises BenchInputError where it says something that an actuator cannot be."""
+def read_loop(table: TomlTable, valve: ValveData, sensors: dict[str, Sensor]) -> tuple[ActuatorData, dict[str, Sensor]]:
+    """(the actuator, the sensors with the one that closes the loop marked). Raises BenchInputError.
+
+    A controller without a sensor_gain compares volts with volts: its sensor is that of the piston's position, and 1/gain
+    stands for sensor_gain, of a free gain a stand-in until a fit finds it.
+    """
+    controller = table.table("controller")
+    position = sensors.get("piston_position")
+    if controller is None or "sensor_gain" in controller or position is None or "amplifier_gain" not in controller:
+        return read_actuator(table, valve), sensors
+    if position.free_zero == EACH_RUN:
+        raise controller.error(f'the loop has one zero: write zero = "{FREE}" for piston_position in [sensors]')
+    if position.gain is not None and (not position.signal or position.gain < 0.0):
+        raise controller.error(
+            "sensor_gain is missing; without it, [sensors] piston_position needs a positive gain per volt or count"
+        )
+    # Half the piston's stroke is ten volts: only where a search begins.
+    stroke = table.quantity("piston_stroke", "length", sign="positive") or parse_quantity("50 mm", "length")
+    gain = 20.0 / stroke if position.gain is None else 1.0 / position.gain
+    return read_actuator(table, valve, gain), {**sensors, "piston_position": replace(position, in_loop=True)}
+
+
+def read_actuator(table: TomlTable, valve: ValveData, sensor_gain: float | None = None) -> ActuatorData:
+    """Read the `[actuator]` table, SI. sensor_gain: where the controller has none of its own.
+
+    Raises BenchInputError where it says something that an actuator cannot be.
+    """
     table.refuse_unknown((*ACTUATOR, "controller", "heat"))
     value: dict[str, float] = {}
     for key, (kind, sign, default) in ACTUATOR.items():
@@ -98,6 +139,8 @@ def read_actuator(table: TomlTable, valve: ValveData) -> ActuatorData:
         controller.refuse_unknown(tuple(CONTROLLER))
         for key, kind in CONTROLLER.items():
             gain = controller.quantity(key, kind, sign="positive")
+            if gain is None and key == "sensor_gain":
+                gain = sensor_gain
             if gain is None:
                 raise controller.error(f"{key} is missing; a controller needs amplifier_gain and sensor_gain")
             gains[key] = gain
@@ -113,7 +156,9 @@ def check_word(table: TomlTable, key: str, words: tuple[str, ...]) -> None:
 
 
 TEST_KEYS = ("kind", "file", "noise", "columns", "ignore", "missing", "skip_rows", "sheet")
-OWN_KEYS = {"frequency": ("output", "absolute"), "leakage": ("meter",)}
+OWN_KEYS = {"frequency": ("output", "absolute"), "leakage": ("meter",), "step": ("command",)}
+# What the column command of a step test is, where a controller closes the loop.
+COMMANDS = ("setpoint", "controller_output")
 METERS = ("return", "supply")
 OWN_NAME, NO_WORD = re.compile(r"[a-z0-9_]+"), re.compile(r"[^a-z0-9_]+")
 OUTPUTS = ("spool_position", "piston_velocity", "piston_position")
@@ -133,11 +178,12 @@ class StaticTest:
     skip_rows: int = 0  # lines above the headers
     sheet: str | None = None  # of an .xlsx file; None: its first
     meter: str = "return"  # where a leakage is read
+    sensors: Mapping[str, Sensor] = field(default_factory=dict)  # by column
 
     @property
     def kinds(self) -> dict[str, tuple[str, ...]]:
         """{standard column: kinds of quantity that its unit may be of}"""
-        return {name: (kind,) for name, kind in columns_of(self.name).items()}
+        return with_signals({name: (kind,) for name, kind in columns_of(self.name).items()}, self.sensors)
 
     @property
     def percent_of_stroke(self) -> tuple[str, ...]:
@@ -160,7 +206,7 @@ class DynamicTestTable(StaticTest):
     @property
     def kinds(self) -> dict[str, tuple[str, ...]]:
         if self.kind == "step":
-            return columns_of_step(self.closed_loop)
+            return with_signals(columns_of_step(self.closed_loop), self.sensors)
         known = columns_of_frequency(self.closed_loop, "plain number")
         if not self.absolute:
             return known
@@ -174,8 +220,11 @@ class DynamicTestTable(StaticTest):
         return ("spool_position",) if self.closed_loop else ("spool_position", "command")
 
 
-def read_tests(table: TomlTable, actuator: ActuatorData) -> tuple[dict[str, StaticTest], dict[str, DynamicTestTable]]:
+def read_tests(
+    table: TomlTable, actuator: ActuatorData, sensors: Mapping[str, Sensor] | None = None
+) -> tuple[dict[str, StaticTest], dict[str, DynamicTestTable]]:
     """(static tests, dynamic tests) by name, in the order of the file. Raises BenchInputError."""
+    sensors = sensors or {}
     names = (*STATIC_TESTS, *DYNAMIC_TESTS)
     for name in table.data:
         _check_name(table, name, names)
@@ -194,13 +243,21 @@ def read_tests(table: TomlTable, actuator: ActuatorData) -> tuple[dict[str, Stat
             raise test.error(f'file is missing; write for example file = "{name}.csv"')
         path = (test.source.folder or Path()) / file
         if is_dynamic(name):
-            dynamic[name] = _dynamic(name, path, test, actuator.closed_loop)
+            dynamic[name] = _dynamic(name, path, test, actuator.closed_loop, sensors)
         else:
             known = tuple(columns_of(name))
             check_word(test, "meter", METERS)
             meter = str(test.data.get("meter", METERS[0]))
             static[name] = StaticTest(
-                name, path, read_noise(test), _mapping(test, known), _ignored(test), test, **_layout(test), meter=meter
+                name,
+                path,
+                read_noise(test, sensors=sensors),
+                _mapping(test, known),
+                _ignored(test),
+                test,
+                **_layout(test),
+                meter=meter,
+                sensors=sensors,
             )
     return static, dynamic
 
@@ -229,8 +286,13 @@ def _check_name(table: TomlTable, name: str, names: tuple[str, ...]) -> None:
         raise table.error(f"unknown test {quoted(name)}; {suggestion(name, names)}", name)
 
 
-def _dynamic(name: str, path: Path, test: TomlTable, closed: bool) -> DynamicTestTable:
+def _dynamic(name: str, path: Path, test: TomlTable, closed: bool, sensors: Mapping[str, Sensor]) -> DynamicTestTable:
     check_word(test, "output", OUTPUTS)
+    check_word(test, "command", COMMANDS)
+    if test.data.get("command") == COMMANDS[0] and not closed:
+        raise test.error("a setpoint needs a controller in [actuator], which closes the loop", "command")
+    # A measured output drives the valve, whoever made it.
+    closed = closed and test.data.get("command") != COMMANDS[1]
     output, absolute = str(test.data.get("output", OUTPUTS[0])), test.flag("absolute")
     if output == "piston_position" and not closed and not absolute:
         raise test.error(
@@ -238,13 +300,22 @@ def _dynamic(name: str, path: Path, test: TomlTable, closed: bool) -> DynamicTes
             "the controller that closes the loop",
             "output" if "output" in test else None,
         )
-    settings: dict[str, Any] = {"closed_loop": closed, "output": output, "absolute": absolute}
+    used = _with_command(sensors, closed) if kind_of_test(name) == "step" else {}
+    settings: dict[str, Any] = {"closed_loop": closed, "output": output, "absolute": absolute, "sensors": used}
     plain = DynamicTestTable(name, path, {}, {}, (), test, **settings)
-    readings = {reading: plain.kinds[reading][0] for reading in READINGS[plain.kind]}
+    readings = {reading: KIND_OF[reading] for reading in READINGS[plain.kind]}
+    readings |= {reading: plain.kinds[reading][0] for reading in readings if reading not in used}
     columns = _mapping(test, tuple(plain.kinds))
-    return DynamicTestTable(
-        name, path, read_noise(test, readings), columns, _ignored(test), test, **_layout(test), **settings
-    )
+    noise = read_noise(test, readings, used)
+    return DynamicTestTable(name, path, noise, columns, _ignored(test), test, **_layout(test), **settings)
+
+
+def _with_command(sensors: Mapping[str, Sensor], closed: bool) -> dict[str, Sensor]:
+    """The sensors of a step test: a setpoint in volts is one of the sensor that it is compared with."""
+    position = sensors.get("piston_position")
+    if closed and "command" not in sensors and position is not None and position.in_loop:
+        return {**sensors, "command": position}
+    return dict(sensors)
 
 
 def _mapping(test: TomlTable, columns: tuple[str, ...]) -> dict[str, str]:

@@ -30,6 +30,8 @@ WRITTEN = {
     "velocity": ("mm/s", "m/s", "um/s", "in/s"),
     "frequency": ("Hz", "kHz", "rad/s"),
     "angle": ("deg", "rad"),
+    "voltage": ("V", "mV", "volt", "volts"),
+    "number of counts": ("count", "counts"),
     "kinematic viscosity": ("cSt", "mm^2/s"),
     "density": ("kg/m^3", "g/cm^3", "kg/l"),
 }  # fmt: skip
@@ -40,6 +42,7 @@ SHORT = {
     "pressure": {"bar(g)": "bar", "psi(g)": "psi", "kpa(g)": "kPa", "mpa(g)": "MPa", "kpag": "kPa", "mpag": "MPa"},
     "flow": {"usgpm": "gal/min", "ccm": "cm^3/min", "ltr/min": "l/min", "lit/min": "l/min"},
     "length": {"micron": "um", "microns": "um", "mils": "mil"},
+    "number of counts": {"cts": "count", "digit": "count", "digits": "count"},
 }
 COMMON = (
     "um", "mm", "inch", "thou", "l/min", "gal/min", "m^3/s", "bar", "psi", "MPa", "degC", "degF", "K", "mA", "A", "s",

@@ -4,6 +4,7 @@ The oil is a preset or viscosity points, with further properties; `[start]` says
 what is known beforehand (a prior).
 """
 
+import math
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -16,12 +17,13 @@ from thermohyd.identify.fitting.parameters import (
     identified_by_default,
     identified_in_motion,
 )
-from thermohyd.oil_definition import OilDefinition, walther_coefficients
+from thermohyd.oil_definition import OilDefinition, kinematic_viscosity_of, walther_coefficients
 
 from .columns import CONDITIONS, KIND_OF, SIZES, impossible, wrong_size
 from .errors import quoted
 from .record import EDGE_LAWS, ActuatorData, StartValue, ValveData
-from .test_tables import DynamicTestTable, StaticTest, read_actuator, read_tests
+from .sensors import Sensor, read_sensors
+from .test_tables import DynamicTestTable, StaticTest, read_loop, read_tests
 from .toml_file import TableSource, TomlSource, TomlTable
 from .units import number_of
 
@@ -156,7 +158,7 @@ def _read_entry(entry: TomlTable, limits: _Limits, nominal: float, stroke: float
     return StartValue(value, fixed=entry.flag("fixed"), freed=freed, prior_std=std, lower=lower, upper=upper)
 
 
-TABLES = ("valve", "oil", "conditions", "tests", "actuator", "start")
+TABLES = ("valve", "oil", "conditions", "tests", "actuator", "start", "sensors")
 VALVE = ("name", *SIZES, "polarity", "edge_law")
 
 
@@ -173,6 +175,8 @@ class BenchFile:
     actuator: ActuatorData | None
     actuator_given: bool
     start: dict[str, StartValue] = field(default_factory=dict)
+    sensors: dict[str, Sensor] = field(default_factory=dict)
+    piston_area_given: bool = True
 
 
 def read_bench_toml(path: Path) -> BenchFile:
@@ -189,14 +193,19 @@ def read_description(source: TableSource, name: str, oil: OilDefinition | None =
     root.refuse_unknown(TABLES, "table")
     valve = _valve(_needed(root, "valve"), name)
     oil = read_oil(_needed(root, "oil")) if oil is None else oil
+    valve = _with_slot_width(root, valve, oil)
     conditions = _conditions(root.table("conditions"))
+    sensors = read_sensors(root.table("sensors"), valve.stroke)
     table = root.table("actuator")
-    actuator = read_actuator(TomlTable(root.source, ("actuator",), {}) if table is None else table, valve)
-    tests, dynamic = read_tests(_needed(root, "tests"), actuator)
+    actuator, sensors = read_loop(TomlTable(root.source, ("actuator",), {}) if table is None else table, valve, sensors)
+    tests, dynamic = read_tests(_needed(root, "tests"), actuator, sensors)
     start = root.table("start")
     used = actuator if dynamic else None
     starts = {} if start is None else read_start(start, valve, used)
-    return BenchFile(root.source, valve, oil, conditions, tests, dynamic, used, table is not None, starts)
+    area_given = table is not None and any(key in table for key in ("piston_area", "piston_area_a"))
+    return BenchFile(
+        root.source, valve, oil, conditions, tests, dynamic, used, table is not None, starts, sensors, area_given
+    )
 
 
 def _needed(root: TomlTable, name: str) -> TomlTable:
@@ -215,9 +224,13 @@ def _valve(table: TomlTable, name: str) -> ValveData:
     table.refuse_unknown(VALVE)
     sizes = {key: _size(table, key) for key in SIZES}
     stroke, slot_width = sizes["stroke"], sizes["slot_width"]
-    if stroke is None or slot_width is None:
-        key, example = ("stroke", "213 um") if stroke is None else ("slot_width", "12 mm")
-        raise table.error(f'{key} is missing; write for example {key} = "{example}"')
+    rated = sizes["rated_flow"] is not None and sizes["rated_pressure_drop"] is not None
+    if stroke is None and (slot_width is not None or not rated):
+        raise table.error('stroke is missing; write for example stroke = "213 um"')
+    if slot_width is None and not rated:
+        raise table.error(
+            'slot_width is missing; write for example slot_width = "12 mm", or both rated_flow and rated_pressure_drop'
+        )
     polarity = table.data.get("polarity", 1)
     if isinstance(polarity, bool) or polarity not in (1, -1):
         raise table.error(
@@ -229,8 +242,10 @@ def _valve(table: TomlTable, name: str) -> ValveData:
         raise table.error(f"{quoted(law)} must be {allowed}", "edge_law")
     return ValveData(
         name=table.text("name") or name,
-        stroke=stroke,
-        slot_width=slot_width,
+        stroke=STAND_IN_STROKE if stroke is None else stroke,
+        slot_width=slot_width or 0.0,
+        slot_width_stated=slot_width is not None,
+        stroke_stated=stroke is not None,
         land_diameter=sizes["land_diameter"],
         rated_flow=sizes["rated_flow"],
         rated_pressure_drop=sizes["rated_pressure_drop"],
@@ -238,6 +253,42 @@ def _valve(table: TomlTable, name: str) -> ValveData:
         polarity=int(polarity),
         edge_law=law,
     )
+
+
+# In the place of a stroke that nobody states: lengths of the spool are then relative to it.
+STAND_IN_STROKE = 1e-3  # m
+# Of a rated flow: what data sheets are measured at, and the nominal edge (docs/physics.md section 4.1).
+RATED_TEMPERATURE = 313.15  # K
+RATED_DISCHARGE, RATED_TRANSITION = 0.7, 100.0
+
+
+def equivalent_slot_width(flow: float, drop: float, stroke: float, oil: OilDefinition) -> float:
+    """w [m] of the edges that pass a rated flow [m3/s] at a rated drop [Pa] of the whole valve, fully open by stroke [m].
+
+    Docs/physics.md section 3 with r = c = 0, half the drop on either edge: Q = C_q w X_n sqrt(drop/rho), C_q = C_qmax
+    tanh(2 lambda/lambda_c), lambda = (2 X_n/nu) sqrt(drop/rho); the record's oil at 40 degC, the nominal C_qmax = 0.7 and
+    lambda_c = 100.
+    """
+    density = oil.density * (1.0 - oil.expansion * (RATED_TEMPERATURE - 288.15))
+    speed = math.sqrt(drop / density)
+    number = 2.0 * stroke * speed / kinematic_viscosity_of(oil, RATED_TEMPERATURE)
+    return flow / (RATED_DISCHARGE * math.tanh(2.0 * number / RATED_TRANSITION) * stroke * speed)
+
+
+def _with_slot_width(root: TomlTable, valve: ValveData, oil: OilDefinition) -> ValveData:
+    """The valve, its slots worked out from the rated flow where they are not stated."""
+    if valve.slot_width_stated:
+        return valve
+    assert valve.rated_flow is not None
+    assert valve.rated_pressure_drop is not None
+    width = equivalent_slot_width(valve.rated_flow, valve.rated_pressure_drop, valve.stroke, oil)
+    if wrong_size("slot_width", width, width):
+        raise root.table_error(
+            "valve",
+            f"rated_flow at rated_pressure_drop over this stroke would need slots {width * 1e3:.3g} mm wide, but "
+            f"{SIZES['slot_width'][2]}; is a unit wrong?",
+        )
+    return replace(valve, slot_width=width)
 
 
 def _size(table: TomlTable, key: str) -> float | None:

@@ -7,7 +7,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from thermohyd.identify.bench.shown_units import beside, display_unit, significant
+from thermohyd.identify.bench.shown_units import beside, significant
 from thermohyd.identify.diagnosis.result import DiagnosisResult
 from thermohyd.identify.fitting.result import FitResult, ParameterEstimate
 from thermohyd.identify.report.diagnosis_report import COLOURS
@@ -41,7 +41,7 @@ def _table(results: Mapping[str, FitResult]) -> Table:
     rows = []
     for name in dict.fromkeys(name for result in results.values() for name in result.parameters):
         estimates = [result.parameters.get(name) for result in results.values()]
-        unit = next(display_unit(estimate.unit).label for estimate in estimates if estimate is not None)
+        unit = next(estimate.shown.label for estimate in estimates if estimate is not None)
         rows.append((name, unit, *[_cell(estimate) for estimate in estimates]))
     rows.append(("reduced chi-square", "-", *[_chi2(result) for result in results.values()]))
     return table(("parameter", "unit", *[f">~{record}" for record in results]), rows, gap=2)
@@ -50,7 +50,7 @@ def _table(results: Mapping[str, FitResult]) -> Table:
 def _cell(estimate: ParameterEstimate | None) -> Text:
     if estimate is None:
         return Text("")
-    factor = display_unit(estimate.unit).factor
+    factor = estimate.shown.factor
     std = None if estimate.std is None else estimate.std * factor
     value = beside(estimate.value * factor, std)
     if estimate.fixed:

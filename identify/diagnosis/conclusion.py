@@ -249,8 +249,9 @@ def _named(name: str, after: FitResult, model: FinalModel, says: OtherLawSays | 
 
 def parameter_shifts(before: FitResult, after: FitResult) -> tuple[ParameterShift, ...]:
     """What the missing effects had done to the parameters of the model without them."""
+    now = {name: estimate.reported for name, estimate in after.parameters.items()}
     return tuple(
-        ParameterShift(name, p.unit, p.value, after.parameters[name].value, after.parameters[name].std)
+        ParameterShift(name, p.reported.unit, p.reported.value, now[name].value, now[name].std)
         for name, p in before.parameters.items()
         if not p.fixed
     )

@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 import pandas as pd
 
+from thermohyd.identify.bench.columns import reading_unit
 from thermohyd.identify.bench.record import BenchRecord
+from thermohyd.identify.bench.shown_units import DisplayUnit
 from thermohyd.identify.fitting.result import FitResult, ParameterEstimate
 from thermohyd.identify.model.learned_terms import LearnedTerm
 from thermohyd.identify.result import Result
@@ -42,6 +44,12 @@ class Region:
     rows: int
     mean: float  # measured - model, SI
     rms: float = float("nan")  # of the misfit beyond noise, SI: where it changes sign, the mean says little
+    signal: str = ""  # "V" or "count": mean and rms are signals of a sensor of free gain; empty: SI
+
+    @property
+    def unit(self) -> DisplayUnit:
+        """In which its misfit is shown."""
+        return reading_unit(self.channel, self.signal)
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 
 from thermohyd.identify.bench.columns import column_unit
 from thermohyd.identify.bench.record import TestRecord
-from thermohyd.identify.bench.shown_units import UM, significant
+from thermohyd.identify.bench.shown_units import UM, DisplayUnit, significant
 from thermohyd.identify.fitting.result import ChannelFit, FitResult
 from thermohyd.identify.report import style as look
 from thermohyd.identify.report.style import TITLES, pressure_groups, run_label, temperature_groups
@@ -57,9 +57,8 @@ def _of_channel(fit: ChannelFit, test: TestRecord, total: float) -> Iterator[Reg
         excess = float(np.sum(squares[inside])) - float(inside.sum())
         misfit = (fit.measured - fit.predicted)[inside]
         rms = float(np.sqrt(max(np.mean(misfit**2 - fit.std[inside] ** 2), 0.0)))
-        yield Region(
-            fit.test, fit.channel, limits, excess, excess / total, int(inside.sum()), float(np.mean(misfit)), rms
-        )
+        mean, rows = float(np.mean(misfit)), int(inside.sum())
+        yield Region(fit.test, fit.channel, limits, excess, excess / total, rows, mean, rms, fit.signal)
         left &= ~inside
 
 
@@ -167,9 +166,8 @@ def region_words(limits: Mapping[str, tuple[float, float]], run_names: tuple[str
     return ", ".join(word for word in words if word) or "everywhere"
 
 
-def miss_words(channel: str, mean: float, rms: float) -> tuple[str, str]:
+def miss_words(unit: DisplayUnit, mean: float, rms: float) -> tuple[str, str]:
     """(size with its unit, side) of a misfit: its mean, "high" or "low"; where both signs outweigh it, its RMS, "off"."""
-    unit = column_unit(channel)
     size, side = abs(mean), "high" if mean > 0 else "low"
     if rms > 2.0 * size:
         size, side = rms, "off"

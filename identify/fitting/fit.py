@@ -19,12 +19,23 @@ from .least_squares import LeastSquaresResult, multi_start, solve
 from .library import library_for
 from .model_form import evidence_of_fits, fitted_with, other_law, plans_with_other_law, refit, with_model_form
 from .outcome import Fitted, Key, fit_result, uncertainty_of
-from .parameters import ParameterPlan, free_parameters, plan_parameters, readings_of
+from .parameters import PARAMETERS, ParameterPlan, free_parameters, plan_parameters, readings_of
 from .problem import Problem, white_noise
 from .profile_intervals import covariance_holds, profile_intervals
+from .relative import with_relatives
 from .result import FitResult, OtherLaw, StartOutcome
+from .sensed import sensed_channels, sensor_plans, with_starts
 from .starts import basin_hopping, null_position, reversed_channels, warning_of, with_signs_turned
-from .static_readings import FitArgs, base_valve, box_of, channel_slices, prior_rows, residual_of, static_data
+from .static_readings import (
+    FitArgs,
+    base_valve,
+    box_of,
+    channel_slices,
+    prior_rows,
+    quantities_of,
+    residual_of,
+    static_data,
+)
 from .uncertainty import largest_change, settled_noise
 
 
@@ -105,7 +116,8 @@ def run_fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | N
     say = progress or (lambda _: None)
     tests: dict[str, TestRecord] = {}
     warnings = list(record.warnings)
-    plans = plan_parameters(record.valve, record.start)
+    plans = plan_parameters(record.valve, record.start) | sensor_plans(record.static_tests, record)
+    plans = with_relatives(plans, record.static_tests, record)
     free = free_parameters(record, plans, record.static_tests)
     for name, test in record.static_tests.items():
         if test.rows > 2000:
@@ -115,6 +127,8 @@ def run_fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | N
         tests[name] = reduce_test(without_limits(with_signs_turned(test, turned)))
     free_parameters(record, plans, tests)  # once more: a raw log has fewer points than rows
     noise = {(t.name, c.name): initial_noise(t, c) for t in tests.values() for c in t.channels}
+    if sensed_channels(tests):
+        plans = _sensors_started(record, tests, plans, noise)
     problem = StaticSearch(record, tests, plans, free)
     say(f"fitting {len(free)} parameters to {readings_of(tests):,} readings")
     first = problem.first_starts()
@@ -173,6 +187,20 @@ def _without_outliers(
     if not any(rows for by_channel in found.values() for rows in by_channel.values()):
         return problem.tests
     return {name: without_outliers(test, found.get(name, {})) for name, test in problem.tests.items()}
+
+
+def _sensors_started(
+    record: BenchRecord, tests: dict[str, TestRecord], plans: dict[str, ParameterPlan], noise: dict[Key, ChannelNoise]
+) -> dict[str, ParameterPlan]:
+    """The plans with free gains and zeros started where the nominal valve's readings put them."""
+    values = {name: plan.start for name, plan in plans.items() if name in PARAMETERS}
+    null, plan = null_position(tests), plans["null_bias"]
+    if null is not None and not plan.fixed and not plan.given:
+        values["null_bias"] = float(np.clip(null, plan.lower, plan.upper))
+    data = static_data(tests, {key: n.used for key, n in noise.items()})
+    found = quantities_of(base_valve(record, values), data)
+    of = {(c.test, c.name): np.asarray(q)[: tests[c.test].rows] for c, q in zip(data.channels, found, strict=True)}
+    return with_starts(plans, tests, of)
 
 
 def _with_intervals(fitted: Fitted, progress: Progress | None, *, settle: bool = True) -> tuple[Fitted, FitResult]:
@@ -250,7 +278,7 @@ class StaticSearch:
         return [box_of(self.plans[name]) for name in self.free]
 
     def args(self, noise: dict[Key, ChannelNoise]) -> FitArgs:
-        values = {name: plan.start for name, plan in self.plans.items()}
+        values = {name: plan.start for name, plan in self.plans.items() if name in PARAMETERS}
         valve = base_valve(self.record, values, heat="heat_retention" in self.free)
         data = static_data(self.tests, {key: n.used for key, n in noise.items()})
         return FitArgs(valve, data, *prior_rows([self.plans[name] for name in self.free]))

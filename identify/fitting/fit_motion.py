@@ -1,6 +1,7 @@
 """Fit a record with dynamic tests: first the parameters of motion alone, then everything together with the static tests."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,9 +13,11 @@ from .least_squares import LeastSquaresResult
 from .library import NOTHING, Library
 from .motion_readings import require_actuator
 from .outcome import Fitted, Key
-from .parameters import IN_MOTION, free_parameters, plan_motion, readings_of
-from .problem import MOST_STEPS, Fit, Noise, Problem, solution_of, white_noise
+from .parameters import IN_MOTION, PARAMETERS, free_parameters, plan_motion, readings_of
+from .problem import MOST_STEPS, Fit, MotionReadings, Noise, Problem, solution_of, white_noise
+from .relative import with_relatives
 from .result import StartOutcome
+from .sensed import sensed_channels, sensor_plans, traced, with_starts
 
 
 MOST_ROUNDS = 4
@@ -44,13 +47,19 @@ def run_fit_motion(
     plans = plan_motion(record.valve, require_actuator(record), record.start, known)
     moving = record.dynamic_tests
     tests: dict[str, TestRecord] = dict(moving)
+    plans = with_relatives(plans | sensor_plans(tests, record), tests, record)
     free, readings = free_parameters(record, plans, tests), readings_of(tests)
     noise = {(n, c.name): initial_noise(t, c) for n, t in moving.items() for c in t.channels}
     say(f"fitting {len(free)} parameters of motion to {readings:,} readings")
     problem = Problem(record, tests, plans, NOTHING, white_noise(noise), also=also)
+    if sensed_channels(tests):
+        problem = _sensors_started(problem)
+        plans = problem.plans
     ends = [_grown(problem, {}, say)]
     if ends[0].chi2 > FAR * readings or not np.isfinite(ends[0].chi2):
-        for factors in OTHERS:
+        scales = traced(tests, record)
+        others = OTHERS if not scales else ({scales[0]: 0.3}, {scales[0]: 3.0})
+        for factors in others:
             say("another start")
             begin = {
                 n: float(np.clip(plans[n].start * factor, plans[n].lower, plans[n].upper))
@@ -82,7 +91,8 @@ def joint_problem(
     record: BenchRecord, static: Fitted, motion: Fitted, noise: Noise, library: Library = NOTHING
 ) -> Problem:
     """All tests of a record in one problem; a parameter is planned as the tests plan it that show it best."""
-    plans = {**static.plans, **{name: motion.plans[name] for name in IN_MOTION}}
+    own = [name for name in motion.plans if name in IN_MOTION or name not in {*PARAMETERS, *static.plans}]
+    plans = {**static.plans, **{name: motion.plans[name] for name in own}}
     return Problem(record, {**static.tests, **motion.tests}, plans, library, noise)
 
 
@@ -93,6 +103,18 @@ def jointly_fitted(
     starts = (*static.starts, *motion.starts)
     warnings = tuple(dict.fromkeys((*static.warnings, *motion.warnings)))
     return Fitted(problem.record, problem.tests, problem.plans, fit.free, noise, fit.solution, starts, warnings)
+
+
+def _sensors_started(problem: Problem) -> Problem:
+    """The problem with free gains and zeros started where the runs of the machine as described put them."""
+    (part,) = problem.readings
+    assert isinstance(part, MotionReadings)
+    start = np.array([problem.plans[name].start for name in part.parameters])
+    read = part.simulator.read(part.parameters, (), start)
+    if read.failure:
+        return problem
+    settled = traced(problem.tests, problem.record)
+    return replace(problem, plans=with_starts(problem.plans, problem.tests, read.values, settled))
 
 
 def _grown(problem: Problem, start: Mapping[str, float], say: Progress) -> Fit:

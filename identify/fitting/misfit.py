@@ -8,9 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from thermohyd.identify.bench.columns import column_unit
 from thermohyd.identify.bench.record import kind_of_test
-from thermohyd.identify.bench.shown_units import display_unit
 
 from .result import DISAGREES, ChannelFit, ParameterEstimate
 
@@ -58,7 +56,7 @@ def worst_region(fit: ChannelFit, stretches: int = 9) -> Region | None:
 
 def sentence(fit: ChannelFit) -> str:
     """One sentence on one channel: RMS beside the noise, and the worst place where they disagree."""
-    shown = column_unit(fit.channel)
+    shown = fit.unit
     unit, factor = shown.label, shown.factor
     what = f"{fit.test}: {fit.channel} is met to {fit.residual_rms * factor:.3g} {unit} RMS"
     if not fit.noise_known:
@@ -134,7 +132,7 @@ def doubts(fits: tuple[ChannelFit, ...], parameters: Mapping[str, ParameterEstim
     for fit in fits:
         scatter = float(np.std(fit.measured))
         if len(fit.measured) >= ENOUGH and fit.residual_rms > MOSTLY_SCATTER * scatter:
-            shown = column_unit(fit.channel)
+            shown = fit.unit
             what = "never changes" if scatter == 0.0 else (
                 f"varies by {scatter * shown.factor:.3g} {shown.label} RMS, of which the model leaves "
                 f"{100 * min(fit.residual_rms / scatter, 1.0):.0f} %: it hardly follows the model at all"
@@ -145,7 +143,7 @@ def doubts(fits: tuple[ChannelFit, ...], parameters: Mapping[str, ParameterEstim
 
 def _side(estimate: ParameterEstimate) -> str:
     nearer_lower = abs(estimate.value - estimate.lower) <= abs(estimate.upper - estimate.value)
-    unit = display_unit(estimate.unit)
+    unit = estimate.shown
     bound = (estimate.lower if nearer_lower else estimate.upper) * unit.factor
     label = "" if unit.label in ("", "-") else f" {unit.label}"
     return f"{'lower' if nearer_lower else 'upper'} limit, {bound:.4g}{label}"
@@ -175,7 +173,7 @@ def verdict_of_motion(fits: tuple[ChannelFit, ...], converged: bool, message: st
 
 def sentence_of_motion(fit: ChannelFit) -> str:
     """One sentence on one channel of a dynamic test: RMS beside the noise, and when they disagree most."""
-    shown = column_unit(fit.channel)
+    shown = fit.unit
     unit, factor = "" if shown.label == "-" else f" {shown.label}", shown.factor
     what = f"{fit.test}: {fit.channel} is met to {fit.residual_rms * factor:.3g}{unit} RMS"
     if not fit.noise_known:

@@ -10,13 +10,14 @@ from dataclasses import replace
 import numpy as np
 
 from thermohyd.effects.library import factor_on, find_effect
-from thermohyd.identify.bench.record import BenchRecord
+from thermohyd.identify.bench.record import BenchRecord, TestRecord
 
 from .library import Library
 from .outcome import Fitted
 from .parameters import ParameterPlan, effect_plan, heat_retention, identified_by_default, plan_parameters, readings_of
 from .problem import Fit, Problem, solution_of
 from .result import DISAGREES, FitResult, ModelForm, OtherLaw, ParameterEstimate
+from .sensed import sensed_channels
 
 
 OTHER = {"orifice": "lubrication", "lubrication": "orifice"}
@@ -38,10 +39,24 @@ def plans_with_other_law(fitted: Fitted) -> tuple[BenchRecord, dict[str, Paramet
 
     Nothing is free where the record frees nothing that this law has, or has too few readings for one parameter more.
     """
-    record = with_other_law(fitted.record)
-    plans = plan_parameters(record.valve, record.start)
+    record, plans = _with_plans(fitted.record, fitted.plans, fitted.tests)
     free = tuple(name for name, plan in plans.items() if not plan.fixed)
     return record, plans, free if readings_of(fitted.tests) >= len(free) else ()
+
+
+def _with_plans(
+    record: BenchRecord, plans: Mapping[str, ParameterPlan], tests: Mapping[str, TestRecord]
+) -> tuple[BenchRecord, dict[str, ParameterPlan]]:
+    """The record with the other law and its plans; what sensors add to a fit or hold in it stays as `plans` have it."""
+    there = with_other_law(record)
+    planned = plan_parameters(record.valve, record.start)
+    found = plan_parameters(there.valve, there.start)
+    for name, plan in found.items():
+        if name in planned and (was := plans.get(name)) is not None:
+            held = was.fixed if was.fixed != planned[name].fixed else plan.fixed
+            found[name] = replace(plan, fixed=held, relative=was.relative)
+    behind = (name for sensor in sensed_channels(tests).values() for name in sensor.names)
+    return there, found | {name: plans[name] for name in behind if name in plans}
 
 
 def refit(problem: Problem, effects: Iterable[str], values: Mapping[str, float]) -> tuple[Problem, Fit]:
@@ -53,8 +68,8 @@ def refit(problem: Problem, effects: Iterable[str], values: Mapping[str, float])
     effects = tuple(effects)
     present = {*effects, str(factor_on("viscosity"))}
     library = Library(tuple(name for name in problem.library.names if name in present), {})
-    record = with_other_law(problem.record)
-    there = replace(problem, record=record, plans=plan_parameters(record.valve, record.start), library=library)
+    record, plans = _with_plans(problem.record, problem.plans, problem.tests)
+    there = replace(problem, record=record, plans=plans, library=library)
     kept = {name: value for name, value in values.items() if name == "null_bias" or name not in there.plans}
     ends = [there.fit(effects, start) for start in (dict(values), kept)]
     best = min(ends, key=lambda end: end.chi2 if np.isfinite(end.chi2) else np.inf)

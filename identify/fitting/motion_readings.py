@@ -29,8 +29,8 @@ from thermohyd.identify.bench.record import ActuatorData, BenchRecord, DynamicTe
 from thermohyd.numerics import quickly
 from thermohyd.valve import Valve
 
-from .motion_runs import FrequencyRuns, StepRuns, frequency_runs, step_runs
-from .parameters import IN_MOTION, ParameterPlan
+from .motion_runs import CommandSignal, FrequencyRuns, StepRuns, frequency_runs, step_runs
+from .parameters import IN_MOTION, PARAMETERS, ParameterPlan
 from .static_readings import base_valve
 from .uncertainty import Key
 
@@ -60,11 +60,16 @@ def machine(
     """The valve and the actuator with the parameters `names` and the amounts of `effects`, in this order, taken from `p` (all,)."""
     given = {name: p[i] for i, name in enumerate(names)}
     moving = {name: value for name, value in given.items() if name in IN_MOTION}
-    still = {name: value for name, value in given.items() if name not in IN_MOTION}
+    still = {name: value for name, value in given.items() if name in PARAMETERS}
+    if LOOP_GAIN in given:
+        # The loop compares volts with volts: its sensor's gain is in metres per volt.
+        moving["sensor_gain"] = 1.0 / given[LOOP_GAIN]
     amounts = {name: jnp.asarray(p[len(names) + i]) for i, name in enumerate(effects)}
     return with_effects(replace(valve, **still), amounts), replace(actuator, **moving)
 
 
+# The parameter that is the gain of the loop's own sensor.
+LOOP_GAIN = "piston_position_gain"
 STEP_READINGS = ("spool_position", "pressure_a", "pressure_b", "piston_position", "piston_velocity")
 # A hundred times looser than the simulator's own: a thousandth of what a transducer's noise allows, in a third of the steps.
 TOLERANCE = 1e-6
@@ -87,6 +92,7 @@ class Plan(eqx.Module):
     effects: tuple[str, ...] = eqx.field(static=True)
     heat: Heat = eqx.field(static=True)
     tolerance: float = eqx.field(static=True, default=TOLERANCE)
+    command: CommandSignal | None = None
     classes: tuple[type, ...] = eqx.field(static=True, init=False)
 
     def __post_init__(self) -> None:
@@ -94,6 +100,8 @@ class Plan(eqx.Module):
 
     def plant(self, p: Float[Array, " all"], given: Given, inputs: StepInputs) -> Plant:
         valve, actuator = machine(given.valve, given.actuator, self.names, self.effects, p)
+        if self.command is not None:
+            inputs = self.command.acting(inputs, {name: p[i] for i, name in enumerate(self.names)})
         return plant_of(valve, actuator, inputs, heat=self.heat, walls=Walls(), polarity=given.polarity)
 
 
@@ -191,10 +199,11 @@ class DynamicSimulator:
     def read(self, names: tuple[str, ...], effects: tuple[str, ...], vector: np.ndarray) -> Readings:
         """Readings and derivatives of all channels that the tests could have, at `vector`: parameters, then amounts."""
         plan = Plan(names, effects, self.heat, self.tolerance)  # pyright: ignore[reportArgumentType]  # one of two words
+        of = lambda runs: plan if runs.signal is None else replace(plan, command=runs.signal)
         given = Given(self.valve, self.actuator, jnp.asarray(float(self.polarity)))
         p = jnp.asarray(vector, dtype=float)
         into = Readings({}, {}, 0)
-        failures = [self._step(plan, p, given, runs, into) for runs in self._steps]
+        failures = [self._step(of(runs), p, given, runs, into) for runs in self._steps]
         failures += [self._frequency(name, plan, p, given, runs, into) for name, runs in self._frequencies.items()]
         return Readings(into.values, into.slopes, max(failures, default=0))
 
@@ -275,7 +284,8 @@ def readings_of(tests: Mapping[str, DynamicTest]) -> list[tuple[Key, DynamicTest
 def simulator_of(record: BenchRecord, plans: Mapping[str, ParameterPlan], effects=None) -> DynamicSimulator:
     """The record's dynamic tests on its machine, held parameters at their starts."""
     machine = require_actuator(record)
-    values = {name: plan.start for name, plan in plans.items() if name != "heat_retention" or plan.start > 0.0}
+    known = {name: plan for name, plan in plans.items() if name in PARAMETERS or name in IN_MOTION}
+    values = {name: plan.start for name, plan in known.items() if name != "heat_retention" or plan.start > 0.0}
     valve = valve_of(record, values, effects)
     actuator = actuator_of(machine, record.valve.rated_current, values)
     return DynamicSimulator(record.dynamic_tests, valve, actuator, machine.heat, record.valve.polarity)

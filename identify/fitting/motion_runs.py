@@ -7,23 +7,46 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
 from thermohyd.dynamics.inputs import Linear, StepInputs, step_inputs
 from thermohyd.identify.bench.record import DynamicTest
 
+from .sensed import gain_name, zero_name
 from .static_readings import padded_size
 
 
 BEHIND = 1e-9  # of a run's span, between pads behind its end
 
 
+class CommandSignal(eqx.Module):
+    """A command kept as reference * (signal - reference_zero), by the names of its gain and zero among the vector's entries
+    ("": exact); zero: where it has no name."""
+
+    gain: str = eqx.field(static=True)
+    zero_name: str = eqx.field(static=True)
+    reference: float = eqx.field(static=True)
+    zero: float = eqx.field(static=True)
+
+    def acting(self, inputs: StepInputs, given: Mapping[str, Float[Array, ""]]) -> StepInputs:
+        """The inputs with the command that the gain and the zero make of it."""
+        factor = given[self.gain] / self.reference if self.gain else jnp.ones(())
+        zero = given[self.zero_name] if self.zero_name else jnp.asarray(self.zero)
+        line = inputs.command
+        shift = factor * self.reference * (self.zero - zero)
+        return eqx.tree_at(
+            lambda i: (i.command.start, i.command.bends), inputs, (factor * line.start + shift, factor * line.bends)
+        )
+
+
 @dataclass(frozen=True)
 class StepRuns:
     """All runs of step tests that share a program. inputs: arrays lead with (runs,). rows {test: (run, place)}: where each
-    row of the record lies, both (rows,)."""
+    row of the record lies, both (rows,). signal: of commands in volts or counts that a fit scales."""
 
     inputs: StepInputs
     rows: dict[str, tuple[np.ndarray, np.ndarray]]
+    signal: CommandSignal | None = None
 
 
 @dataclass(frozen=True)
@@ -50,10 +73,20 @@ def step_runs(tests: Mapping[str, DynamicTest]) -> list[StepRuns]:
 
     Whatever their sampling rates, such tests are one program then, which takes half a minute to compile.
     """
-    alike: dict[tuple[str, bool], list[str]] = {}
+    alike: dict[tuple[str, bool, tuple | None], list[str]] = {}
     for name, test in tests.items():
-        alike.setdefault((test.command_kind, test.external_force is not None), []).append(name)
+        signal = signal_of(test)
+        key = None if signal is None else (signal.gain, signal.zero_name, signal.reference, signal.zero)
+        alike.setdefault((test.command_kind, test.external_force is not None, key), []).append(name)
     return [_together({name: tests[name] for name in names}) for names in alike.values()]
+
+
+def signal_of(test: DynamicTest) -> CommandSignal | None:
+    """The command's sensor where a fit estimates it; None where the command is one in SI."""
+    sensor = test.command_sensor
+    if sensor is None:
+        return None
+    return CommandSignal(gain_name(sensor), zero_name(sensor), test.command_reference, sensor.zero)
 
 
 def _together(tests: Mapping[str, DynamicTest]) -> StepRuns:
@@ -67,7 +100,8 @@ def _together(tests: Mapping[str, DynamicTest]) -> StepRuns:
         clocks += [test.time[of_run] for of_run in of_runs]
         inputs += [_inputs(test, of_run, test.time[of_run]) for of_run in of_runs]
     longest = padded_size(max(len(clock) for clock in clocks))
-    return StepRuns(_stacked(inputs, [_padded(clock, longest) for clock in clocks]), rows)
+    signal = signal_of(next(iter(tests.values())))
+    return StepRuns(_stacked(inputs, [_padded(clock, longest) for clock in clocks]), rows, signal)
 
 
 def frequency_runs(test: DynamicTest) -> FrequencyRuns:

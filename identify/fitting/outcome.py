@@ -208,6 +208,7 @@ def _channel_fit(fitted: Fitted, key: Key, rows: slice, block: Block, covariance
         effective_size=float(len(misfit) / block.correlation.inflation),
         noise_known=noise.known,
         neighbours=noise.neighbours,
+        signal=channel.signal,
     )
 
 
@@ -281,5 +282,6 @@ def _estimates(fitted: Fitted, known: Uncertainty, intervals: Mapping[int, Inter
             why_no_error_bar=why,
             by_profile=by_profile,
             conditional_on=() if by_profile or std is None else pressed,
+            relative=plan.relative,
         )
     return estimates

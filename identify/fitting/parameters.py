@@ -98,6 +98,17 @@ class Prior:
 
 
 @dataclass(frozen=True)
+class Relative:
+    """Of a parameter without a scale (`fitting.relative`): SI value = size * the value to report. to: what sets the scale;
+    unit: of the value to report; why: in words."""
+
+    to: str
+    unit: str
+    size: float
+    why: str
+
+
+@dataclass(frozen=True)
 class ParameterPlan:
     """What a fit does with one parameter: hold it at `start`, or free it inside its box."""
 
@@ -109,6 +120,7 @@ class ParameterPlan:
     prior: Prior | None = None
     given: bool = False  # the start came from the user
     absent: bool = False  # the valve's edge law does not have it
+    relative: Relative | None = None
 
     @property
     def shown(self) -> bool:

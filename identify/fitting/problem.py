@@ -26,6 +26,7 @@ from .least_squares import LeastSquaresResult, solve
 from .library import Library, coupled, library_for, stores, with_heat
 from .library_program import LibraryArgs, RowTerms, library_program, order_of
 from .parameters import IN_MOTION, PARAMETERS, SEEN_IN_MOTION, ParameterPlan
+from .sensed import Sensed, SignalRows, sensed_channels, traced
 from .starts import basin_hopping
 from .static_readings import (
     StaticData,
@@ -201,7 +202,8 @@ class StaticReadings:
             weight = channel.weight
             if self.used is not None:
                 weight = weight * pad(self.used[key].astype(float), fill=0.0, size=coarse_size)
-            channels.append(replace(channel, weight=weight))
+            # Sensors act on what the program gives, and so none of them needs a program of its own.
+            channels.append(replace(channel, weight=weight, sensor=None))
         data = type(data)(data.conditions, tuple(channels), data.weights)
         return LibraryArgs(base_valve(self.record, values, heat=True), data, tuple(whitening), self._row_terms(data))
 
@@ -320,6 +322,7 @@ class Problem:
 
             simulator = replace(simulator_of(self.record, self.plans, self.known_effects), tests=moving)
             names = tuple(name for name in (*IN_MOTION, *PARAMETERS) if name in self.plans and self._in_vector(name))
+            names += tuple(name for name in traced(moving, self.record) if name in self.plans)
             found.append(MotionReadings(simulator, names, None if still else self.library, self.noise, used))
         return tuple(found)
 
@@ -335,8 +338,37 @@ class Problem:
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Every entry that is no effect; each has one row of priors behind the readings."""
-        return tuple(dict.fromkeys(name for part in self.readings for name in part.parameters))
+        """Every entry that is no effect; each has one row of priors behind the readings. Those of sensors come last."""
+        own = dict.fromkeys(name for part in self.readings for name in part.parameters)
+        behind = (name for sensor in self._sensed.values() for name in sensor.names)
+        return tuple(dict.fromkeys((*own, *(name for name in behind if name in self.plans))))
+
+    @cached_property
+    def _sensed(self) -> dict[Key, Sensed]:
+        return sensed_channels(self.tests)
+
+    @cached_property
+    def _signals(self) -> list[list[SignalRows]]:
+        """Of each kind of readings the channels behind a sensor, whitened as the residuals are."""
+        found = []
+        rows = self.rows()
+        for part in self.readings:
+            own, first = [], 0
+            for test in part.tests.values():
+                for channel in test.channels:
+                    key, size = (test.name, channel.name), part.size(test.rows)
+                    if key in self._sensed:
+                        behind = self._sensed[key]
+                        weight = 1.0 / self.noise.std[key]
+                        if self.used is not None:
+                            weight = weight * self.used[rows[key]]
+                        values = np.stack([channel.value, *behind.rows]) * weight
+                        white = whitening_of(self.noise.correlation[key], run_ids(test), test.rows)
+                        values = np.pad(whiten_on_host(white, values.T).T, ((0, 0), (0, size - test.rows)))
+                        own.append(SignalRows(slice(first, first + size), behind, values[0], values[1:]))
+                    first += size
+            found.append(own)
+        return found
 
     @property
     def free_parameters(self) -> tuple[str, ...]:
@@ -431,7 +463,7 @@ class Problem:
         if stored:
             # As beside the heating: of the valve without the coupling.
             seen.append(replace(fit, order=tuple(stored), columns=self.stored_beside(fit)[1]))
-        order = part.order(self.library.names)
+        order = self._order([self.library.names])
         columns = [next(other for other in seen if name in other.order).column(name) for name in order]
         values = {name: fit.values.get(name, 0.0) for name in order}
         return replace(fit, order=order, values=values, columns=np.stack(columns, axis=1))
@@ -482,11 +514,15 @@ class Problem:
             del args
             vector = np.asarray(p, dtype=float)
             residuals, blocks = [], []
-            for evaluate, places in parts:
+            values = dict(zip(order, vector.tolist(), strict=True))
+            for (evaluate, places), signals in zip(parts, self._signals, strict=True):
                 residual, columns = evaluate(vector[places])
-                residuals.append(np.asarray(residual))
+                residual = np.array(residual)
                 block = np.zeros((len(order), len(residual)))
                 block[places] = np.asarray(columns)
+                for signal in signals:
+                    signal.act(residual, block, values, order)
+                residuals.append(residual)
                 blocks.append(block)
             residuals.append((vector[:count] - value) * weight)
             return jnp.asarray(np.concatenate(residuals)), jnp.asarray(np.concatenate([*blocks, slopes], axis=1))

@@ -3,14 +3,18 @@
 Methods that need reports, figures or the simulator import them when they are called: the numbers stay light.
 """
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import pandas as pd
 
+from thermohyd.identify.bench.columns import reading_unit
 from thermohyd.identify.bench.record import BenchRecord, Fault
+from thermohyd.identify.bench.shown_units import DisplayUnit, display_unit
 from thermohyd.identify.result import Result
+
+from .parameters import Relative
 
 
 if TYPE_CHECKING:
@@ -70,6 +74,31 @@ class ParameterEstimate:
     by_profile: bool = False
     conditional_on: tuple[str, ...] = ()
     model_form: ModelForm | None = None
+    relative: Relative | None = None  # the data do not scale it: a report gives it in these units
+
+    @property
+    def reported(self) -> "ParameterEstimate":
+        """As results state it: where the data do not scale it, in the units of what would; else as it is."""
+        if self.relative is None:
+            return self
+        size = self.relative.size
+        of = lambda value: None if value is None else value / size
+        numbers = {key: of(getattr(self, key)) for key in ("value", "std", "start", "lower", "upper", "prior_std")}
+        ends = lambda pair: None if pair is None else (pair[0] / size, pair[1] / size)
+        form = self.model_form
+        if form is not None:
+            form = replace(form, value=of(form.value), std=of(form.std), ci95=ends(form.ci95))
+        return replace(self, **numbers, ci95=ends(self.ci95), unit=self.relative.unit, model_form=form)
+
+    @property
+    def shown(self) -> DisplayUnit:
+        """The bench unit of its values, or what they are relative to."""
+        unit = display_unit(self.unit)
+        if self.relative is None:
+            return unit
+        if self.relative.to == "discharge_coefficient":
+            return DisplayUnit(f"C_q {unit.label}", unit.factor / self.relative.size)
+        return DisplayUnit(self.relative.unit, 1.0 / self.relative.size)
 
 
 @dataclass(frozen=True)
@@ -116,6 +145,12 @@ class ChannelFit:
     effective_size: float  # independent readings that the points are worth
     noise_known: bool = True  # stated, or measured free of any model; else taken from the residuals themselves
     neighbours: float | None = None  # scatter of neighbouring readings about a smooth curve, where that says something
+    signal: str = ""  # "V" or "count": the readings are signals of a sensor of free gain; empty: SI
+
+    @property
+    def unit(self) -> DisplayUnit:
+        """In which its readings are shown."""
+        return reading_unit(self.channel, self.signal)
 
 
 @dataclass(frozen=True)
@@ -201,13 +236,17 @@ class FitResult(Result):
         return fit_json(self)
 
     def to_dataframe(self) -> pd.DataFrame:
-        """One row per parameter, by name, SI: value, unit, std, ci95_low, ci95_high (NaN: no error bar), start, lower, upper,
-        at_bound, fixed, why_no_error_bar, how the interval was found, and model_form_value, _std, _low and _high (`ModelForm`)."""
+        """One row per parameter, by name, SI, a relative one in its own unit: value, unit, std, ci95_low, ci95_high (NaN: no
+        error bar), start, lower, upper, at_bound, fixed, why_no_error_bar, how the interval was found, relative_to, and
+        model_form_value, _std, _low and _high (`ModelForm`)."""
         rows = {}
         for name, estimate in self.parameters.items():
+            estimate = estimate.reported
             row = {field.name: getattr(estimate, field.name) for field in fields(estimate)}
             low, high = row.pop("ci95") or (np.nan, np.nan)
             del row["name"]
+            relative = row.pop("relative")
+            row["relative_to"] = "" if relative is None else relative.to
             form = row.pop("model_form")
             seen = (np.nan,) * 4 if form is None else (form.value, form.std, *(form.ci95 or (np.nan, np.nan)))
             beyond = dict(zip(("value", "std", "low", "high"), seen, strict=True))

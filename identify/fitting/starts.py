@@ -130,7 +130,9 @@ def reversed_channels(test: TestRecord) -> tuple[str, ...]:
     """Channels of a test whose sign contradicts the convention that +x gives positive flow and load pressure."""
     if test.name == "load_flow":  # its flow follows the imposed load pressure as well
         return ()
-    return tuple(c.name for c in test.channels if c.name in SIGNED and _reversed(test.spool_position, c.value))
+    # The sign of a free gain is the fit's to find.
+    signed = (c for c in test.channels if c.name in SIGNED and not c.signal)
+    return tuple(c.name for c in signed if _reversed(test.spool_position, c.value))
 
 
 def with_signs_turned(test: TestRecord, names: tuple[str, ...]) -> TestRecord:

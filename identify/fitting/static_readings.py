@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from thermohyd.conditions import Conditions
-from thermohyd.identify.bench.record import BenchRecord, TestRecord, at_first_row
+from thermohyd.identify.bench.record import BenchRecord, Channel, TestRecord, at_first_row
 from thermohyd.oil import oil_from_definition
 from thermohyd.port_storage import StoredPorts
 from thermohyd.static_tests import blocked_port_readings, control_flow, load_flow, stored_port_rows
@@ -23,12 +23,39 @@ from thermohyd.valve import Valve
 
 from .boxes import Box
 from .least_squares import Residual
-from .parameters import ParameterPlan
+from .parameters import PARAMETERS, ParameterPlan
+from .sensed import sensed
 
 
 # The tests by the balance of the ports that they share.
 STORED_GROUP = "blocked"  # whose ports may store oil
 GROUPS = {STORED_GROUP: ("leakage", "pressure_gain"), "flow_gain": ("flow_gain",), "load_flow": ("load_flow",)}
+
+
+class SensorOfRows(eqx.Module):
+    """A channel's sensor: reading = (quantity/gain + zero - reference_zero) reference (`sensed.Sensed`).
+
+    gain: name of a parameter, or "" where the gain is the reference; zeros: names, each of the rows of its mask, or none: `zero`.
+    """
+
+    gain: str = eqx.field(static=True)
+    zeros: tuple[str, ...] = eqx.field(static=True)
+    masks: Float[Array, "zeros padded"]
+    reference: Float[Array, ""]
+    reference_zero: Float[Array, ""]
+    zero: Float[Array, ""]
+
+    def readings(
+        self, values: dict[str, Float[Array, ""]], quantity: Float[Array, " padded"]
+    ) -> tuple[Float[Array, " padded"], dict[str, Float[Array, " padded"]]]:
+        """(the readings, their derivatives to the sensor's own parameters)."""
+        factor = self.reference / values[self.gain] if self.gain else jnp.ones(())
+        slopes = {self.gain: -factor / values[self.gain] * quantity} if self.gain else {}
+        shift = self.reference * ((self.zero if not self.zeros else 0.0) - self.reference_zero)
+        for name, mask in zip(self.zeros, self.masks, strict=True):
+            shift = shift + self.reference * values[name] * mask
+            slopes[name] = self.reference * mask
+        return factor * quantity + shift, slopes
 
 
 class ChannelRows(eqx.Module):
@@ -39,6 +66,7 @@ class ChannelRows(eqx.Module):
     reads: str = eqx.field(static=True)  # what of the simulator's readings it is
     value: Float[Array, " padded"]
     weight: Float[Array, " padded"]
+    sensor: SensorOfRows | None = None
 
 
 class StaticData(eqx.Module):
@@ -144,6 +172,8 @@ def base_valve(record: BenchRecord, parameters: Mapping[str, float], heat: bool 
 
 def with_parameters(valve: Valve, names: tuple[str, ...], values: Float[Array, "free ..."]) -> Valve:
     """The valve with some of its parameters replaced; one number each, or one per row of a test."""
+    if not names:
+        return valve
     return eqx.tree_at(lambda v: [getattr(v, name) for name in names], valve, [values[i] for i in range(len(names))])
 
 
@@ -225,10 +255,17 @@ def predict(valve: Valve, conditions: dict[str, Conditions]) -> dict[str, dict[s
 
 
 def weighted_residuals(
-    found: dict[str, dict[str, Float[Array, " padded"]]], data: StaticData
+    found: dict[str, dict[str, Float[Array, " padded"]]], data: StaticData, values: dict[str, Float[Array, ""]]
 ) -> Float[Array, " readings"]:
-    """(model - reading) / standard deviation, all channels behind one another, in the order of `data.channels`."""
-    parts = [(data.means(c.test, found[c.test][c.reads]) - c.value) * c.weight for c in data.channels]
+    """(model - reading) / standard deviation, all channels behind one another, in the order of `data.channels`.
+
+    values: of the parameters of sensors, by name.
+    """
+    parts = []
+    for c in data.channels:
+        quantity = data.means(c.test, found[c.test][c.reads])
+        reading = quantity if c.sensor is None else c.sensor.readings(values, quantity)[0]
+        parts.append((reading - c.value) * c.weight)
     return jnp.concatenate(parts)
 
 
@@ -243,6 +280,7 @@ def static_data(
             read_by(test, channel.name),
             pad(channel.value, size=size),
             pad(1.0 / std[test.name, channel.name], fill=0.0, size=size),
+            _sensor_of(test, channel, size),
         )
         for test in tests.values()
         for channel in test.channels
@@ -253,6 +291,23 @@ def static_data(
         channels,
         {name: weight for name, weight in weights.items() if weight is not None},
     )
+
+
+def _sensor_of(test: TestRecord, channel: Channel, size: Size) -> SensorOfRows | None:
+    behind = sensed(test, channel)
+    if behind is None:
+        return None
+    s = behind.sensor
+    numbers = (jnp.asarray(float(value)) for value in (s.reference, s.reference_zero, s.zero))
+    masks = jnp.stack([pad(mask, fill=0.0, size=size) for mask in behind.masks])
+    return SensorOfRows(behind.gain, behind.zeros, masks[: len(behind.zeros)], *numbers)
+
+
+@eqx.filter_jit
+def quantities_of(valve: Valve, data: StaticData) -> list[Float[Array, " padded"]]:
+    """What every channel's readings are of, before any sensor, in the order of `data.channels`, SI."""
+    found = predict(valve, data.conditions)
+    return [data.means(c.test, found[c.test][c.reads]) for c in data.channels]
 
 
 def read_by(test: TestRecord, channel: str) -> str:
@@ -282,9 +337,17 @@ class FitArgs(eqx.Module):
 
 def plain_residual(names: tuple[str, ...], values: Float[Array, " free"], args: FitArgs) -> Float[Array, " residuals"]:
     """Whitened residuals, then priors; differentiable in everything by the usual transformations."""
-    valve = with_parameters(args.valve, names, values)
+    own = own_entries(names)
+    valve = with_parameters(args.valve, tuple(names[i] for i in own), values[np.array(own, dtype=int)])
     prior = (values - args.prior_value) * args.prior_weight
-    return jnp.concatenate([weighted_residuals(predict(valve, args.data.conditions), args.data), prior])
+    found = predict(valve, args.data.conditions)
+    given = {name: values[i] for i, name in enumerate(names)}
+    return jnp.concatenate([weighted_residuals(found, args.data, given), prior])
+
+
+def own_entries(names: tuple[str, ...]) -> list[int]:
+    """Which of the parameters are the valve's; the others are those of sensors."""
+    return [i for i, name in enumerate(names) if name in PARAMETERS]
 
 
 @functools.cache
@@ -315,18 +378,29 @@ def residual_and_columns(
     """The residuals and the columns of their Jacobian, by one reverse pass per channel that shares its rows with others."""
     data = args.data
     groups = groups_of(data.conditions)
+    places = np.array(own_entries(names), dtype=int)
+    own_names, own_values = tuple(names[i] for i in own_entries(names)), values[places]
     spread = {
-        group: jnp.broadcast_to(values[:, None], (len(names), group_rows(data.conditions, tests)))
+        group: jnp.broadcast_to(own_values[:, None], (len(own_names), group_rows(data.conditions, tests)))
         for group, tests in groups.items()
     }
+    given = {name: values[i] for i, name in enumerate(names)}
 
-    def of_rows(spread: dict[str, Float[Array, "free rows"]]) -> tuple[Float[Array, " padded"], ...]:
+    def of_rows(
+        spread: dict[str, Float[Array, "free rows"]],
+    ) -> tuple[tuple[Float[Array, " padded"], ...], dict[int, dict[str, Array]]]:
         found: dict[str, dict[str, Array]] = {}
         for group, tests in groups.items():
-            found |= predict_group(with_parameters(args.valve, names, spread[group]), group, tests, data.conditions)
-        return tuple((data.means(c.test, found[c.test][c.reads]) - c.value) * c.weight for c in data.channels)
+            found |= predict_group(with_parameters(args.valve, own_names, spread[group]), group, tests, data.conditions)
+        parts, slopes = [], {}
+        for i, c in enumerate(data.channels):
+            reading = data.means(c.test, found[c.test][c.reads])
+            if c.sensor is not None:
+                reading, slopes[i] = c.sensor.readings(given, reading)
+            parts.append((reading - c.value) * c.weight)
+        return tuple(parts), slopes
 
-    parts, pull = jax.vjp(of_rows, spread)
+    parts, pull, of_sensors = jax.vjp(of_rows, spread, has_aux=True)
     columns: dict[int, Array] = {}
     for layer in channel_layers(data):
         ones = tuple(jnp.ones_like(p) if i in layer else jnp.zeros_like(p) for i, p in enumerate(parts))
@@ -336,6 +410,12 @@ def residual_and_columns(
             own = rows_of_test(slopes, test, groups, data)
             # Every node gave its own share of a mean's slope.
             columns[i] = own if test not in data.weights else jnp.sum(_by_node(own, data.weights[test]), axis=-1)
+    if len(own_names) < len(names):
+        for i, column in columns.items():
+            whole = jnp.zeros((len(names), column.shape[1])).at[places].set(column)
+            for name, slope in of_sensors.get(i, {}).items():
+                whole = whole.at[names.index(name)].set(slope * data.channels[i].weight)
+            columns[i] = whole
     prior = (values - args.prior_value) * args.prior_weight
     blocks = [columns[i] for i in range(len(parts))]
     return jnp.concatenate([*parts, prior]), jnp.concatenate([*blocks, jnp.diag(args.prior_weight)], axis=1)

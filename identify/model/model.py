@@ -20,6 +20,7 @@ class Model:
 
     actuator, dynamics: the jack as its record describes it, and the parameters of motion; of a record with dynamic tests.
     effects: {name in `thermohyd.effects.library`: amount}. learned: smooth empirical terms, which are no physics.
+    sensors: {name: gain or zero that a fit found of a sensor}, SI per signal, and signals.
     fitted: where its tests were run (`fitted_range.QUANTITIES`); empty where nobody says.
     """
 
@@ -33,10 +34,11 @@ class Model:
     actuator: ActuatorData | None = None
     dynamics: dict[str, float] = field(default_factory=dict)
     fitted: Ranges = field(default_factory=dict)
+    sensors: dict[str, float] = field(default_factory=dict)
 
     def value(self, name: str) -> float:
         """A parameter's value or an effect's amount."""
-        for table in (self.effects, self.dynamics):
+        for table in (self.effects, self.dynamics, self.sensors):
             if name in table:
                 return table[name]
         return self.parameters[name]

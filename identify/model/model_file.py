@@ -7,7 +7,7 @@ import json
 import math
 from collections.abc import Iterable
 from contextlib import suppress
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +28,7 @@ from thermohyd.identify.bench.record import (
 )
 from thermohyd.identify.fitting.parameters import IN_MOTION, heat_retention, identified_by_default, identified_in_motion
 from thermohyd.identify.fitting.result import FitResult
+from thermohyd.identify.fitting.sensed import gain_name, sensor_plans
 from thermohyd.oil_definition import OilDefinition
 
 from .fitted_range import QUANTITIES, ranges_of
@@ -36,6 +37,7 @@ from .model import Model, Ranges
 
 
 SCHEMA = "thermohyd-model/1"
+STATED = ("slot_width_stated", "stroke_stated")  # of a valve; models of earlier versions say nothing of them
 OPTIONAL = ("coldest", "hottest")  # of an oil: null where nobody says
 PLAIN_NUMBERS = ("1", "dimensionless")  # units of parameters and of effects name them differently
 
@@ -69,7 +71,8 @@ class ModelReader:
         parameters = self.parameters(self.table(content, "parameters"), valve)
         effects = self.effects(content.get("effects", {}), parameters)
         actuator, dynamics = self.actuator(content)
-        free, covariance = self.covariance(content.get("covariance"), {**parameters, **effects, **dynamics})
+        sensors = self.sensors(content.get("sensors", {}))
+        free, covariance = self.covariance(content.get("covariance"), {**parameters, **effects, **dynamics, **sensors})
         learned = content.get("learned", [])
         if not isinstance(learned, list):
             raise self.fail('"learned" must be a list of terms; leave it empty for a model of physics only')
@@ -85,7 +88,22 @@ class ModelReader:
             actuator,
             dynamics,
             self.fitted(content.get("fitted_range", {})),
+            sensors,
         )
+
+    def sensors(self, table: Any) -> dict[str, float]:
+        """Gains and zeros of sensors; a model of stated ones has none."""
+        if not isinstance(table, dict):
+            raise self.fail('"sensors" must be a table; leave it out where every gain is stated')
+        found = {}
+        for name, entry in table.items():
+            if not ("_gain" in name or "_zero" in name):
+                raise self.fail(f'"sensors" {quoted(name)} must be the name of a gain or a zero, such as "flow_gain"')
+            value = entry.get("value") if isinstance(entry, dict) else entry
+            found[name] = self.number(value, f'"sensors" "{name}"')
+            if name.endswith("_gain") and found[name] == 0.0:
+                raise self.fail(f'"sensors" "{name}" must not be zero')
+        return found
 
     def fitted(self, table: Any) -> Ranges:
         """The conditions that were fitted; a model of an earlier version, or one written by hand, may have none."""
@@ -186,7 +204,7 @@ class ModelReader:
         numbers = {
             key: None if table.get(key) is None else self.number(table[key], f'"valve" "{key}"')
             for key in known
-            if key not in ("name", "polarity", "edge_law")
+            if key not in ("name", "polarity", "edge_law", *STATED)
         }
         for key in ("stroke", "slot_width"):
             if not numbers[key] or numbers[key] <= 0.0:  # pyright: ignore[reportOptionalOperand]
@@ -194,8 +212,9 @@ class ModelReader:
         law = table.get("edge_law", EDGE_LAWS[0])  # files of earlier versions have none
         if law not in EDGE_LAWS:
             raise self.fail(f'"valve" "edge_law" must be {" or ".join(json.dumps(word) for word in EDGE_LAWS)}')
+        stated = {key: table.get(key) is not False for key in STATED}
         polarity = -1 if table.get("polarity") == -1 else 1
-        return ValveData(name=str(table.get("name", "")), polarity=polarity, edge_law=law, **numbers)  # pyright: ignore[reportArgumentType]
+        return ValveData(name=str(table.get("name", "")), polarity=polarity, edge_law=law, **stated, **numbers)  # pyright: ignore[reportArgumentType]
 
     def oil(self, table: dict[str, Any]) -> OilDefinition:
         known = [field.name for field in fields(OilDefinition)]
@@ -258,19 +277,24 @@ class ModelReader:
 def model_of_fit(result: FitResult, learned: Iterable[LearnedTerm] = ()) -> Model:
     """The model that a fit found; what it fitted beside the valve's own parameters are effects."""
     own, actuator = _parameter_names(result), result.record.actuator
+    behind = sensor_plans(result.record.tests, result.record)
     moving = () if actuator is None else IN_MOTION
     values = {name: estimate.value for name, estimate in result.parameters.items()}
+    loop = result.record.sensors.get("piston_position")
+    if actuator is not None and loop is not None and loop.in_loop and gain_name(loop) in values:
+        actuator = replace(actuator, sensor_gain=1.0 / values[gain_name(loop)])
     return Model(
         at_first_row(result.record.valve, result.record.tests),
         result.record.oil,
         {name: value for name, value in values.items() if name in own},
         result.free,
         result.covariance,
-        {name: value for name, value in values.items() if name not in own and name not in moving},
+        {name: value for name, value in values.items() if name not in own and name not in (*moving, *behind)},
         tuple(learned),
         actuator,
         {name: values[name] for name in moving if name in values},
         ranges_of(result.record.tests),
+        {name: values[name] for name in behind if name in values},
     )
 
 
@@ -309,6 +333,8 @@ def _content(model: Model, entries: dict[str, dict[str, Any]], about: dict[str, 
         else {"of": list(model.free), "matrix": np.asarray(model.covariance).tolist()},
         "effects": {name: entries[name] for name in model.effects},
     }
+    if model.sensors:
+        content["sensors"] = {name: entries[name] for name in model.sensors}
     if model.actuator is not None:
         content["actuator"] = model.actuator.to_dict()
         content["dynamics"] = {name: entries[name] for name in model.dynamics}
@@ -333,6 +359,7 @@ def save_model(model: Model, path: Path | str) -> Path:
     units = _units(model)
     values = {**model.parameters, **model.effects, **model.dynamics}
     entries = {n: {"value": v, "unit": units[n], "std": spread.get(n)} for n, v in values.items()}
+    entries |= {n: {"value": v, "std": spread.get(n)} for n, v in model.sensors.items()}
     content = json.dumps(_content(model, entries, {}), indent=2, allow_nan=False) + "\n"
     write_all(path.parent, {path.name: content})
     return path

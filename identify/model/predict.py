@@ -20,7 +20,7 @@ from rich.console import Console
 from thermohyd.conditions import Conditions
 from thermohyd.effects.effect import AbstractReadingEffect
 from thermohyd.effects.library import classes_of, effect, effect_info, factor_on, with_effects
-from thermohyd.identify.bench.columns import column_unit
+from thermohyd.identify.bench.columns import column_unit, reading_unit
 from thermohyd.identify.bench.errors import BenchInputError
 from thermohyd.identify.bench.record import BenchRecord, TestRecord
 from thermohyd.identify.bench.units import from_si
@@ -36,7 +36,7 @@ from thermohyd.valve import Valve
 from .fitted_range import COLUMN, Outside, names_of_rows, outside, sentences
 from .learned_terms import ABSOLUTE, term_values
 from .model import Model
-from .predict_motion import as_static, require_actuator, unit_of
+from .predict_motion import as_read, as_static, require_actuator, signal_of_reading, unit_of
 from .simulation_output import note_lines, simulation_files, simulation_json, simulation_table, spare_the_record
 
 
@@ -278,7 +278,7 @@ def predict_test(model: Model, record: BenchRecord, test: TestRecord) -> dict[st
         (name for name in acting if not effect_info(name).rowwise and not effect_info(name).stores),
         key=lambda name: effect_info(name).effect_class.order,
     )
-    rowwise = tuple(name for name in free if name not in filters)
+    rowwise = tuple(name for name in free if name not in filters and name not in model.sensors)
     valve = valve_without_effects(model, record)
     values = jnp.asarray([model.value(name) for name in rowwise], dtype=float)
     amounts = {name: jnp.asarray(amount) for name, amount in acting.items() if name not in filters}
@@ -296,7 +296,11 @@ def predict_test(model: Model, record: BenchRecord, test: TestRecord) -> dict[st
         slope = dict(zip(("", *rowwise), columns[name], strict=True))  # the reading itself under no name
         for filter_ in filters:
             slope = _behind(filter_, acting[filter_], slope, name, test, valve.oil)
-        out[name] = slope[""], _deviation([slope[n] for n in free], model.covariance, test.rows)
+        slope = as_read(slope, model, test, name)
+        out[name] = (
+            slope[""],
+            _deviation([slope.get(n, np.zeros(test.rows)) for n in free], model.covariance, test.rows),
+        )
     return out
 
 
@@ -350,7 +354,7 @@ def simulate(record: BenchRecord, model: Model, *, progress: Callable[[str], Non
             told.append(f"{test.name}: a raw log, so position, direction and rate are those of its smooth sweep")
         table = pd.DataFrame(index=range(test.rows)) if test.table is None else test.table.copy()
         for name, (reading, std) in predict_test(static, record, smooth).items():
-            unit = column_unit(name).label
+            unit = reading_unit(name, signal_of_reading(test, name)).label
             # Beside a gauge that the record shows to be wired the other way round, the prediction turns with it.
             table[f"{name}_predicted [{unit}]"] = from_si(-reading if name in turned else reading, unit)
             table[f"{name}_predicted_std [{unit}]"] = from_si(std, unit)

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.stats import t as student
 
-from thermohyd.identify.bench.columns import column_unit
+from thermohyd.identify.bench.columns import reading_unit
 from thermohyd.identify.bench.record import Fault, FaultyRow, TestRecord
 from thermohyd.identify.bench.shown_units import significant
 from thermohyd.identify.noise.level import MEDIAN_OF_CHI2, divided_third
@@ -144,7 +144,7 @@ def without_outliers(test: TestRecord, found: Mapping[str, Mapping[int, float]])
 
 def _outliers_fault(test: TestRecord, name: str, rows: Mapping[int, float], masked: bool) -> Fault:
     channel = next(c for c in test.channels if c.name == name)
-    unit = column_unit(name)
+    unit = reading_unit(name, channel.signal)
     worst = max(rows, key=lambda row: rows[row])
     reading = f"{significant(float(channel.value[worst]) * unit.factor, 3)} {unit.label}"
     what = "one row lies" if len(rows) == 1 else f"{len(rows)} rows lie"
@@ -166,12 +166,13 @@ def without_outliers_in_log(test: TestRecord) -> TestRecord:
 def without_limits(test: TestRecord) -> TestRecord:
     """The test without rows at which a gauge was at its limit or a meter stood still: one constant where readings never repeat."""
     for channel in test.channels:
-        for limit in dict.fromkeys((float(np.min(channel.value)), float(np.max(channel.value)), 0.0)):
-            rows = _standing(test, next(c.value for c in test.channels if c.name == channel.name), limit)
+        limits = tuple(dict.fromkeys((float(np.min(channel.value)), float(np.max(channel.value)), 0.0)))
+        for limit in limits:
+            rows = _standing(test, next(c.value for c in test.channels if c.name == channel.name), limit, limits)
             if len(rows) < SHARE * test.rows or test.rows - len(rows) < LEFT:
                 continue
             name = "meter_dead_band" if limit == 0.0 else "clipped"
-            unit = column_unit(channel.name)
+            unit = reading_unit(channel.name, channel.signal)
             shown = f"{significant(limit * unit.factor, 3)} {unit.label}"
             how = "a meter's dead band" if limit == 0.0 else "a gauge at its limit"
             sentence = (
@@ -184,15 +185,15 @@ def without_limits(test: TestRecord) -> TestRecord:
     return test
 
 
-def _standing(test: TestRecord, value: np.ndarray, limit: float) -> np.ndarray:
-    """Rows at exactly `limit` in stretches of `IN_A_ROW` or more while the spool moved; none where other readings repeat, too."""
+def _standing(test: TestRecord, value: np.ndarray, limit: float, limits: tuple[float, ...]) -> np.ndarray:
+    """Rows at exactly `limit`, one of the `limits`, in stretches of `IN_A_ROW` or more while the spool moved; none where other readings repeat, too."""
     if test.rows < 2:
         return np.zeros(0, dtype=int)
     moved = (np.diff(test.spool_position) != 0.0) & (np.diff(test.run) == 0)
     same = (np.diff(value) == 0.0) & moved
     here = same & (value[1:] == limit)
-    others = moved & ~((value[1:] == limit) & (value[:-1] == limit))
-    if np.sum(same & ~here) > ROUNDING_MAKES * max(int(others.sum()), 1):
+    others = moved & ~np.isin(value[1:], limits)
+    if np.sum(same & others) > ROUNDING_MAKES * max(int(others.sum()), 1):
         return np.zeros(0, dtype=int)
     standing = np.zeros(test.rows, dtype=bool)
     for a, b in piece_bounds(np.cumsum(np.append(0, ~here))):

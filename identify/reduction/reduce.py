@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from thermohyd.identify.bench.columns import column_unit
+from thermohyd.identify.bench.columns import reading_unit
 from thermohyd.identify.bench.record import Channel, Nodes, TestRecord
 from thermohyd.identify.bench.shown_units import significant
 
@@ -197,12 +197,13 @@ def reduce_test(test: TestRecord, *, max_points: int = 600, log_rows: int = LOG_
         points = points_of(channel, starts, pieces, abscissa)
         if channel.std is None and np.ptp(channel.value) == 0:
             notes.append(f"{test.name}, {channel.name}: the reading never changes, so nothing is known of its noise")
-            channels.append(Channel(channel.name, points.value))
+            channels.append(Channel(channel.name, points.value, sensor=channel.sensor))
             continue
         notes.append(_noise_note(test, channel, points, rows))
         declared = channel.std is not None
         source = "declared noise of a row, averaged over its bin" if declared else "scatter of the log's rows"
-        channels.append(Channel(channel.name, points.value, points.std, source, points.step, points.degrees_of_freedom))
+        freedom, sensor = points.degrees_of_freedom, channel.sensor
+        channels.append(Channel(channel.name, points.value, points.std, source, points.step, freedom, sensor))
     return replace(
         test,
         spool_position=mean(test.spool_position) if held else position,
@@ -288,7 +289,7 @@ def _what_was_done(test: TestRecord, pieces: np.ndarray, starts: np.ndarray) -> 
 
 
 def _noise_note(test: TestRecord, channel: Channel, points: Points, rows: np.ndarray) -> str:
-    unit = column_unit(channel.name)
+    unit = reading_unit(channel.name, channel.signal)
     shown = lambda value: f"{significant(float(value) * unit.factor, 2)} {unit.label}"
     n = float(np.median(rows))
     parts = []

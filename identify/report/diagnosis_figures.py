@@ -70,7 +70,7 @@ def _draw_data(axes: Axes, fit: ChannelFit, old: list[Sweep], new: list[Sweep]) 
             axes.plot(former.x, former.predicted, color=sweep.colour, linestyle=":")
         axes.plot(sweep.x, sweep.predicted, color=sweep.colour)
     axes.set_title("bench and both models", loc="left", color=look.FAINT)
-    look.label_axes(axes, "", f"{_reading(fit)} [{column_unit(fit.channel).label}]")
+    look.label_axes(axes, "", f"{_reading(fit)} [{fit.unit.label}]")
 
 
 def _draw_gap(axes: Axes, fit: ChannelFit, old: list[Sweep], new: list[Sweep]) -> None:
@@ -90,7 +90,7 @@ def _draw_gap(axes: Axes, fit: ChannelFit, old: list[Sweep], new: list[Sweep]) -
     shown = [former.measured - former.predicted for former in old]
     axes.set_ylim(*look.outer_limits([*shown, *(n.predicted - o.predicted for o, n in zip(old, new, strict=True))]))
     axes.set_title("bench beyond the ideal valve; line: what was added to it", loc="left", color=look.FAINT)
-    look.label_axes(axes, "", f"{_reading(fit)} - ideal valve [{column_unit(fit.channel).label}]")
+    look.label_axes(axes, "", f"{_reading(fit)} - ideal valve [{fit.unit.label}]")
 
 
 def same_rows(before: ChannelFit, after: ChannelFit) -> bool:

@@ -53,7 +53,9 @@ def diagnosis_json(result: DiagnosisResult) -> dict[str, Any]:
         **fields_of(result, "left_over_p", "seconds", "notes", "warnings"),
         "units": "SI: m, Pa (gauge), K, m3/s",
         "fit_before": {
-            "parameters": {name: fields_of(p, "value", "unit", "std") for name, p in result.before.parameters.items()},
+            "parameters": {
+                name: fields_of(p.reported, "value", "unit", "std") for name, p in result.before.parameters.items()
+            },
             "reduced_chi2": result.before.reduced_chi2,
         },
         # without the plain fit's own sentences: they speak of the ideal valve

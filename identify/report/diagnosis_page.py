@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from importlib.metadata import version
 from typing import Any
 
-from thermohyd.identify.bench.columns import column_unit
 from thermohyd.identify.bench.provenance import file_rows, record_rows
 from thermohyd.identify.bench.shown_units import significant
 from thermohyd.identify.diagnosis.result import DiagnosisResult
@@ -79,7 +78,7 @@ def _sentence(text: str) -> str:
 def _noise(result: DiagnosisResult) -> list[_NoiseRow]:
     rows = []
     for found in result.noise:
-        unit = column_unit(found.channel)
+        unit = result.record.unit_of(found.test, found.channel)
         rows.append(
             _NoiseRow(
                 reading=words.reading_words(found.test, found.channel),

@@ -107,7 +107,7 @@ def _place(where: tuple[Region, ...]) -> str:
     if not where:
         return ""
     worst = where[0]
-    size, side = miss_words(worst.channel, worst.mean, worst.rms)
+    size, side = miss_words(worst.unit, worst.mean, worst.rms)
     what = worst.channel.replace("_", " ").capitalize()
     miss = f"{size} {side if side == 'off' else f'too {side}'}"
     return f"{what} is {miss}{_at(region_words({k: v for k, v in worst.limits.items() if k != 'run'}))} in {worst.test}"

@@ -124,7 +124,7 @@ def where_rows(result: DiagnosisResult, regions: tuple[Region, ...]) -> list[Whe
     """Regions in the order given: the largest share first."""
     rows = []
     for region in regions:
-        size, side = miss_words(region.channel, region.mean, region.rms)
+        size, side = miss_words(region.unit, region.mean, region.rms)
         record = result.record.tests.get(region.test)
         rows.append(
             WhereRow(

@@ -10,9 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
-from thermohyd.identify.bench.columns import column_unit
 from thermohyd.identify.bench.record import is_dynamic, kind_of_test
-from thermohyd.identify.bench.shown_units import UM, display_unit
+from thermohyd.identify.bench.shown_units import UM
 from thermohyd.identify.fitting.result import ChannelFit, FitResult
 
 from . import style as look
@@ -46,7 +45,7 @@ def _histories(pairs: Sequence[Pair], run_names: Sequence[str], words: tuple[str
     for row, pair in zip(grid, pairs, strict=True):
         for axes, code in zip(row, shown, strict=True):
             _draw(axes, pair, pair[1].run == code, words)
-        unit = column_unit(pair[1].channel).label
+        unit = pair[1].unit.label
         row[0].set_ylabel(f"{pair[1].channel.replace('_', ' ')} [{unit}]")
     for axes, code in zip(grid[0], shown, strict=True):
         name = run_names[code] if code < len(run_names) and run_names[code] else ""
@@ -60,7 +59,7 @@ def _histories(pairs: Sequence[Pair], run_names: Sequence[str], words: tuple[str
 
 def _draw(axes: Axes, pair: Pair, rows: np.ndarray, words: tuple[str, str]) -> None:
     before, after = pair
-    unit = column_unit(after.channel).factor
+    unit = after.unit.factor
     order = np.flatnonzero(rows)[np.argsort(after.position[rows], kind="stable")]
     x = after.position[order]
     axes.plot(x, after.measured[order] * unit, ".", color=DATA, markersize=2.6, label="bench", rasterized=True)
@@ -79,7 +78,7 @@ def _bode(pairs: Sequence[Pair], run_names: Sequence[str], words: tuple[str, str
             _draw(axes, pair, pair[1].run == code, words)
         axes.set_xscale("log")
         look.plain_numbers(axes.xaxis)
-        unit = column_unit(pair[1].channel).label
+        unit = pair[1].unit.label
         if pair[1].channel == "amplitude_ratio":
             axes.set_yscale("log")
             look.plain_numbers(axes.yaxis)
@@ -166,7 +165,7 @@ def _draw_data(axes: Axes, fit: ChannelFit, sweeps: list[Sweep], view: str, null
             low, high = sweep.predicted - sweep.band, sweep.predicted + sweep.band
             axes.fill_between(sweep.x, low, high, color=sweep.colour, alpha=0.22, linewidth=0.0)
         axes.plot(sweep.x, sweep.predicted, color=sweep.colour)
-    unit = column_unit(fit.channel).label
+    unit = fit.unit.label
     title = {"whole": "whole sweep", "null": "around null", "logarithmic": "logarithmic"}[view]
     axes.set_title(f"{READINGS.get(fit.channel, fit.channel)}, {title}", loc="left", color=look.FAINT)
     look.label_axes(axes, "", f"{READINGS.get(fit.channel, fit.channel)} [{unit}]" if view == "whole" else "")
@@ -209,7 +208,7 @@ def parameter_figure(result: FitResult) -> Figure:
 def _precision(axes: Axes, result: FitResult) -> None:
     for row, name in enumerate(result.free):
         estimate = result.parameters[name]
-        unit = display_unit(estimate.unit)
+        unit = estimate.shown
         words = "no error bar"
         if estimate.std is not None:
             words = (

@@ -26,6 +26,8 @@ def fit_json(result: FitResult) -> dict[str, Any]:
     """The content of `fit.json`; what is not finite becomes null, so that any JSON reader can read it."""
     tests = list(dict.fromkeys(fit.test for fit in result.channels))
     free = list(result.free)
+    size = {name: 1.0 if e.relative is None else e.relative.size for name, e in result.parameters.items()}
+    sizes = np.array([size[name] for name in free])
     content = {
         **record_json(result.record),
         **fields_of(result, "converged", "message", "verdict", "judged"),
@@ -33,7 +35,7 @@ def fit_json(result: FitResult) -> dict[str, Any]:
         "correlation": {
             a: {b: result.correlation[i, j] for j, b in enumerate(free) if j != i} for i, a in enumerate(free)
         },
-        "covariance": {"of": free, "matrix": result.covariance},
+        "covariance": {"of": free, "matrix": result.covariance / np.outer(sizes, sizes)},
         "reduced_chi2": result.reduced_chi2,
         "reduced_chi2_band": chi2_band(result.degrees_of_freedom, result.noise_freedom),
         **fields_of(result, "chi2", "degrees_of_freedom"),
@@ -47,7 +49,11 @@ def fit_json(result: FitResult) -> dict[str, Any]:
         ),
         "other_law": _other_law(result),
         "starts": [
-            {"start": s.start, "chi2": s.cost, **fields_of(s, "converged", "message", "steps", "restart")}
+            {
+                "start": {n: v / size[n] for n, v in s.start.items()},
+                "chi2": s.cost,
+                **fields_of(s, "converged", "message", "steps", "restart"),
+            }
             for s in result.starts
         ],
         "faults": [_fault(fault) for fault in result.faults],
@@ -68,11 +74,15 @@ def fields_of(item: object, *names: str) -> dict[str, Any]:
 
 
 def _parameter(estimate: ParameterEstimate) -> dict[str, Any]:
+    estimate, relative = estimate.reported, estimate.relative
     return {
         **fields_of(estimate, "value", "unit", "std", "ci95", "at_bound", "fixed", "start"),
         "bounds": [estimate.lower, estimate.upper],
         **fields_of(estimate, "prior_std", "why_no_error_bar", "by_profile", "conditional_on"),
         "model_form": None if estimate.model_form is None else fields_of(estimate.model_form, *MODEL_FORM),
+        "relative": relative is not None,
+        "relative_to": None if relative is None else relative.to,
+        "relative_because": None if relative is None else relative.why,
     }
 
 
@@ -111,7 +121,7 @@ CHANNEL = ("residual_rms", "noise", "noise_source", "reduced_chi2", "autocorrela
 
 
 def _channel(fit: ChannelFit) -> dict[str, Any]:
-    return {"points": len(fit.measured), **fields_of(fit, *CHANNEL)}
+    return {"points": len(fit.measured), **fields_of(fit, *CHANNEL), "signal": fit.signal or None}
 
 
 def _rms(result: FitResult, test: str, figure: str) -> float:

@@ -15,14 +15,12 @@ from rich.table import Table
 from rich.text import Text
 from scipy.special import chdtri, fdtri
 
-from thermohyd.identify.bench.columns import column_unit
 from thermohyd.identify.bench.provenance import record_line
 from thermohyd.identify.bench.record import BenchRecord
 from thermohyd.identify.bench.shown_units import (
     DisplayUnit,
     beside,
     decimals_for,
-    display_unit,
     significant,
 )
 from thermohyd.identify.fitting.result import FitResult, ParameterEstimate
@@ -122,7 +120,7 @@ def test_rows(result: FitResult) -> list[TestRow]:
     """One row per channel of each test."""
     rows = []
     for fit in result.channels:
-        unit = column_unit(fit.channel)
+        unit = fit.unit
         noise = fit.noise * unit.factor
         digits = decimals_for(noise) + 1
         rows.append(
@@ -151,7 +149,8 @@ def status_of(estimate: ParameterEstimate) -> str:
         return "fixed"
     if estimate.at_bound:
         return "AT BOUND"
-    words = ["prior"] if estimate.prior_std is not None else []
+    words = ["relative"] if estimate.relative is not None else []
+    words += ["prior"] if estimate.prior_std is not None else []
     if estimate.std is None:
         words.append("NO ERROR")
     return ", ".join(words)
@@ -161,7 +160,7 @@ def parameter_rows(result: FitResult) -> list[ParameterRow]:
     """One row per parameter in bench units, each to the digits that its error bar allows."""
     rows = []
     for estimate in result.parameters.values():
-        unit = display_unit(estimate.unit)
+        unit = estimate.shown
         value, start = estimate.value * unit.factor, estimate.start * unit.factor
         std = None if estimate.std is None else estimate.std * unit.factor
         relative = "" if std is None or value == 0.0 else f"{abs(100.0 * std / value):.2g} %"
@@ -190,7 +189,7 @@ def parameter_remarks(result: FitResult) -> list[str]:
     remarks = []
     without: dict[str, list[str]] = {}  # {reason: names}
     for estimate in result.parameters.values():
-        unit = display_unit(estimate.unit)
+        unit = estimate.shown
         if estimate.at_bound:
             nearer_lower = abs(estimate.value - estimate.lower) <= abs(estimate.upper - estimate.value)
             side, bound = ("LOWER", estimate.lower) if nearer_lower else ("UPPER", estimate.upper)
@@ -205,6 +204,11 @@ def parameter_remarks(result: FitResult) -> list[str]:
             width = _with_unit(estimate.prior_std, unit)
             remarks.append(f"{estimate.name} carries a prior: {estimate.start * unit.factor:.4g} +/- {width}")
     remarks += [f"no error bar for {', '.join(names)}: {reason}" for reason, names in without.items()]
+    relative: dict[str, list[str]] = {}
+    for estimate in result.parameters.values():
+        if estimate.relative is not None:
+            relative.setdefault(estimate.relative.why, []).append(estimate.name)
+    remarks += [f"relative: {', '.join(names)}; {why}" for why, names in relative.items()]
     if any(estimate.by_profile for estimate in result.parameters.values()):
         remarks.append(
             "95 % intervals by profiles of chi-square: it does not rise evenly about this optimum (limits, kinks where an edge "

@@ -20,7 +20,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
-from thermohyd.identify.bench.columns import column_unit
 from thermohyd.identify.bench.shown_units import BAR, CELSIUS, UM
 from thermohyd.identify.fitting.result import ChannelFit
 
@@ -194,7 +193,7 @@ def colour_groups(fit: ChannelFit) -> tuple[np.ndarray, list[float], bool]:
 
 def sweeps_of(fit: ChannelFit) -> list[Sweep]:
     """Every sweep of a channel, thinned where the eye cannot tell."""
-    unit = column_unit(fit.channel).factor
+    unit = fit.unit.factor
     t_group, shown, _ = colour_groups(fit)
     p_group, _ = pressure_groups(fit)
     colours = temperature_colours(len(shown))

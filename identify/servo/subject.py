@@ -11,6 +11,7 @@ from thermohyd.identify.bench.errors import BenchInputError
 from thermohyd.identify.bench.record import OF_BOTH_SIDES, ActuatorData, BenchRecord
 from thermohyd.identify.bench.shown_units import KINDS
 from thermohyd.identify.fitting.motion_readings import actuator_of
+from thermohyd.identify.fitting.sensed import gain_name
 from thermohyd.identify.model.model import Model
 from thermohyd.identify.model.model_file import model_of_fit, nominal_model
 from thermohyd.identify.sensitivity.source import Source, conditions_of, fitted, left_out, seed_model
@@ -85,6 +86,15 @@ def _actuator(source: Source, model: Model, request: Request) -> tuple[Actuator,
     own, notes = source.settings.actuator, []
     of_record = source.record.actuator if source.record and source.record.actuator_given else None
     data = of_record or model.actuator
+    loop = source.record.sensors.get("piston_position") if source.record else None
+    if data is not None and data is of_record and loop is not None and loop.in_loop and loop.gain is None:
+        gain = model.sensors.get(gain_name(loop))
+        if gain is None:
+            raise BenchInputError(
+                f"nobody knows {gain_name(loop)}, which [sensors] leaves free and closes the loop: give the model of a fit",
+                file=source.record.folder if source.record else None,
+            )
+        data = replace(data, sensor_gain=1.0 / gain)
     if data is None:
         data = ActuatorData()
         if not own and source.named:

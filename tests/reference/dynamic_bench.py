@@ -50,6 +50,15 @@ class Bench:
     output: str = "piston_position"
     declared: bool = True
     seed: int = 0
+    # {reading: (bench unit per volt, volts at zero)} of what is logged in volts; with the piston's position its setpoint, too,
+    # and the controller then compares the two voltages. area_stated: whether bench.toml says the piston's area.
+    volts: dict[str, tuple[float, float]] = field(default_factory=dict)
+    area_stated: bool = True
+
+    def signal(self, name: str, value: np.ndarray) -> np.ndarray:
+        """What a log holds of values in bench units."""
+        gain, zero = self.volts.get(name, (1.0, 0.0))
+        return value / gain + zero
 
     def machine(self, run: Run) -> Machine:
         return Machine(self.valve, seed_oil(), self.jack, run, self.adiabatic, self.dynamic, self.static)
@@ -77,19 +86,21 @@ def noise(random: np.random.Generator, rows: int, std: float, memory: float) -> 
 
 def step_table(bench: Bench) -> dict[str, list[str]]:
     random = np.random.default_rng(bench.seed)
-    table: dict[str, list[str]] = {"time [s]": [], "run": [], "command [mm]": []}
+    setpoint = f"command [{'V' if 'piston_position' in bench.volts else 'mm'}]"
+    table: dict[str, list[str]] = {"time [s]": [], "run": [], setpoint: []}
     for number, step in enumerate(bench.steps, 1):
         run = bench.run(step, number - 1)
         found: dict[str, np.ndarray] = dict(zip(READINGS, readings(bench.machine(run)).T, strict=True))
         table["time [s]"] += [f"{t:.4f}" for t in run.time]
         table["run"] += [str(number)] * len(run.time)
-        table["command [mm]"] += [f"{c * 1e3:.6f}" for c in run.command]
+        table[setpoint] += [f"{c:.6f}" for c in bench.signal("piston_position", run.command * 1e3)]
         if bench.supplies:
             table.setdefault("supply_pressure [bar]", []).extend(f"{p / 1e5:g}" for p in run.supply_pressure)
         for name in bench.measured:
             unit, size, fmt = COLUMNS[name]
             read = found[name] / size + noise(random, len(run.time), bench.noise[name], bench.memory)
-            table.setdefault(f"{name} [{unit}]", []).extend(format(v, fmt) for v in read)
+            unit, fmt = ("V", ".7f") if name in bench.volts else (unit, fmt)
+            table.setdefault(f"{name} [{unit}]", []).extend(format(v, fmt) for v in bench.signal(name, read))
     return table
 
 
@@ -132,23 +143,34 @@ def frequency_table(bench: Bench) -> dict[str, list[str]]:
 
 def step_noise(bench: Bench) -> str:
     """The `noise` line of a step test; empty where the bench does not say."""
-    noises = ", ".join(f'{n} = "{bench.noise[n]:g} {COLUMNS[n][0]}"' for n in bench.measured)
+    size = lambda n: (
+        f"{bench.noise[n] / abs(bench.volts[n][0]):g} V" if n in bench.volts else f"{bench.noise[n]:g} {COLUMNS[n][0]}"
+    )
+    noises = ", ".join(f'{n} = "{size(n)}"' for n in bench.measured)
     return f"noise = {{ {noises} }}\n" if bench.declared and noises else ""
+
+
+def _of_sides(name: str, shared: float | None, pair: np.ndarray, size: float, unit: str) -> str:
+    """The line of what both sides share, or the two lines of an unequal jack."""
+    if shared is not None:
+        return f'{name} = "{shared * size:g} {unit}"\n'
+    return "".join(f'{name}_{side} = "{value * size:g} {unit}"\n' for side, value in zip("ab", pair, strict=True))
 
 
 def actuator_table(bench: Bench) -> str:
     j = bench.jack
+    sizes = _of_sides("piston_area", j.piston_area, j.areas, 1e4, "cm^2") if bench.area_stated else ""
+    sizes += _of_sides("chamber_volume", j.chamber_volume, j.mid_volumes, 1e6, "cm^3")
+    in_metres = "" if "piston_position" in bench.volts else f', sensor_gain = "{j.sensor_gain:g} V/m"'
     return f"""[actuator]                        # nominal values: the truth is not written here
-piston_area = "{j.areas[0] * 1e4:g} cm^2"
-chamber_volume = "{j.mid_volumes[0] * 1e6:g} cm^3"
-piston_stroke = "{j.piston_stroke * 1e3:g} mm"
+{sizes}piston_stroke = "{j.piston_stroke * 1e3:g} mm"
 moving_mass = "{j.moving_mass:g} kg"
 viscous_friction = "2000 N s/m"
 spool_frequency = "100 Hz"
 spool_damping = 0.7
 external_force = "{bench.force:g} N"
 heat = "{"adiabatic" if bench.adiabatic else "isothermal"}"
-controller = {{ amplifier_gain = "{j.amplifier_gain:g} A/V", sensor_gain = "{j.sensor_gain:g} V/m" }}
+controller = {{ amplifier_gain = "{j.amplifier_gain:g} A/V"{in_metres} }}
 """
 
 
@@ -165,6 +187,8 @@ def toml(bench: Bench, comment: str = "", name: str = "servo actuator", extra: s
         tests += (
             f'[tests.frequency]\nfile = "frequency.csv"\noutput = "{bench.output}"\nnoise = {{ phase = "0.5 deg" }}\n\n'
         )
+    free = "".join(f'{n} = {{ gain = "free" }}\n' for n in bench.volts)
+    tests = f"[sensors]\n{free}\n{tests}" if free else tests
     return f"""{LABEL}
 {comment}
 [valve]

@@ -82,8 +82,12 @@ def test_equal_to_each_alone(together):
 
 
 def test_effects_in_many():
-    """A play with a state of its own, air, flow forces. (Lines and walls fit too, and take minutes to compile.)"""
+    """A jack of unequal sides, a play with a state of its own, air, flow forces. (Lines and walls fit too, and take minutes to
+    compile.)"""
+    areas = {"piston_area": None, "piston_area_a": 13e-4, "piston_area_b": 9e-4}
+    volumes = {"chamber_volume": None, "chamber_volume_a": 55e-6, "chamber_volume_b": 40e-6}
     given = machine()
+    given = replace(given, jack=replace(given.jack, **areas, **volumes))
     effects = {"backlash": 2e-6, "entrained_air": 0.01, "flow_force": 1e-7}
 
     def one(factor):

@@ -229,7 +229,11 @@ def gap(**changes) -> dict:
         (gap(leakage_flw=1e-6), {}, 'unknown column "leakage_flw"; did you mean "leakage_flow"?'),
         ({"spool_position": 0.0, "leakage_flow": 1e-6}, {}, "leakage: holds no array"),
         ({"spool_position": [], "leakage_flow": []}, {}, "leakage: is empty"),
-        (None, {"valve": {"stroke": 213e-6}}, '[valve]: slot_width is missing; write for example slot_width = "12 mm"'),
+        (
+            None,
+            {"valve": {"stroke": 213e-6}},
+            '[valve]: slot_width is missing; write for example slot_width = "12 mm", or both rated_flow and rated_pressure_drop',
+        ),
         (None, {"valve": {**VALVE, "stroke": 213.0}}, '[valve] stroke: "213.0" is none'),
         (None, {"valve": {**VALVE, "stroke": np.nan}}, '[valve] stroke: "nan" is not finite'),
         (None, {"valve": {**VALVE, "stroke": U.Quantity(2, "bar")}}, '[valve] stroke: "bar" is a pressure'),

@@ -83,6 +83,9 @@ def test_a_clipped_gauge_and_a_dead_band():
     assert fault.value == limit
     assert np.all(kept.channels[0].value < limit)
     assert kept.rows == test.rows - len(fault.rows)
+    both = without_limits(with_readings(test, np.clip(value, -limit, limit)))
+    assert sorted(fault.value for fault in both.faults) == [-limit, limit]
+    assert np.all(np.abs(both.channels[0].value) < limit)
     flow = small_record().tests["flow_gain"]
     own = flow.channels[0].value
     dead = without_limits(with_readings(flow, np.where(np.abs(own) < 0.1 * own.max(), 0.0, own)))
