@@ -18,8 +18,9 @@ from scipy.special import ndtri
 
 from thermohyd.effects.library import DYNAMIC_EFFECTS, EFFECTS, effect_info, with_effects
 from thermohyd.identify.fitting.library import Library, stores, with_heat
-from thermohyd.identify.fitting.parameters import PARAMETERS, identified_by_default
+from thermohyd.identify.fitting.parameters import PARAMETERS
 from thermohyd.identify.fitting.problem import Fit, Problem
+from thermohyd.identify.fitting.sensed import sensed
 from thermohyd.identify.fitting.static_readings import base_valve, conditions_of, mean_over_nodes, row_weights
 from thermohyd.static_tests import blocked_port_readings
 
@@ -260,11 +261,14 @@ def can_measure_ports(problem: Problem) -> bool:
 
 def ports_apart(problem: Problem, true: Fit, other: Fit) -> float:
     """Chi-square by which `other`, refitted, would miss both ports' pressures of a valve that follows `true`."""
+    (gauge,) = problem.tests[TEST].channels
+    behind = sensed(problem.tests[TEST], gauge)
     std = np.tile(problem.noise.std[TEST, "load_pressure"], 2)
+    std = std if behind is None else std / abs(behind.factor(true.values))
     expected, claimed = _ports(problem, true.values, true), _ports(problem, other.values, other)
     columns = []
     for name in other.free:
-        step = STEP * _scale(problem, name)
+        step = STEP * problem.scale_of(name)
         columns.append((_ports(problem, {**other.values, name: other.values[name] + step}, other) - claimed) / step)
     known = problem.evaluate(other.values, other.effects)
     old = known.columns[:, [known.order.index(name) for name in other.free]]
@@ -286,7 +290,3 @@ def _ports(problem: Problem, values: dict[str, float], fit: Fit) -> np.ndarray:
     ports = [readings[channel] for channel in ("pressure_a", "pressure_b")]
     ports = ports if weight is None else [mean_over_nodes(port, weight) for port in ports]
     return np.concatenate([np.asarray(port)[: test.rows] for port in ports])
-
-
-def _scale(problem: Problem, name: str) -> float:
-    return EFFECTS[name].scale if name in EFFECTS else identified_by_default(problem.record.valve)[name].scale

@@ -4,7 +4,7 @@ A signal of free gain has no scale of its own. Where no other sensor and no word
 is a ratio, and the parameter is reported in that: lengths in strokes, flows per discharge coefficient. No JAX.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 
 from thermohyd.identify.bench.record import OF_BOTH_SIDES, BenchRecord, DynamicTest, TestRecord
@@ -16,6 +16,9 @@ from .sensed import sensed_channels
 OF_THE_SPOOL = ("edge_radius", "clearance", "underlap", "null_bias")
 OF_THE_PISTON = ("piston_position", "piston_velocity")
 FLOWS = ("leakage_flow", "flow")
+
+# Names of parameters, and to what each of them is relative.
+Marks = tuple[tuple[str, ...], Callable[[ParameterPlan], Relative]]
 
 
 def with_relatives(
@@ -54,7 +57,7 @@ def _per_coefficient(plan: ParameterPlan, coefficient: float, meters: tuple[str,
     return Relative("discharge_coefficient", f"discharge_coefficient*{plan.info.unit}", coefficient, why)
 
 
-def _of_the_spool(record: BenchRecord):
+def _of_the_spool(record: BenchRecord) -> Iterator[Marks]:
     if record.valve.stroke_stated:
         return
     stroke = record.valve.stroke
@@ -67,7 +70,7 @@ def _of_the_spool(record: BenchRecord):
     yield (*OF_THE_SPOOL, *signals), of
 
 
-def _of_the_piston(tests: Mapping[str, TestRecord], record: BenchRecord):
+def _of_the_piston(tests: Mapping[str, TestRecord], record: BenchRecord) -> Iterator[Marks]:
     jack = record.actuator
     if jack is None or record.piston_area_given or not _free_alone(tests, OF_THE_PISTON) or _setpoint_in_metres(tests):
         return

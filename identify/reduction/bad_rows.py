@@ -186,7 +186,8 @@ def without_limits(test: TestRecord) -> TestRecord:
 
 
 def _standing(test: TestRecord, value: np.ndarray, limit: float, limits: tuple[float, ...]) -> np.ndarray:
-    """Rows at exactly `limit`, one of the `limits`, in stretches of `IN_A_ROW` or more while the spool moved; none where other readings repeat, too."""
+    """Rows at exactly `limit`, in stretches of `IN_A_ROW` or more while the spool moved; none where readings repeat that are at
+    none of the `limits`."""
     if test.rows < 2:
         return np.zeros(0, dtype=int)
     moved = (np.diff(test.spool_position) != 0.0) & (np.diff(test.run) == 0)

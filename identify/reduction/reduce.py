@@ -203,7 +203,7 @@ def reduce_test(test: TestRecord, *, max_points: int = 600, log_rows: int = LOG_
         declared = channel.std is not None
         source = "declared noise of a row, averaged over its bin" if declared else "scatter of the log's rows"
         freedom, sensor = points.degrees_of_freedom, channel.sensor
-        channels.append(Channel(channel.name, points.value, points.std, source, points.step, freedom, sensor))
+        channels.append(Channel(channel.name, points.value, points.std, source, points.step, freedom, sensor=sensor))
     return replace(
         test,
         spool_position=mean(test.spool_position) if held else position,

@@ -27,6 +27,7 @@ def channel(record):
 def test_a_stated_gain_is_a_unit(tmp_path):
     found = channel(read(tmp_path, '{ gain = "0.5 l/min/V", zero = "100 mV" }', more='noise = "2 mV"'))
     np.testing.assert_allclose(found.value, 0.5 / 6e4 * (READ - 0.1))
+    assert found.std is not None
     np.testing.assert_allclose(found.std, 0.5 / 6e4 * 2e-3)
     assert found.sensor is None
     assert found.signal == ""
@@ -61,6 +62,7 @@ def test_a_free_gain_keeps_the_signal(tmp_path):
     record = read(tmp_path, '{ gain = "free", zero = "0.2 V" }', more='noise = "2 mV"')
     found = channel(record)
     np.testing.assert_allclose(found.value, READ)
+    assert found.std is not None
     np.testing.assert_allclose(found.std, 2e-3)
     assert found.signal == "V"
     assert record.sensors == {"leakage_flow": Sensor("leakage_flow", None, "V", zero=0.2)}
@@ -159,6 +161,7 @@ def test_from_arrays():
     )
     found = channel(record)
     np.testing.assert_allclose(found.value, READ)
+    assert found.std is not None
     np.testing.assert_allclose(found.std, 1e-3)
 
 

@@ -29,6 +29,7 @@ from thermohyd.identify.model.model_file import load_model, save_model
 from thermohyd.identify.model.predict import simulate_record
 from thermohyd.identify.noise.correlation import NoiseCorrelation
 from thermohyd.identify.report.fit_json import fit_json, json_text
+from thermohyd.identify.report.fit_report import parameter_remarks, parameter_rows
 
 
 # A flow meter wired the other way round, 2.5 l/min per volt; a gauge of 40 bar per volt.
@@ -183,10 +184,18 @@ def test_a_relative_parameter_is_reported_in_its_own_unit(found):
     """Whatever made it so: value, error, interval and covariance stand in that unit."""
     plan = found.parameters["leakage_flow_gain"]
     relative = replace(plan, relative=Relative("discharge_coefficient", "discharge_coefficient*m**3/s/V", 0.7, "words"))
-    content = fit_json(replace(found, parameters={**found.parameters, plan.name: relative}))
+    result = replace(found, parameters={**found.parameters, plan.name: relative})
+    content = fit_json(result)
     entry = content["parameters"][plan.name]
     assert entry["relative"]
     assert entry["value"] == pytest.approx(plan.value / 0.7)
     assert entry["std"] == pytest.approx(plan.std / 0.7)
     i = found.free.index(plan.name)
     assert content["covariance"]["matrix"][i][i] == pytest.approx(found.covariance[i, i] / 0.49)
+    row = next(row for row in parameter_rows(result) if row.name == plan.name)
+    assert (row.unit, row.status) == ("C_q l/min/V", "relative")
+    assert float(row.value) == pytest.approx(plan.value * 6e4 / 0.7, rel=1e-2)
+    assert f"relative: {plan.name}; words" in parameter_remarks(result)
+    table = result.to_dataframe()
+    assert table.loc[plan.name, "relative_to"] == "discharge_coefficient"
+    assert table.loc[plan.name, "value"] == pytest.approx(plan.value / 0.7)
