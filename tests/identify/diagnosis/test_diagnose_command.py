@@ -78,6 +78,9 @@ def test_one_record_writes_into_the_folder_itself(bench, tmp_path, monkeypatch):
     assert json.loads(ran.stdout)["verdict"] == "named"
     assert ran.stderr.startswith("Leakage is 0.64 l/min too high everywhere")
     assert bench.learned == [False]
+    assert bench.asked_other_law == [True]
+    assert bench("valve", "--no-model-form").exit_code == 0
+    assert bench.asked_other_law == [True, False]
 
 
 def test_several_records_get_a_folder_each(bench, tmp_path):
