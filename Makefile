@@ -19,7 +19,8 @@ QUICK := identify/bench identify/report identify/noise identify/model/test_model
 	identify/diagnosis/test_where.py simulator/test_against_reference.py simulator/test_dynamics_field.py \
 	test_import_direction.py test_effect_names.py test_citations.py
 
-.PHONY: help demo test quick lint typecheck pytest bench hidden hidden-dynamic hidden-logs joint-coverage law-coverage clean
+.PHONY: help demo test quick lint typecheck pytest bench hidden hidden-dynamic hidden-logs joint-coverage law-coverage recovery \
+	real-valve clean
 help:
 	@echo "make demo    fit one sample record, diagnose another, write demo-report/"
 	@echo "make test    ruff, pyright and pytest against the installed package"
@@ -30,6 +31,8 @@ help:
 	@echo "make hidden-logs  raw logs in which nothing is missing: do intervals hold the truth, is nothing named? (an hour)"
 	@echo "make law-coverage   24 valves, made by either law of an edge and fitted with either: do intervals hold the truth? (20 minutes)"
 	@echo "make joint-coverage  50 records with static and dynamic tests: do intervals hold the truth? (PLUG_IN=1: valve held; an hour)"
+	@echo "make recovery  50 records for each effect freed by name: do intervals hold the truth? (EFFECTS=\"...\", PHI=0.6: AR(1) noise; an hour)"
+	@echo "make real-valve  predict sweeps of a real valve that were left out of its fit, where ../shared/real is there"
 	@echo "make clean   remove what was built (not $(VENV))"
 	@echo "A Python of 3.12 or newer is looked for; make PYTHON=/path/to/python3.13 demo takes that one. It stays in $(VENV)."
 
@@ -62,7 +65,8 @@ quick: $(VENV)/.installed-dev
 		--ignore tests/identify/report/test_diagnosis_page.py --ignore tests/identify/bench/test_mangled_records.py
 
 bench: $(VENV)/.installed-dev
-	@for script in $(filter-out benchmarks/hidden_% benchmarks/joint_% benchmarks/law_%,$(wildcard benchmarks/[a-z]*.py)); do \
+	@for script in $(filter-out benchmarks/hidden_% benchmarks/joint_% benchmarks/law_% benchmarks/recovery.py benchmarks/real_valve.py \
+		benchmarks/hanging_load.py,$(wildcard benchmarks/[a-z]*.py)); do \
 		echo "== $$script"; $(BIN)/python $$script || exit 1; done
 
 # Answers and table stay in build/hidden; an interrupted run goes on where it stopped.
@@ -83,6 +87,12 @@ law-coverage: $(VENV)/.installed-dev
 
 joint-coverage: $(VENV)/.installed-dev
 	$(BIN)/python benchmarks/joint_coverage.py --processes $(PROCESSES) $(if $(PLUG_IN),--plug-in)
+
+recovery: $(VENV)/.installed-dev
+	$(BIN)/python benchmarks/recovery.py --processes $(PROCESSES) $(if $(EFFECTS),--effects $(EFFECTS)) $(if $(PHI),--phi $(PHI))
+
+real-valve: $(VENV)/.installed-dev
+	$(BIN)/python benchmarks/real_valve.py --out build/real_valve
 
 clean:
 	rm -rf build dist *.egg-info demo-report .pytest_cache .ruff_cache .hypothesis

@@ -13,7 +13,7 @@ import json
 import multiprocessing
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -119,7 +119,7 @@ def answers(numbers: range, held: bool, processes: int) -> list[dict[str, Any]]:
     left = [(number, held) for number in numbers if number not in known]
     began = time.monotonic()
     with store.open("a", encoding="utf-8") as out:
-        for done, answer in enumerate(asked(left, processes), start=1):
+        for done, answer in enumerate(asked_of(ask, left, processes), start=1):
             out.write(json.dumps({**answer, "version": version}) + "\n")
             out.flush()
             known[answer["record"]] = answer
@@ -129,7 +129,8 @@ def answers(numbers: range, held: bool, processes: int) -> list[dict[str, Any]]:
     return [known[number] for number in numbers]
 
 
-def asked(jobs: list[tuple[int, bool]], processes: int) -> Iterator[dict[str, Any]]:
+def asked_of(ask: Callable[[Any], dict[str, Any]], jobs: list[Any], processes: int) -> Iterator[dict[str, Any]]:
+    """Answers as they come."""
     if processes == 1 or len(jobs) < 2:
         yield from map(ask, jobs)
         return

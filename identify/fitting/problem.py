@@ -454,12 +454,11 @@ class Problem:
         present = [name for name in fit.order if name not in self.parameters and fit.values[name] != 0.0]
         steady, stored = [n for n in missing if not stores(n)], [n for n in missing if stores(n)]
         seen = [fit]
-        if with_heat(steady):
+        cold, lasting = [n for n in steady if not with_heat((n,))], [n for n in present if not stores(n)]
+        if cold:
+            seen.append(self._beside(fit, part.program((*lasting, *cold))))
+        if len(cold) < len(steady):
             seen.append(self._beside(fit, part.program(())))
-            steady = [name for name in steady if name not in seen[-1].order]
-        if steady:
-            lasting = [name for name in present if not stores(name)]
-            seen.append(self._beside(fit, part.program((*lasting, *steady))))
         if stored:
             # As beside the heating: of the valve without the coupling.
             seen.append(replace(fit, order=tuple(stored), columns=self.stored_beside(fit)[1]))

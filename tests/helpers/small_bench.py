@@ -104,15 +104,18 @@ def small_record(
     return record_of(made, **start)
 
 
-def blocked_record(compliance: tuple[float, float] = (0.0, 0.0), *, seed: int = 0, **effects: Any) -> BenchRecord:
+def blocked_record(
+    compliance: tuple[float, float] = (0.0, 0.0), *, seed: int = 0, noise: float = 1.0, **effects: Any
+) -> BenchRecord:
     """Leakage and pressure gain of `VALVE`, white noise; what the ports A and B store [m3/Pa], and other effects."""
     oil, rng, made = Oil(*walther(POINTS)), np.random.default_rng(seed), {}
     for test in ("leakage", "pressure_gain"):
         rows = rows_of(test)
         exact = swept_together(VALVE, oil, rows, Effects(**effects), compliance)
         exact["load_pressure"] = exact["pressure_a"] - exact["pressure_b"]
-        value = exact[reference.READING[test]] + noise_of(rng, rows, NOISE[test], 0.0)
-        made[test] = _test(test, rows, value, np.full(len(value), NOISE[test]), {})
+        size = noise * NOISE[test]
+        value = exact[reference.READING[test]] + noise_of(rng, rows, size, 0.0)
+        made[test] = _test(test, rows, value, np.full(len(value), size), {})
     return record_of(made)
 
 
