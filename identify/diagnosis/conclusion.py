@@ -12,8 +12,8 @@ from thermohyd.effects.library import effect_info
 from thermohyd.identify.fitting.misfit import doubts
 from thermohyd.identify.fitting.model_form import OTHER, evidence, other_law, with_model_form
 from thermohyd.identify.fitting.outcome import Fitted, Key, fit_result
-from thermohyd.identify.fitting.parameters import effect_plan
 from thermohyd.identify.fitting.problem import Fit, Problem, solution_of
+from thermohyd.identify.fitting.relative import effect_plans
 from thermohyd.identify.fitting.result import FitResult
 from thermohyd.identify.fitting.uncertainty import Block, Covariance, covariance_of
 from thermohyd.identify.model.learned_terms import LearnedTerm
@@ -67,7 +67,7 @@ def result_of(
     """Everything that a plain fit reports, for `fit`; error bars by generalised least squares with the noise estimated."""
     white = problem.with_noise(first_noise(as_channel_noise(noise)))
     solution = solution_of(problem, fit, white.evaluate(fit.values, fit.effects))
-    plans = {name: plan for name, plan in fitted.plans.items()} | {name: effect_plan(name) for name in fit.effects}
+    plans = fitted.plans | effect_plans(fit.effects, problem.record)
     whole = replace(fitted, plans=plans, free=fit.free, noise=as_channel_noise(noise), solution=solution)
     return fit_result(whole, gls_covariance(fit, scale, len(problem.parameters)))
 

@@ -8,8 +8,8 @@ from thermohyd.identify.bench.record import BenchRecord
 
 from .library import library_for
 from .outcome import Fitted
-from .parameters import effect_plan
 from .problem import Fit, Problem, noise_settled_by, solution_of, white_noise
+from .relative import effect_plans
 from .uncertainty import largest_change
 
 
@@ -38,7 +38,7 @@ def fit_with(
     say = progress or (lambda _: None)
     say(f"fitting {', '.join(effects)} beside the parameters")
     library = library_for(plain.tests.values())
-    plans = {**plain.plans, **{name: effect_plan(name) for name in effects}}
+    plans = {**plain.plans, **effect_plans(effects, plain.record)}
     problem = Problem(plain.record, plain.tests, plain.plans, library, white_noise(plain.noise))
     fit = problem.fit(effects, plain.values, hop_basins=True)
     begun = Fitted(plain.record, plain.tests, plans, fit.free, plain.noise, fit.solution, plain.starts, plain.warnings)

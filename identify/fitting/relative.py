@@ -4,12 +4,12 @@ A signal of free gain has no scale of its own. Where no other sensor and no word
 is a ratio, and the parameter is reported in that: lengths in strokes, flows per discharge coefficient. No JAX.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 
 from thermohyd.identify.bench.record import OF_BOTH_SIDES, BenchRecord, DynamicTest, TestRecord
 
-from .parameters import ParameterPlan, Relative
+from .parameters import ParameterPlan, Relative, effect_plan
 from .sensed import sensed_channels
 
 
@@ -60,14 +60,27 @@ def _per_coefficient(plan: ParameterPlan, coefficient: float, meters: tuple[str,
 def _of_the_spool(record: BenchRecord) -> Iterator[Marks]:
     if record.valve.stroke_stated:
         return
-    stroke = record.valve.stroke
-
-    def of(plan: ParameterPlan) -> Relative:
-        unit = plan.info.unit.replace("m", "stroke", 1)
-        return Relative("stroke", unit, stroke, "the stroke of the spool is not stated: its lengths are in strokes")
-
     signals = [f"{column}_gain" for column in ("spool_position", "command") if column in record.sensors]
-    yield (*OF_THE_SPOOL, *signals), of
+    yield (*OF_THE_SPOOL, *signals), lambda plan: _in_strokes(plan, record.valve.stroke)
+
+
+def _in_strokes(plan: ParameterPlan, stroke: float) -> Relative:
+    unit = plan.info.unit.replace("m", "stroke", 1)
+    return Relative("stroke", unit, stroke, "the stroke of the spool is not stated: its lengths are in strokes")
+
+
+def effect_plans(names: Iterable[str], record: BenchRecord) -> dict[str, ParameterPlan]:
+    """{effect: plan} of amounts that a fit frees; those that are lengths of a spool are in strokes where none is stated."""
+    found = {name: effect_plan(name) for name in names}
+    if record.valve.stroke_stated:
+        return found
+    # Every length among the amounts is one of the spool: an edge's radius, a lap, a loop's width, a play; per kelvin, per pascal.
+    return {
+        name: replace(plan, relative=_in_strokes(plan, record.valve.stroke))
+        if plan.info.unit == "m" or plan.info.unit.startswith("m/")
+        else plan
+        for name, plan in found.items()
+    }
 
 
 def _of_the_piston(tests: Mapping[str, TestRecord], record: BenchRecord) -> Iterator[Marks]:

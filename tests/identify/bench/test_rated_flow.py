@@ -10,7 +10,7 @@ from thermohyd.conditions import Conditions
 from thermohyd.identify.bench.errors import BenchInputError
 from thermohyd.identify.bench.read import read_record
 from thermohyd.identify.fitting.parameters import plan_parameters
-from thermohyd.identify.fitting.relative import with_relatives
+from thermohyd.identify.fitting.relative import effect_plans, with_relatives
 from thermohyd.identify.fitting.static_readings import base_valve
 from thermohyd.identify.model.model_file import load_model, nominal_model, save_model
 from thermohyd.static_tests import control_flow
@@ -53,6 +53,10 @@ def test_without_a_stroke_lengths_are_relative(tmp_path):
     relative = plans["underlap"].relative
     assert relative is not None
     assert (relative.to, relative.unit) == ("stroke", "stroke")
+    lengths = {
+        n for n, plan in effect_plans(("hysteresis", "eccentricity", "land_leakage"), record).items() if plan.relative
+    }
+    assert lengths == {"hysteresis"}
     # The product of slots and stroke is what the rated flow fixes.
     other = read(tmp_path / "stated", rated())
     assert record.valve.slot_width * record.valve.stroke == pytest.approx(
