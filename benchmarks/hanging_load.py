@@ -93,7 +93,7 @@ def record_of(steps: list[dict[str, np.ndarray]], load: float) -> BenchRecord:
 
 
 def problem_of(record: BenchRecord) -> Problem:
-    tests: dict[str, TestRecord] = dict(record.dynamic_tests)
+    tests: dict[str, TestRecord] = {**record.dynamic_tests}
     plans = plan_motion(record.valve, require_actuator(record), record.start) | sensor_plans(tests, record)
     noise = {(t.name, c.name): initial_noise(t, c) for t in tests.values() for c in t.channels}
     plans = with_relatives(plans, tests, record)
