@@ -79,21 +79,22 @@ def swept_together(
 ) -> dict[str, np.ndarray]:
     """As `swept`, to 1e-4 of the largest reading and ten times as fast: all runs side by side, of equally many rows each. The ports do
     not know of each other."""
-    assert rows.time is not None
-    assert rows.run is not None
+    clock, run = rows.time, rows.run
+    assert clock is not None
+    assert run is not None
     if rows.direction is None:
-        rows = replace(rows, direction=sweep_direction(rows.spool_position, rows.run))
+        rows = replace(rows, direction=sweep_direction(rows.spool_position, run))
     plant, steady = blocked_state(valve, oil, rows, effects)
     assert not has_lines(plant)
     assert not np.any(effects.cross_port_leakage)
     p = np.stack([steady.p_a, steady.p_b]).astype(float)
-    first = np.flatnonzero(np.diff(rows.run, prepend=rows.run[0] - 1))
-    count = len(rows.run) // len(first)
+    first = np.flatnonzero(np.diff(run, prepend=run[0] - 1))
+    count = len(run) // len(first)
     assert np.array_equal(first, count * np.arange(len(first)))
     stores = np.flatnonzero(np.array(compliance) > 0.0)
     c = np.array(compliance)[stores, None]
     for row in first[:, None].T + np.arange(1, count)[:, None] if len(stores) else ():
-        span, start = rows.time[row] - rows.time[row - 1], p[:, row - 1].copy()
+        span, start = clock[row] - clock[row - 1], p[:, row - 1].copy()
 
         # Time as the share of each run's own step.
         def rate(share: float, own: np.ndarray, row=row, span=span, start=start) -> np.ndarray:
