@@ -79,8 +79,8 @@ def swept_together(
 ) -> dict[str, np.ndarray]:
     """As `swept`, to 1e-4 of the largest reading and ten times as fast: all runs side by side, of equally many rows each. The ports do
     not know of each other."""
-    time, run = rows.time, rows.run
-    assert time is not None
+    clock, run = rows.time, rows.run
+    assert clock is not None
     assert run is not None
     if rows.direction is None:
         rows = replace(rows, direction=sweep_direction(rows.spool_position, run))
@@ -94,7 +94,7 @@ def swept_together(
     stores = np.flatnonzero(np.array(compliance) > 0.0)
     c = np.array(compliance)[stores, None]
     for row in first[:, None].T + np.arange(1, count)[:, None] if len(stores) else ():
-        span, start = time[row] - time[row - 1], p[:, row - 1].copy()
+        span, start = clock[row] - clock[row - 1], p[:, row - 1].copy()
 
         # Time as the share of each run's own step.
         def rate(share: float, own: np.ndarray, row=row, span=span, start=start) -> np.ndarray:
