@@ -50,7 +50,7 @@ def test_rates_and_directions_are_those_of_the_smooth_sweep():
     assert error[1] < 0.008
     assert np.array_equal(found.direction[inner], exact.direction[inner])
     assert found.spool_position is noisy.spool_position
-    assert "0.1" in found.notes[-1]
+    assert "positions scatter by 0." in found.notes[-1]
 
 
 def test_a_prediction_sees_the_same_sweep_as_the_fit():
