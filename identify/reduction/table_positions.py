@@ -97,7 +97,7 @@ def _scatter(test: TestRecord, pieces: np.ndarray) -> float:
     """
     assert test.time is not None
     seen, rounding = [], []
-    steps = float(np.median(local_steps(test.spool_position))), float(np.median(local_steps(test.time)))
+    steps = _step(test.spool_position), _step(test.time)
     for a, b in piece_bounds(pieces):
         time, position = test.time[a:b], test.spool_position[a:b]
         if b - a < FEWEST_ROWS or not np.all(np.diff(time) > 0.0):
@@ -115,6 +115,18 @@ def _scatter(test: TestRecord, pieces: np.ndarray) -> float:
         middle = 0.5 * (low + high)
         low, high = (middle, high) if np.median(square / (middle + rounded)) > 1.0 else (low, middle)
     return float(np.sqrt(high))
+
+
+def _step(values: np.ndarray) -> float:
+    """The step to which a column was rounded: that of its grid, or the largest power of ten that all are multiples of; 0: none."""
+    size = float(np.max(np.abs(values), initial=0.0))
+    decimal = 0.0
+    if size > 0.0:
+        for step in 10.0 ** np.arange(np.floor(np.log10(size)), np.floor(np.log10(size)) - 7.0, -1.0):
+            if np.all(np.abs(values / step - np.round(values / step)) < 1e-4):
+                decimal = float(step)
+                break
+    return max(decimal, float(np.median(local_steps(values))))
 
 
 def _lines(time: np.ndarray, position: np.ndarray, pieces: np.ndarray, noise: float) -> _Lines:
