@@ -29,7 +29,7 @@ from thermohyd.identify.fitting.parameters import plan_motion
 from thermohyd.identify.fitting.problem import Fit, Problem, solution_of, white_noise
 from thermohyd.identify.fitting.relative import with_relatives
 from thermohyd.identify.fitting.sensed import sensor_plans
-from thermohyd.identify.noise.level import initial_noise
+from thermohyd.identify.noise.level import initial_noises
 
 
 REAL = Path(__file__).resolve().parents[2] / "shared" / "real" / "hanging_load"
@@ -95,7 +95,7 @@ def record_of(steps: list[dict[str, np.ndarray]], load: float) -> BenchRecord:
 def problem_of(record: BenchRecord) -> Problem:
     tests: dict[str, TestRecord] = {**record.dynamic_tests}
     plans = plan_motion(record.valve, require_actuator(record), record.start) | sensor_plans(tests, record)
-    noise = {(t.name, c.name): initial_noise(t, c) for t in tests.values() for c in t.channels}
+    noise = initial_noises(tests.values())
     plans = with_relatives(plans, tests, record)
     return Problem(record, tests, plans, Library((LEAK,), {}), white_noise(noise))
 

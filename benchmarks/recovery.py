@@ -71,18 +71,10 @@ def rows_of(test: str) -> Any:
 
 def truth_of(effect: str, number: int) -> tuple[Any, float]:
     """(valve, amount) of record `number` of an effect: everything from its own seed."""
-    from reference.valve import Valve
+    from helpers.records import random_valve
 
     random = np.random.default_rng([2026, list(AMOUNTS).index(effect), number])
-    valve = Valve(
-        slot_width=SLOT_WIDTH,
-        edge_radius=random.uniform(3e-6, 20e-6),
-        clearance=random.uniform(1.5e-6, 4e-6),
-        underlap=random.uniform(0.0, 18e-6),
-        discharge_coefficient=random.uniform(0.6, 0.78),
-        transition_number=random.uniform(60.0, 150.0),
-        null_bias=random.uniform(-3e-6, 3e-6),
-    )
+    valve = random_valve(random)  # of SLOT_WIDTH
     low, high = AMOUNTS[effect]
     amount = float(np.exp(random.uniform(np.log(low), np.log(high))))
     return valve, amount * (random.choice([-1.0, 1.0]) if effect in EITHER_SIGN else 1.0)

@@ -8,8 +8,9 @@ import numpy as np
 
 from thermohyd.identify.bench.errors import BenchInputError
 from thermohyd.identify.bench.record import BenchRecord, TestRecord
-from thermohyd.identify.noise.level import ChannelNoise, initial_noise
+from thermohyd.identify.noise.level import ChannelNoise, initial_noises
 from thermohyd.identify.reduction.bad_rows import noise_about, outliers, without_limits, without_outliers
+from thermohyd.identify.reduction.monotone_pieces import monotone_pieces
 from thermohyd.identify.reduction.reduce import reduce_test
 from thermohyd.numerics import require_float64
 
@@ -126,7 +127,7 @@ def run_fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | N
         warnings += [warning_of(test, channel) for channel in turned]
         tests[name] = reduce_test(without_limits(with_signs_turned(test, turned)))
     free_parameters(record, plans, tests)  # once more: a raw log has fewer points than rows
-    noise = {(t.name, c.name): initial_noise(t, c) for t in tests.values() for c in t.channels}
+    noise = initial_noises(tests.values())
     if sensed_channels(tests):
         plans = _sensors_started(record, tests, plans, noise)
     problem = StaticSearch(record, tests, plans, free)
@@ -153,7 +154,7 @@ def run_fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | N
     if (kept := _without_outliers(problem, solution, noise)) is not tests:
         say("left out rows beyond what their neighbours allow; fitting again")
         tests = kept
-        noise = {(t.name, c.name): initial_noise(t, c) for t in tests.values() for c in t.channels}
+        noise = initial_noises(tests.values())
         problem = replace(problem, tests=tests)
         solution = problem.basin_hopping(problem.solve(problem.args(noise), solution.p), noise)
     warnings += [fault.sentence for test in tests.values() for fault in test.faults]
@@ -180,9 +181,10 @@ def _without_outliers(
         if test.rows_of_log is not None:
             continue
         misfit = solution.residual[rows] * noise[name, reading].used
-        size = np.maximum(noise_about(test, misfit), 0.0 if channel.std is None else channel.std)
-        left = outliers(test, misfit, size)
-        suspects = outliers(test, channel.value, size) if left else {}
+        pieces = monotone_pieces(test)[0]
+        size = np.maximum(noise_about(misfit, pieces), 0.0 if channel.std is None else channel.std)
+        left = outliers(test, misfit, size, pieces)
+        suspects = outliers(test, channel.value, size, pieces) if left else {}
         found.setdefault(name, {})[reading] = {row: sigma for row, sigma in left.items() if row in suspects}
     if not any(rows for by_channel in found.values() for rows in by_channel.values()):
         return problem.tests

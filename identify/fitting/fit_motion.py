@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from thermohyd.identify.bench.record import BenchRecord, TestRecord
-from thermohyd.identify.noise.level import ChannelNoise, initial_noise
+from thermohyd.identify.noise.level import ChannelNoise, initial_noises
 
 from .fit_effects import settled
 from .least_squares import LeastSquaresResult
@@ -49,7 +49,7 @@ def run_fit_motion(
     tests: dict[str, TestRecord] = dict(moving)
     plans = with_relatives(plans | sensor_plans(tests, record), tests, record)
     free, readings = free_parameters(record, plans, tests), readings_of(tests)
-    noise = {(n, c.name): initial_noise(t, c) for n, t in moving.items() for c in t.channels}
+    noise = initial_noises(moving.values())
     say(f"fitting {len(free)} parameters of motion to {readings:,} readings")
     problem = Problem(record, tests, plans, NOTHING, white_noise(noise), also=also)
     if sensed_channels(tests):

@@ -5,7 +5,7 @@ differences between repeated sweeps or runs; guessed from third differences of n
 parabola, until the fit's own residuals replace the guess (`reweighted`).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -271,6 +271,11 @@ def initial_noise(test: TestRecord, channel: Channel) -> ChannelNoise:
     std = np.hypot(np.maximum(np.full(test.rows, max(guess, smallest)), floor), part)
     scatter = guess if rough.valid else None
     return ChannelNoise(std, FROM_RESIDUALS, False, False, std, neighbours=scatter, position_part=channel.position_part)
+
+
+def initial_noises(tests: Iterable[TestRecord]) -> dict[tuple[str, str], ChannelNoise]:
+    """The noise of every reading, known or guessed before any fit: {(test, channel): noise}."""
+    return {(test.name, channel.name): initial_noise(test, channel) for test in tests for channel in test.channels}
 
 
 def reweighted(noise: ChannelNoise, misfit: np.ndarray, share_left: float) -> ChannelNoise:

@@ -29,13 +29,12 @@ WORTH = 0.25
 # equal neighbours must be small, or rounding makes them.
 SHARE, IN_A_ROW, ROUNDING_MAKES = 0.02, 4, 0.02
 LEFT = 8  # rows that must remain: a reading that never changes has a sentence of its own
+APART = 8  # rows between two outliers that are found at once
 
 
-# Rows between two outliers that are found at once.
-APART = 8
-
-
-def outliers(test: TestRecord, values: np.ndarray, noise: np.ndarray | None = None) -> dict[int, float]:
+def outliers(
+    test: TestRecord, values: np.ndarray, noise: np.ndarray | None = None, pieces: np.ndarray | None = None
+) -> dict[int, float]:
     """{row: standard deviations} of `values` (rows,) beyond all that their neighbours allow: readings, or what a model leaves.
 
     Without the row (or two, three in a row), lines and parabolas through the rows before it and behind it, and a line across,
@@ -43,9 +42,10 @@ def outliers(test: TestRecord, values: np.ndarray, noise: np.ndarray | None = No
     compared with the `noise` (rows,), by default what third differences show about there, by Student's law with Bonferroni's
     allowance for all rows. The worst go first, then their neighbours are looked at anew. The three rows at either
     end of a sweep are not judged. More than `MOST` of the rows: all that were found, for the caller to say so.
+    pieces: the test's monotone ones, for who has them.
     """
-    pieces = monotone_pieces(test)[0]
-    noise = noise_about(test, values) if noise is None else noise
+    pieces = monotone_pieces(test)[0] if pieces is None else pieces
+    noise = noise_about(values, pieces) if noise is None else noise
     level = float(student.isf(CHANCE / (2 * LONGEST * max(test.rows, 1)), max(WORTH * test.rows, 3.0)))
     found: dict[int, float] = {}
     axis = sweep_axis(test)
@@ -61,9 +61,8 @@ def outliers(test: TestRecord, values: np.ndarray, noise: np.ndarray | None = No
     return dict(sorted(found.items()))
 
 
-def noise_about(test: TestRecord, values: np.ndarray) -> np.ndarray:
+def noise_about(values: np.ndarray, pieces: np.ndarray) -> np.ndarray:
     """Standard deviation of each row from third differences along its piece, about it and over the whole; rounding at least."""
-    pieces = monotone_pieces(test)[0]
     squares = np.zeros(len(values))
     for a, b in piece_bounds(pieces):
         if b - a >= 4:
@@ -160,15 +159,18 @@ def _outliers_fault(test: TestRecord, name: str, rows: Mapping[int, float], mask
 
 def without_outliers_in_log(test: TestRecord) -> TestRecord:
     """A raw log without its outliers: its rows are so dense that no peak of the valve's is one row wide."""
-    return without_outliers(test, {channel.name: outliers(test, channel.value) for channel in test.channels})
+    pieces = monotone_pieces(test)[0]
+    return without_outliers(
+        test, {channel.name: outliers(test, channel.value, pieces=pieces) for channel in test.channels}
+    )
 
 
 def without_limits(test: TestRecord) -> TestRecord:
     """The test without rows at which a gauge was at its limit or a meter stood still: one constant where readings never repeat."""
-    for channel in test.channels:
+    for at, channel in enumerate(test.channels):
         limits = tuple(dict.fromkeys((float(np.min(channel.value)), float(np.max(channel.value)), 0.0)))
         for limit in limits:
-            rows = _standing(test, next(c.value for c in test.channels if c.name == channel.name), limit, limits)
+            rows = _standing(test, test.channels[at].value, limit, limits)
             if len(rows) < SHARE * test.rows or test.rows - len(rows) < LEFT:
                 continue
             name = "meter_dead_band" if limit == 0.0 else "clipped"

@@ -43,6 +43,18 @@ def local_steps(values: np.ndarray) -> np.ndarray:
     return np.where(step > 0, step, _common_step(distinct, gaps))[index]
 
 
+def column_step(values: np.ndarray) -> float:
+    """One step for a whole column: that of its grid, or the largest power of ten that all values are multiples of; 0: none."""
+    size = float(np.max(np.abs(values), initial=0.0))
+    decimal = 0.0
+    if size > 0.0:
+        for step in 10.0 ** np.arange(np.floor(np.log10(size)), np.floor(np.log10(size)) - 7.0, -1.0):
+            if np.all(np.abs(values / step - np.round(values / step)) < 1e-4):
+                decimal = float(step)
+                break
+    return max(decimal, float(np.median(local_steps(values))))
+
+
 def rounding_error(step: Values, scatter: Values, span: Values) -> np.ndarray:
     """Standard deviation of the mean of many rounded readings that scatter (Gaussian, std) and ramp (over `span`) before rounding.
 

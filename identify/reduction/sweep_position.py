@@ -54,7 +54,7 @@ def smooth_abscissa(position: np.ndarray, pieces: np.ndarray, readings: list[np.
         half = _half_window(x, float(step[part].max()))
         if half == 0:
             continue
-        line, slope = local_line(x, half)
+        line, slope, _ = local_line(x, half)
         scatter = float(np.sqrt(np.mean((x - line) ** 2)))
         covered = np.abs(slope) * (2 * half + 1)
         smooth[part] = line
@@ -64,19 +64,26 @@ def smooth_abscissa(position: np.ndarray, pieces: np.ndarray, readings: list[np.
     return Abscissa(smooth, spread, rounding, staircase, step)
 
 
-def local_line(values: np.ndarray, half: int) -> tuple[np.ndarray, np.ndarray]:
-    """Value and slope per row of straight lines fitted over `half` rows on either side (one-sided at the ends)."""
+def local_line(
+    values: np.ndarray, half: int, along: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Straight lines over `half` rows on either side (one-sided at the ends), per row, `along` the rows' order or what is given.
+
+    Value, slope, and what share of the variance of a row's noise is left in its distance from the line.
+    """
     n = len(values)
     row = np.arange(n)
     low, high = np.maximum(row - half, 0), np.minimum(row + half, n - 1) + 1
-    t = row - n / 2.0
+    t = row - n / 2.0 if along is None else along - along.mean()
     y = values - values.mean()
     sums = [np.concatenate([[0.0], np.cumsum(a)]) for a in (t, t * t, y, t * y)]
     st, stt, sy, sty = (s[high] - s[low] for s in sums)
     count = high - low
     spread = stt - st**2 / count
-    slope = np.where(spread > 0, (sty - st * sy / count) / np.where(spread > 0, spread, 1.0), 0.0)
-    return values.mean() + sy / count + slope * (t - st / count), slope
+    safe = np.where(spread > 0, spread, 1.0)
+    slope = np.where(spread > 0, (sty - st * sy / count) / safe, 0.0)
+    away = t - st / count
+    return values.mean() + sy / count + slope * away, slope, 1.0 - 1.0 / count - away**2 / safe
 
 
 def _is_staircase(x: np.ndarray) -> bool:
@@ -117,7 +124,7 @@ def _half_window(x: np.ndarray, step: float) -> int:
     """Rows on either side that cross enough rounding steps, halved until the sweep is straight enough over them."""
     n = len(x)
     pace = abs(float(x[-1] - x[0])) / n
-    fine, _ = local_line(x, 2)
+    fine, *_ = local_line(x, 2)
     dither = float(np.sqrt(np.mean((x - fine) ** 2) * 5.0 / 3.0))
     if dither == 0.0 and step == 0.0:
         return 0
@@ -125,7 +132,7 @@ def _half_window(x: np.ndarray, step: float) -> int:
     half = int(np.clip(max(wanted, 10.0 if dither > 0.5 * pace else 0.0), 0, n // 20))
     allowed = 1.5 * max(dither, step / np.sqrt(12.0))
     while half > 0:
-        line, _ = local_line(x, half)
+        line, *_ = local_line(x, half)
         if np.sqrt(np.mean((x - line) ** 2)) <= allowed:
             return half
         half //= 2

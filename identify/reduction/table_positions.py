@@ -13,7 +13,8 @@ from thermohyd.identify.bench.shown_units import significant
 from thermohyd.identify.noise.level import MEDIAN_OF_CHI2, divided_third
 
 from .monotone_pieces import monotone_pieces, piece_bounds, sweep_axis
-from .rounding import local_slopes, local_steps
+from .rounding import column_step, local_slopes
+from .sweep_position import local_line
 
 
 SMALLEST = 1e-9  # of the sweep's range: no noise
@@ -97,7 +98,7 @@ def _scatter(test: TestRecord, pieces: np.ndarray) -> float:
     """
     assert test.time is not None
     seen, rounding = [], []
-    steps = _step(test.spool_position), _step(test.time)
+    steps = column_step(test.spool_position), column_step(test.time)
     for a, b in piece_bounds(pieces):
         time, position = test.time[a:b], test.spool_position[a:b]
         if b - a < FEWEST_ROWS or not np.all(np.diff(time) > 0.0):
@@ -117,18 +118,6 @@ def _scatter(test: TestRecord, pieces: np.ndarray) -> float:
     return float(np.sqrt(high))
 
 
-def _step(values: np.ndarray) -> float:
-    """The step to which a column was rounded: that of its grid, or the largest power of ten that all are multiples of; 0: none."""
-    size = float(np.max(np.abs(values), initial=0.0))
-    decimal = 0.0
-    if size > 0.0:
-        for step in 10.0 ** np.arange(np.floor(np.log10(size)), np.floor(np.log10(size)) - 7.0, -1.0):
-            if np.all(np.abs(values / step - np.round(values / step)) < 1e-4):
-                decimal = float(step)
-                break
-    return max(decimal, float(np.median(local_steps(values))))
-
-
 def _lines(time: np.ndarray, position: np.ndarray, pieces: np.ndarray, noise: float) -> _Lines:
     """Lines over as many rows of each piece as the sweep is straight over, to within its noise."""
     rows = len(time)
@@ -139,29 +128,12 @@ def _lines(time: np.ndarray, position: np.ndarray, pieces: np.ndarray, noise: fl
             continue
         half = count - 1
         while half >= 2:
-            value, slope, left = line_in_time(time[part], position[part], half)
-            if left <= STRAIGHT * noise**2:
+            value, slope, kept = local_line(position[part], half, time[part])
+            if np.sum((position[part] - value) ** 2) <= STRAIGHT * noise**2 * max(np.sum(kept), 1.0):
                 lines.value[part], lines.slope[part], lines.found[part] = value, slope, True
                 break
             half //= 2
     return lines
-
-
-def line_in_time(time: np.ndarray, values: np.ndarray, half: int) -> tuple[np.ndarray, np.ndarray, float]:
-    """Value and slope per row (rows,) of straight lines over `half` rows on either side, fewer at the ends; variance about them."""
-    n = len(values)
-    row = np.arange(n)
-    low, high = np.maximum(row - half, 0), np.minimum(row + half, n - 1) + 1
-    t, y = time - time.mean(), values - values.mean()
-    sums = [np.concatenate([[0.0], np.cumsum(a)]) for a in (t, t * t, y, t * y)]
-    st, stt, sy, sty = (s[high] - s[low] for s in sums)
-    count = high - low
-    spread = np.maximum(stt - st**2 / count, 1e-300)
-    slope = (sty - st * sy / count) / spread
-    away = t - st / count
-    value = values.mean() + sy / count + slope * away
-    kept = 1.0 - 1.0 / count - away**2 / spread  # of a value's noise in its distance from the line
-    return value, slope, float(np.sum((values - value) ** 2) / max(np.sum(kept), 1.0))
 
 
 def _spool_followed(test: TestRecord, lines: _Lines, pieces: np.ndarray) -> bool:

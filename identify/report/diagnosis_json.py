@@ -27,6 +27,7 @@ def diagnosis_json(result: DiagnosisResult) -> dict[str, Any]:
     A rival that the data cannot tell from a named effect stands under `alternatives`, never under `rejected`.
     """
     rivals = {rival.name for effect in result.effects for rival in effect.alternatives}
+    after = fit_json(result.after)
     content = {
         **record_json(result.record),
         "verdict": result.verdict,
@@ -43,7 +44,7 @@ def diagnosis_json(result: DiagnosisResult) -> dict[str, Any]:
         "next_tests_considered": []
         if result.next_test is None
         else [{"test": words, "evidence": evidence} for words, evidence in result.next_test.options],
-        "faults": fit_json(result.after)["faults"],
+        "faults": after["faults"],
         "candidates": [_candidate(candidate) for candidate in result.candidates],
         "critical_level": result.critical_level,
         "variations": [_variation(variation) for variation in result.variations],
@@ -59,7 +60,7 @@ def diagnosis_json(result: DiagnosisResult) -> dict[str, Any]:
             "reduced_chi2": result.before.reduced_chi2,
         },
         # without the plain fit's own sentences: they speak of the ideal valve
-        "fit": {key: value for key, value in fit_json(result.after).items() if key != "verdict"},
+        "fit": {key: value for key, value in after.items() if key != "verdict"},
     }
     return plain(content)
 

@@ -40,13 +40,10 @@ def net_flows(valve: Valve, oil: Oil, effects: Effects, rows: Rows, p: np.ndarra
     return np.array(found)[:, 0] if one else np.array(found)
 
 
-def swept(
-    valve: Valve, oil: Oil, rows: Rows, effects: Effects, compliance: tuple[float, float], tolerance: float = 1e-10
-) -> dict[str, np.ndarray]:
-    """{"leakage_flow", "supply_flow" [m3/s], "pressure_a", "pressure_b" [Pa]} of a sweep in time; C [m3/Pa] of A and B.
-
-    A port without compliance is in balance at every moment, which needs ports that do not know of each other.
-    """
+def _started(
+    valve: Valve, oil: Oil, rows: Rows, effects: Effects
+) -> tuple[Rows, np.ndarray, np.ndarray, Plant, np.ndarray]:
+    """The rows with directions, their times and runs, the plant, and the steady pressures (2, rows) of A and B."""
     clock, run = rows.time, rows.run
     assert clock is not None
     assert run is not None
@@ -54,7 +51,17 @@ def swept(
         rows = replace(rows, direction=sweep_direction(rows.spool_position, run))
     plant, steady = blocked_state(valve, oil, rows, effects)
     assert not has_lines(plant)
-    p = np.stack([steady.p_a, steady.p_b]).astype(float)
+    return rows, clock, run, plant, np.stack([steady.p_a, steady.p_b]).astype(float)
+
+
+def swept(
+    valve: Valve, oil: Oil, rows: Rows, effects: Effects, compliance: tuple[float, float], tolerance: float = 1e-10
+) -> dict[str, np.ndarray]:
+    """{"leakage_flow", "supply_flow" [m3/s], "pressure_a", "pressure_b" [Pa]} of a sweep in time; C [m3/Pa] of A and B.
+
+    A port without compliance is in balance at every moment, which needs ports that do not know of each other.
+    """
+    rows, clock, run, plant, p = _started(valve, oil, rows, effects)
     stores = np.flatnonzero(np.array(compliance) > 0.0)
     assert len(stores) == 2 or not np.any(effects.cross_port_leakage)
     c = np.array(compliance)[stores]
@@ -79,15 +86,8 @@ def swept_together(
 ) -> dict[str, np.ndarray]:
     """As `swept`, to 1e-4 of the largest reading and ten times as fast: all runs side by side, of equally many rows each. The ports do
     not know of each other."""
-    clock, run = rows.time, rows.run
-    assert clock is not None
-    assert run is not None
-    if rows.direction is None:
-        rows = replace(rows, direction=sweep_direction(rows.spool_position, run))
-    plant, steady = blocked_state(valve, oil, rows, effects)
-    assert not has_lines(plant)
+    rows, clock, run, plant, p = _started(valve, oil, rows, effects)
     assert not np.any(effects.cross_port_leakage)
-    p = np.stack([steady.p_a, steady.p_b]).astype(float)
     first = np.flatnonzero(np.diff(run, prepend=run[0] - 1))
     count = len(run) // len(first)
     assert np.array_equal(first, count * np.arange(len(first)))
