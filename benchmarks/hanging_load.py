@@ -26,7 +26,8 @@ from thermohyd.identify.fitting.fit import fit
 from thermohyd.identify.fitting.library import Library
 from thermohyd.identify.fitting.motion_readings import require_actuator
 from thermohyd.identify.fitting.parameters import plan_motion
-from thermohyd.identify.fitting.problem import Fit, Problem, solution_of, white_noise
+from thermohyd.identify.fitting.problem import Fit, Problem, solution_of
+from thermohyd.identify.fitting.readings import white_noise
 from thermohyd.identify.fitting.relative import with_relatives
 from thermohyd.identify.fitting.sensed import sensor_plans
 from thermohyd.identify.noise.level import initial_noises

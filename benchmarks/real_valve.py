@@ -38,7 +38,8 @@ def left_out(record: Any, law: str) -> list[dict[str, Any]]:
     """The answers of one law: each sweep left out in turn, without and with storage."""
     from thermohyd.identify.fitting.fit import run_fit
     from thermohyd.identify.fitting.library import library_for
-    from thermohyd.identify.fitting.problem import Problem, white_noise
+    from thermohyd.identify.fitting.problem import Problem
+    from thermohyd.identify.fitting.readings import white_noise
 
     plain = run_fit(weighed(record, law))
     library = library_for(plain.tests.values())

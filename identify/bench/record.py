@@ -137,7 +137,10 @@ class FaultyRow:
 class Fault:
     """What was wrong with the bench in a test, and the rows that it spoiled; masked: they were left out.
 
-    name: "outliers" (value: how many), "clipped" or "meter_dead_band" (value: the reading at which it stood, SI).
+    name: "outliers" (value: how many), "clipped" or "meter_dead_band" (value: the reading at which it stood, SI). Or what a
+    diagnosis found: "position_zero", "reading_zero", "reading_drift", "wrong_temperature", "wrong_supply" (value: by how much
+    what was read is too large, SI, with its standard error). test: "" where it is of several. run: the run or condition, "" where
+    it is of a whole test. alternatives: names of effects and faults that would do as well.
     """
 
     name: str
@@ -148,6 +151,10 @@ class Fault:
     rows: tuple[FaultyRow, ...]
     sentence: str
     masked: bool = True
+    run: str = ""
+    std: float | None = None
+    p_value: float | None = None
+    alternatives: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

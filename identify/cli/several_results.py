@@ -101,7 +101,7 @@ def print_summary_of_many(results: Mapping[str, DiagnosisResult], console: Conso
 
 def _added(result: DiagnosisResult) -> str:
     """Names of what was added, each with the rivals that the data cannot tell from it."""
-    words = [" or ".join([e.name, *(rival.name for rival in e.alternatives)]) for e in result.effects]
+    words = [" or ".join([e.name, *(rival.words for rival in e.alternatives)]) for e in result.effects]
     words += [f"learned {v.quantity}({v.variable})" for v in result.variations if v.learned]
     return " + ".join(words) or "none"
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from thermohyd.identify.bench.record import BenchRecord
+from thermohyd.identify.fitting.bench_faults import faults_of
 from thermohyd.identify.fitting.fit import run_fit
 from thermohyd.identify.fitting.library import library_for
 from thermohyd.identify.fitting.outcome import Fitted, Key
@@ -40,7 +41,14 @@ def open_case(record: BenchRecord, say: Progress = lambda _: None) -> Case:
     """Fit the ideal valve as `fit` does, measure the noise, and fit it again by generalised least squares."""
     fitted = run_fit(record, progress=say)
     say("measuring the noise")
-    problem = Problem(record, fitted.tests, fitted.plans, library_for(fitted.tests.values()), first_noise(fitted.noise))
+    problem = Problem(
+        record,
+        fitted.tests,
+        fitted.plans,
+        library_for(fitted.tests.values()),
+        first_noise(fitted.noise),
+        faults=faults_of(fitted.tests),
+    )
     repeats = {
         (test.name, c.name): repeats_of(test, c, fitted.noise[test.name, c.name].std)
         for test in fitted.tests.values()

@@ -4,11 +4,14 @@ Before and after are each reported as a plain fit is (`result_of`), with the amo
 bars by generalised least squares.
 """
 
+import re
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
-from thermohyd.effects.library import effect_info
+from thermohyd.effects.library import effect_info, find_effect
+from thermohyd.identify.fitting.bench_faults import BenchFault, is_fault
 from thermohyd.identify.fitting.misfit import doubts
 from thermohyd.identify.fitting.model_form import OTHER, evidence, other_law, with_model_form
 from thermohyd.identify.fitting.outcome import Fitted, Key, fit_result
@@ -19,10 +22,11 @@ from thermohyd.identify.fitting.uncertainty import Block, Covariance, covariance
 from thermohyd.identify.model.learned_terms import LearnedTerm
 from thermohyd.identify.noise.correlation import NoiseCorrelation
 from thermohyd.identify.noise.level import ChannelNoise
-from thermohyd.identify.report.diagnosis_report import further_sentences, headline, in_a_row
+from thermohyd.identify.report.diagnosis_report import further_sentences, headline, in_a_row, suspect_sentences
 
 from .case import Case, Progress
 from .final_model import FinalModel, exchange_fits, held_out_result
+from .found_faults import alternative, with_evidence, with_faults_apart
 from .held_out import Split
 from .left_over import lack_of_fit, learn as learn_term, smooth_block, variations_of
 from .next_test import next_test
@@ -41,6 +45,7 @@ from .result import (
 )
 from .rivals import Rivals
 from .screening import Screen, candidates, screen
+from .screening_faults import screen_of_faults
 from .search import LEVEL, Selection
 from .where import regions
 
@@ -69,7 +74,7 @@ def result_of(
     solution = solution_of(problem, fit, white.evaluate(fit.values, fit.effects))
     plans = fitted.plans | effect_plans(fit.effects, problem.record)
     whole = replace(fitted, plans=plans, free=fit.free, noise=as_channel_noise(noise), solution=solution)
-    return fit_result(whole, gls_covariance(fit, scale, len(problem.parameters)))
+    return with_faults_apart(fit_result(whole, gls_covariance(fit, scale, len(problem.parameters))), problem.faults)
 
 
 def as_channel_noise(noise: dict[Key, NoiseEstimate]) -> dict[Key, ChannelNoise]:
@@ -105,13 +110,17 @@ def conclude(
         say("the final model with the other law of the edge")
         says = what_the_other_law_says(problem, fit, first.critical)
         after = _with_both_laws(after, fit, says, case)
-    effects = tuple(_named(name, after, model, says) for name in fit.effects)
+    after = with_evidence(after, model, problem.faults)
+    effects = tuple(_named(name, after, model, says, problem.faults) for name in fit.physics)
     verdict: Verdict = "consistent"
-    crowded = [fault.sentence for fault in after.faults if not fault.masked]
+    crowded = [fault.sentence for fault in after.faults if fault.rows and not fault.masked]
+    at_fault = [fault for fault in after.faults if not fault.rows]
     if model.disagrees or (crowded and effects):
         verdict = "unexplained"
     elif effects:
         verdict = "ambiguous" if any(e.alternatives for e in effects) else "named"
+    elif any(find_effect(rival) is not None for fault in at_fault for rival in fault.alternatives):
+        verdict = "ambiguous"
     where = regions(before.channels, case.fitted.tests) if verdict != "consistent" else ()
     shifts = parameter_shifts(before, after) if effects or term else ()
     # A search that began from effects of an earlier one refitted its candidates beside them: not what one does alone.
@@ -123,10 +132,25 @@ def conclude(
         record=case.fitted.record,
         verdict=verdict,
         headline=headline(
-            verdict, effects, where, held, gaps, shifts, smooth, judged=after.judged, law=_better_law(after)
+            verdict,
+            effects,
+            where,
+            held,
+            gaps,
+            shifts,
+            smooth,
+            judged=after.judged,
+            law=_better_law(after),
+            faults=tuple(at_fault),
         ),
         sentences=(
             *(f"Nothing is named: {sentence}." for sentence in crowded if effects),
+            *(
+                f"A fault of the bench, {fault.name}: {fault.sentence}."
+                for fault in at_fault
+                if effects or model.disagrees
+            ),
+            *suspect_sentences(model.suspects),
             *further_sentences(effects, before, smooth),
             *_of_the_other_law(says),
             *doubts(after.channels, after.parameters),
@@ -158,6 +182,8 @@ def conclude(
             *(f"{k[0]}, {k[1]}: {n.warning}" for k, n in case.noise.items() if n.warning),
         ),
         learned=(term,) if term else (),
+        suspects=model.suspects,
+        proof=None if model.proof is None else model.proof.together,
     )
 
 
@@ -225,11 +251,11 @@ def _of_the_other_law(says: OtherLawSays | None) -> tuple[str, ...]:
     )
 
 
-def _named(name: str, after: FitResult, model: FinalModel, says: OtherLawSays | None) -> NamedEffect:
+def _named(
+    name: str, after: FitResult, model: FinalModel, says: OtherLawSays | None, faults: Mapping[str, BenchFault]
+) -> NamedEffect:
     estimate, rivals, info = after.parameters[name], model.rivals[name], effect_info(name)
-    alike = tuple(
-        Alternative(r.name, r.fit.values[r.name], effect_info(r.name).unit, r.chi2_more) for r in rivals.alike
-    )
+    alike = tuple(alternative(r, faults) for r in rivals.alike)
     if says is not None and name in says.in_place_of:
         alike = (*alike, Alternative(ANOTHER_LAW, np.nan, "", says.chi2_more))
     return NamedEffect(
@@ -261,14 +287,20 @@ def _evidence(case: Case, rivals: dict[str, Rivals]) -> tuple[Evidence, ...]:
     """z of each named effect as a sum over rows, beside the model without it."""
     evidence = []
     for name, rival in rivals.items():
-        without = case.problem.with_all_columns(rival.without)
-        signature = screen(without, [name], case.steps, level=LEVEL).best(name)
+        without, found, words = rival.without, None, name
+        if is_fault(name):
+            found = screen_of_faults(case.problem, without, level=LEVEL)
+            words = re.sub(r"\W+", "_", name).strip("_")  # also the name of a file
+        else:
+            without = case.problem.with_all_columns(without)
+            found = screen(without, [name], case.steps, level=LEVEL)
+        signature = None if found is None else found.best(name)
         if signature is None:
             continue
         share = -signature.direction * without.residual[without.used]
         for key, rows in case.problem.rows().items():
             test = case.fitted.tests[key[0]]
-            evidence.append(Evidence(name, *key, test.place, test.direction, test.temperature, share[rows]))
+            evidence.append(Evidence(words, *key, test.place, test.direction, test.temperature, share[rows]))
     return tuple(evidence)
 
 

@@ -15,7 +15,8 @@ from thermohyd.identify.bench.record import BenchRecord
 from thermohyd.identify.fitting.library import Library, motion_library
 from thermohyd.identify.fitting.model_form import with_model_form
 from thermohyd.identify.fitting.parameters import IN_MOTION, ParameterPlan, Prior
-from thermohyd.identify.fitting.problem import Noise, Problem
+from thermohyd.identify.fitting.problem import Problem
+from thermohyd.identify.fitting.readings import Noise
 from thermohyd.identify.fitting.result import FitResult
 from thermohyd.identify.noise.level import repeat_differences
 from thermohyd.numerics import require_float64
@@ -23,6 +24,7 @@ from thermohyd.numerics import require_float64
 from .case import Case, Progress, choose, open_case
 from .conclusion import as_channel_noise, conclude, parameter_shifts, result_of, unconverged
 from .final_model import FinalModel, final_model
+from .found_faults import with_evidence
 from .record_noise import NoiseEstimate, first_noise, noise_of, repeats_in
 from .result import DiagnosisResult, NamedEffect, Verdict
 from .screening import finite_steps
@@ -118,8 +120,9 @@ def fitted_together(
     noise = {**s.noise, **m.noise}
     names = tuple(dict.fromkeys((*s.problem.library.names, *m.problem.library.names)))
     problem = joint_problem(record, s.fitted, m.fitted, noise_of(noise), Library(names, {}))
+    problem = replace(problem, faults=s.problem.faults)
     plain = problem.fit(start={**motion.model.base.values, **static.model.base.values}, patient=True)
-    effects = [effect.name for stage in (static, motion) for effect in stage.result.effects]
+    effects = [*static.model.fit.effects, *motion.model.fit.effects]
     full, final = problem, plain
     if effects or static.result.learned:
         full = problem.with_terms(*static.result.learned)
@@ -130,6 +133,7 @@ def fitted_together(
     before = of(problem, plain)
     # The other law of an edge was asked of the static tests alone.
     after = with_model_form(before if final is plain else of(full, final), static.result.after.other_law)
+    after = with_evidence(after, static.model, problem.faults)
     return before, after
 
 
@@ -165,6 +169,8 @@ def in_one(record: BenchRecord, static: Stage, motion: Stage, say: Progress = la
         evidence=(*s.evidence, *m.evidence),
         noise=(*s.noise, *m.noise),
         left_over_p=min(s.left_over_p, m.left_over_p),
+        suspects=(*s.suspects, *m.suspects),
+        proof=min((p for p in (s.proof, m.proof) if p is not None), default=None),
         notes=tuple(dict.fromkeys((*s.notes, *m.notes))),
         # Whether a stage's own last fit converged is of no matter: the joint one began from it.
         warnings=tuple(

@@ -10,14 +10,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from thermohyd.effects.library import effect_info
 from thermohyd.identify.fitting.library import asks_for_more, stores
 from thermohyd.identify.fitting.problem import Fit, Problem
 
 from .case import LEVEL_OF_ALL_ROWS, Case, Progress
+from .confirmation import Confirmation, confirmation, unproven
 from .held_out import Split
 from .left_over import LackOfFit, lack_of_fit, smooth_block
-from .result import HeldOut
-from .rivals import Rivals, settle_rivals
+from .result import HeldOut, Suspect
+from .rivals import Rivals, all_rivals, settle_rivals
 from .search import Selection, search
 
 
@@ -71,7 +73,7 @@ def exchange_fits(
 
     ranked: candidates, the best first. spared: the named ones and their equals.
     """
-    if not final.effects:
+    if not final.physics:
         return {}
     rest = [name for name in ranked if name not in spared]
     chosen = rest[:1]
@@ -79,9 +81,10 @@ def exchange_fits(
         lots = np.random.default_rng(SEED).permutation(rest[1:])
         # Any will do, so none whose program nobody else has asked for.
         chosen.append(next((str(name) for name in lots if not stores(name) or asks_for_more(final.effects)), rest[1]))
-    others = final.effects[1:]
+    first = final.physics[0]
+    others = tuple(name for name in final.effects if name != first)
     say("exchange test")
-    return {name: problem.fit((*others, name), {**final.values, final.effects[0]: 0.0}) for name in chosen}
+    return {name: problem.fit((*others, name), {**final.values, first: 0.0}) for name in chosen}
 
 
 # Far below the level of the search: the test trusts a correlation of the noise that was itself estimated.
@@ -138,13 +141,33 @@ def _channel_shares(problem: Problem, base: Fit, without: Fit, fit: Fit) -> list
     return shares
 
 
+def proven(
+    case: Case, fit: Fit, rivals: dict[str, Rivals], scale: Callable[[Fit], float]
+) -> tuple[Fit, dict[str, Rivals], Confirmation | None, tuple[Suspect, ...]]:
+    """The model without effects that do not predict what they were not fitted to: the fit, its rivals, the proof, and what went."""
+    problem, suspects = case.problem, []
+    while fit.physics:
+        without = {name: rivals[name].without for name in fit.physics}
+        alone = len(fit.physics) == 1
+        bare = without[fit.physics[0]] if alone else problem.fit(fit.faults, {n: fit.values[n] for n in fit.order})
+        proof = confirmation(problem, fit, bare, without, scale(fit))
+        gone = unproven(proof, fit.physics)
+        if gone is None:
+            return fit, rivals, proof, tuple(suspects)
+        suspects.append(Suspect(gone, fit.values[gone], effect_info(gone).unit, proof.each[gone]))
+        fit = problem.fit(without[gone].effects, without[gone].values, hop_basins=True)
+        rivals = all_rivals(problem, fit, case.steps, scale(fit))
+    return fit, rivals, None, tuple(suspects)
+
+
 @dataclass(frozen=True)
 class FinalModel:
     """The model that a diagnosis ends with, fitted to all rows, and what speaks for and against it.
 
     excess: chi-square of the ideal valve beyond noise. scale: reduced chi-square of `fit`, at least 1.
     left: what smooth curves still find beside `fit`. disagrees: a misfit beyond noise remains.
-    seen_apart: every effect was found without the rows held out.
+    seen_apart: every effect was found without the rows held out. proof: how the effects do where they were not fitted; None without
+    any. suspects: what the search found and that did not prove itself, taken out again.
     """
 
     base: Fit  # the ideal valve, in the deepest valley that was seen
@@ -156,6 +179,8 @@ class FinalModel:
     scale: float
     disagrees: bool
     seen_apart: bool
+    proof: Confirmation | None = None
+    suspects: tuple[Suspect, ...] = ()
 
     def gap_closed(self, without: Fit) -> float:
         """Share of the gap that opens again in the model `without` something."""
@@ -200,18 +225,24 @@ def final_model(case: Case, selection: Selection, split: Split, say: Progress = 
     if dropped:
         fit, rivals = settle_rivals(problem, fit, case.steps, scale=scale(fit))
         left = lack_of_fit(problem, fit, block)
+    fit, rivals, proof, suspects = proven(case, fit, rivals, scale)
+    if suspects:
+        left = lack_of_fit(problem, fit, block)
     known = all(n.known for n in case.noise.values())
     rough = known and scale(fit) > MISFIT and (scale(fit) - 1.0) * np.sqrt(degrees_of_freedom / 2.0) > MISFIT_SCORE
-    p_values = {**whole.p_values, **selection.p_values}
-    worst = max(p_values.values(), default=1.0)  # of one that took a rival's place
     return FinalModel(
         base=base,
         fit=fit,
         rivals=rivals,
-        p_values={name: p_values.get(name, worst) for name in fit.effects},
+        p_values={
+            name: max(rivals[name].p_value, proof.p_value(name) if proof is not None and name in proof.each else 0.0)
+            for name in fit.effects
+        },
         left=left,
         excess=excess,
         scale=scale(fit),
-        disagrees=bool(left.p_value < LEVEL_OF_LEFT_OVER or rough),
+        disagrees=bool(left.p_value < LEVEL_OF_LEFT_OVER or rough or suspects),
         seen_apart=len(fit.effects) <= len(selection.effects),
+        proof=proof,
+        suspects=suspects,
     )

@@ -16,7 +16,8 @@ from scipy.special import fdtrc
 
 from thermohyd.effects.library import factor_on
 from thermohyd.identify.bench.record import TestRecord
-from thermohyd.identify.fitting.problem import Fit, Key, Noise, Problem
+from thermohyd.identify.fitting.problem import Fit, Key, Problem
+from thermohyd.identify.fitting.readings import Noise
 from thermohyd.identify.model.learned_terms import ABSOLUTE, LearnedTerm, legendre_basis, term_values, variable_values
 from thermohyd.identify.noise.correlation import NoiseCorrelation
 from thermohyd.identify.noise.whitening import whiten_on_host, whitening_of

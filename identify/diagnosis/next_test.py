@@ -9,8 +9,10 @@ from dataclasses import replace
 import numpy as np
 
 from thermohyd.identify.bench.record import TestRecord
+from thermohyd.identify.fitting.bench_faults import is_fault
 from thermohyd.identify.fitting.problem import Fit, Problem
 
+from .found_faults import where
 from .other_law import ANOTHER_LAW, OtherLawSays
 from .result import NextTest
 from .rivals import Rivals
@@ -32,15 +34,20 @@ def next_test(
 
     law: another law of the edge that stands in the place of named effects is a rival too.
     """
-    pairs = [(problem, r.fit) for rival in rivals.values() for r in rival.alike]
-    names = {r.name for rival in rivals.values() for r in rival.alike} | {n for n, r in rivals.items() if r.alike}
+    of_the_valve = {
+        name: [r for r in rival.alike if not is_fault(r.name)] for name, rival in rivals.items() if not is_fault(name)
+    }
+    pairs = [(problem, r.fit) for alike in of_the_valve.values() for r in alike]
+    names = {r.name for alike in of_the_valve.values() for r in alike} | {
+        n for n, alike in of_the_valve.items() if alike
+    }
     ports = can_measure_ports(problem)
     if law is not None and law.in_place_of:
         # What both port pressures would show is only worked out for two models of one law.
         pairs, ports = [*pairs, (law.problem, law.needed)], False
         names |= {*law.in_place_of, ANOTHER_LAW}
     if not pairs:
-        return None
+        return _repeat(problem, final, rivals, scale)
     say("designing the next test")
     found = []
     for words, tests in menu(problem.tests):
@@ -73,6 +80,27 @@ def next_test(
             f"repeat the tests {words}: {', '.join(names)} would then differ by about {evidence:.0f} in chi-square"
         )
     return NextTest(sentence, evidence, tuple(found))
+
+
+def _repeat(problem: Problem, final: Fit, rivals: dict[str, Rivals], scale: float) -> NextTest | None:
+    """Where a fault of the bench stands against an effect: what was read once, read again."""
+    open_ = {
+        name: rival
+        for name, rival in rivals.items()
+        if any(is_fault(n) for n in (name, *(r.name for r in rival.alike)))
+    }
+    open_ = {name: rival for name, rival in open_.items() if rival.alike}
+    if not open_:
+        return None
+    faults = dict.fromkeys(n for name, r in open_.items() for n in (name, *(a.name for a in r.alike)) if is_fault(n))
+    evidence = min(rival.without.chi2 - final.chi2 for rival in open_.values()) / scale
+    places = ", ".join(dict.fromkeys(where(problem.faults[name]) for name in faults))
+    words = f"zero the instruments, check the labels and repeat {places}"
+    return NextTest(
+        f"{words}: a fault of the bench would not come back, an effect of the valve would",
+        evidence,
+        ((words, evidence),),
+    )
 
 
 def menu(tests: dict[str, TestRecord]) -> list[tuple[str, dict[str, TestRecord]]]:

@@ -54,12 +54,34 @@ class Region:
 
 @dataclass(frozen=True)
 class Alternative:
-    """An effect that explains the data about as well as the named one in its place."""
+    """An effect, or a fault of the bench, that explains the data about as well as the named effect in its place.
+
+    where: of a fault, the test, run or condition, in words.
+    """
 
     name: str
     value: float
     unit: str
     chi2_more: float  # chi-square with it instead of the named effect, minus that with the named one
+    where: str = ""
+
+    @property
+    def words(self) -> str:
+        """The name, of a fault with its place."""
+        return f"{self.name} ({self.where})" if self.where else self.name
+
+
+@dataclass(frozen=True)
+class Suspect:
+    """An effect that the search found and that does not predict the conditions to which it was not fitted: it is not named.
+
+    value: SI. evidence: 2 ln E on rows left out, of the model with it over the model without it; 10.6 would be a proof.
+    """
+
+    name: str
+    value: float
+    unit: str
+    evidence: float
 
 
 @dataclass(frozen=True)
@@ -199,7 +221,7 @@ class DiagnosisResult(Result):
 
     before, after: the fits without and with the effects, row by row. left_over_p: of the smooth lack-of-fit test of the
     final model. seconds: wall time of this record. critical_level: |z| that a candidate must reach to be named, corrected
-    for the size of the library; None where no search was made.
+    for the size of the library; None where no search was made. suspects: found, but not proven on rows left out.
     """
 
     _command: ClassVar[str] = "diagnose"
@@ -229,6 +251,9 @@ class DiagnosisResult(Result):
     warnings: tuple[str, ...] = ()
     learned: tuple[LearnedTerm, ...] = ()  # smooth terms that the model of `after` holds: empirical
     critical_level: float | None = None
+    suspects: tuple[Suspect, ...] = ()
+    # 2 ln E of all effects together on rows left out, each condition once; None where nothing is named.
+    proof: float | None = None
 
     @property
     def plain_model(self) -> str:

@@ -4,12 +4,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from thermohyd.effects.library import effect_info
+from thermohyd.identify.fitting.bench_faults import info_of, is_fault
 from thermohyd.identify.fitting.library import asks_for_more, expensive_to_compile, stores
 from thermohyd.identify.fitting.problem import Fit, Problem
 
 from .screening import screen
-from .search import LEVEL, implausible
+from .screening_faults import SHARE, screen_of_faults
+from .search import FAULTS, LEVEL, penalty
 from .stored_oil import REACH, could_explain, within_reach
 
 
@@ -33,11 +34,15 @@ class Rival:
 
 @dataclass(frozen=True)
 class Rivals:
-    """For one named effect: the fit without it, and the refits of what was put in its place, the best first."""
+    """For one named effect: the fit without it, and the refits of what was put in its place, the best first.
+
+    p_value: of the final model with it removed, corrected for the size of the library.
+    """
 
     instead_of: str
     without: Fit
     tried: tuple[Rival, ...]
+    p_value: float = 1.0
 
     @property
     def alike(self) -> tuple[Rival, ...]:
@@ -53,14 +58,17 @@ def rivals_of(problem: Problem, final: Fit, name: str, steps: dict, *, scale: fl
     without = problem.fit(others, {**final.values, name: 0.0})
     gain = without.chi2 - final.chi2
     candidates = [n for n in problem.library.names if n not in final.effects]
-    scores = screen(problem.with_all_columns(without), [*candidates, name], steps, level=LEVEL)
-    named, ranked = scores.best(name), [s for s in scores.ranked if s.name != name]
+    own = [] if is_fault(name) else [name]
+    scores = screen(problem.with_all_columns(without), [*candidates, *own], steps, level=LEVEL)
+    faults = screen_of_faults(problem, without, level=LEVEL)
+    named = (scores if own or faults is None else faults).best(name)
+    ranked = [s for s in scores.ranked if s.name != name]
     within = within_reach(gain, scale)
     twin = lambda s: named is not None and abs(float(s.direction @ named.direction)) > SAME_SHAPE
     likely = sorted([s for s in ranked if s.strength**2 > within or twin(s)], key=lambda s: not twin(s))
     if len(likely) < 2:
         likely = [s for s in ranked if not stores(s.name) or asks_for_more(final.effects)][:2]
-    if effect_info(name).of_sweeps:
+    if info_of(name).of_sweeps:
         # What ports store lags and loops as well, in another way at every amount: its score alone does not dismiss it.
         known, asked = {s.name for s in likely}, could_explain(problem, without, scores, within)
         likely += [s for s in ranked if s.name in asked and s.name not in known]
@@ -72,8 +80,11 @@ def rivals_of(problem: Problem, final: Fit, name: str, steps: dict, *, scale: fl
         or expensive_to_compile(final.effects)
         or s.strength**2 > gain - ALIKE
     ]
+    at_fault = (
+        [] if faults is None else [s for s in faults.ranked if s.name != name and (s.strength**2 > within or twin(s))]
+    )
     tried = []
-    for s in likely[:MOST_REFITS]:
+    for s in (*likely[:MOST_REFITS], *at_fault[:FAULTS]):
         start = {**without.values, s.name: s.estimate}
         if named is not None and twin(s):  # the same curve by another name: start where the named one ended
             same = final.values[name] * named.size / s.size * float(np.sign(s.direction @ named.direction))
@@ -84,14 +95,16 @@ def rivals_of(problem: Problem, final: Fit, name: str, steps: dict, *, scale: fl
         if fit.values[s.name] == 0.0 or s.name in fit.active:
             continue
         tried.append(Rival(s.name, name, fit, _more(fit, final, scale)))
-    return Rivals(name, without, tuple(sorted(tried, key=lambda r: r.chi2_more)))
+    law, share = (scores.law, 1.0) if own or faults is None else (faults.law, SHARE)
+    p = law.p_value(float(np.sqrt(max(gain / scale, 0.0))), two_sided=info_of(name).lower < 0.0)
+    return Rivals(name, without, tuple(sorted(tried, key=lambda r: r.chi2_more)), min(1.0, p / share))
 
 
 def _more(fit: Fit, final: Fit, scale: float) -> float:
     """Chi-square that `fit` needs more than `final`; what is implausible stays so however large the misfit is."""
     if not np.isfinite(fit.chi2):
         return np.inf
-    return (fit.chi2 - final.chi2) / scale + implausible(fit) - implausible(final)
+    return (fit.chi2 - final.chi2) / scale + penalty(fit) - penalty(final)
 
 
 def settle_rivals(problem: Problem, final: Fit, steps: dict, *, scale: float = 1.0) -> tuple[Fit, dict[str, Rivals]]:

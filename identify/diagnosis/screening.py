@@ -17,6 +17,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from thermohyd.effects.library import DYNAMIC_EFFECTS, EFFECTS, effect_info, with_effects
+from thermohyd.identify.fitting.bench_faults import info_of
 from thermohyd.identify.fitting.library import Library, stores, with_heat
 from thermohyd.identify.fitting.parameters import PARAMETERS
 from thermohyd.identify.fitting.problem import Fit, Problem
@@ -93,7 +94,7 @@ class Signature:
 
     @property
     def one_sided(self) -> bool:
-        return effect_info(self.name).lower == 0.0
+        return info_of(self.name).lower == 0.0
 
     @property
     def strength(self) -> float:
@@ -140,10 +141,12 @@ def screen(
     level: float,
     degrees_of_freedom: float = np.inf,
     scale: float = 1.0,
+    columns: Mapping[str, np.ndarray] | None = None,
 ) -> Screen:
     """Score the named effects beside `fit`. steps: finite-step signatures per unit amount, {name: (rows,)}.
 
-    scale: standard deviation of the whitened noise where it is not 1. Every name must be in the fit's program.
+    scale: standard deviation of the whitened noise where it is not 1. columns {name: (rows,)}: where they are not the fit's own,
+    else every name must be in its program.
     """
     used = fit.used
     projection = Projection.beside(fit.nuisance[used])
@@ -151,7 +154,8 @@ def screen(
     signatures: list[Signature] = []
     for name in names:
         mine: list[Signature] = []
-        for raw in (fit.column(name)[used], steps[name][used] if name in steps else None):
+        own = fit.column(name) if columns is None else columns[name]
+        for raw in (own[used], steps[name][used] if name in steps else None):
             if raw is None:
                 continue
             length = float(np.linalg.norm(raw))
@@ -285,7 +289,7 @@ def _ports(problem: Problem, values: dict[str, float], fit: Fit) -> np.ndarray:
     test = problem.tests[TEST]
     heat = with_heat(fit.effects)
     valve = base_valve(problem.record, {name: values[name] for name in PARAMETERS if name in values}, heat=heat)
-    valve = with_effects(valve, {name: values[name] for name in fit.effects if effect_info(name).rowwise})
+    valve = with_effects(valve, {name: values[name] for name in fit.effects if info_of(name).rowwise})
     readings, weight = blocked_port_readings(valve, conditions_of(test)), row_weights(test)
     ports = [readings[channel] for channel in ("pressure_a", "pressure_b")]
     ports = ports if weight is None else [mean_over_nodes(port, weight) for port in ports]

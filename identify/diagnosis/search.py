@@ -9,16 +9,18 @@ from scipy.optimize import nnls
 from scipy.special import chdtrc
 
 from thermohyd.effects.library import effect_info
+from thermohyd.identify.fitting.bench_faults import info_of, is_fault
 from thermohyd.identify.fitting.library import expensive_to_compile, stores
 from thermohyd.identify.fitting.problem import Fit, Problem
 
 from .screening import Screen, Signature, screen
+from .screening_faults import p_of_fault, screen_of_faults
 from .stored_oil import could_explain, within_reach
 
 
 LEVEL = 0.005  # probability of naming anything, at each step of the search, in a record that needs nothing more
 MOST_EFFECTS = 6
-SINGLES, PAIRS = 10, 6  # refits of each step
+SINGLES, PAIRS, FAULTS = 10, 6, 4  # refits of each step
 FAR = 3.0  # reduced chi-square from which a model counts as bent by what it misses
 EXPLAINED = 1.1  # reduced chi-square of a refit that leaves nothing to look for elsewhere
 MOST_HOPPING = 3  # refits that go on by basin hopping
@@ -53,15 +55,20 @@ def implausible(fit: Fit) -> float:
     """Penalty in chi-square for amounts beyond what is usual: it decides between effects that fit alike."""
     total = 0.0
     for name in fit.effects:
-        excess = abs(fit.values[name]) / effect_info(name).typical[1]
+        excess = abs(fit.values[name]) / info_of(name).typical[1]
         if excess > 1.0:
             total += BEYOND_TYPICAL * float(np.log(excess)) ** 2
     return total
 
 
 def merit(fit: Fit) -> float:
-    """What the search minimises: chi-square and the penalty of implausible amounts."""
-    return fit.chi2 + implausible(fit) if np.isfinite(fit.chi2) else np.inf
+    """What the search minimises: chi-square, the penalty of implausible amounts, and what faults of the bench must gain."""
+    return fit.chi2 + penalty(fit) if np.isfinite(fit.chi2) else np.inf
+
+
+def penalty(fit: Fit) -> float:
+    """What `merit` adds to the chi-square."""
+    return implausible(fit) + fit.allowance
 
 
 def needed_beside(fit: Fit) -> float:
@@ -97,13 +104,17 @@ def search(
         scores = screen(screened, candidates, steps_of, level=level, degrees_of_freedom=degrees_of_freedom)
         ranked = scores.ranked
         pairs = best_pairs(scores, ranked)
+        faults = screen_of_faults(problem, current, level=level)
         p_single = scores.p_value(ranked[0]) if ranked else 1.0
         p_pair = _p_of_pair(pairs[0][1], len(ranked)) if pairs else 1.0
-        if len(chosen) >= most or min(p_single, p_pair) > level:
-            steps.append(Step(scores, {}, (), min(p_single, p_pair)))
+        p_fault = p_of_fault(faults)
+        p_step = min(p_single, p_pair, p_fault)
+        if len(chosen) >= most or p_step > level:
+            steps.append(Step(scores, {}, (), p_step))
             break
         say(f"effect {len(chosen) + 1}: refitting the leading candidates")
         singles = _singles(problem, current, chosen, scores, ranked)
+        singles |= _faults(problem, current, chosen, faults)
         best = min(singles.values(), key=merit)
         stored = any(stores(name) for name in (*chosen, *singles))
         double = _best_pair(problem, current, chosen, scores, pairs, best, stored)
@@ -111,12 +122,16 @@ def search(
         if double is not None and merit(double) < merit(best) - threshold and len(chosen) + 2 <= most:
             best = double
         added = tuple(name for name in best.effects if name not in chosen)
-        steps.append(Step(scores, singles, added, min(p_single, p_pair)))
+        steps.append(Step(scores, singles, added, p_step))
         if merit(current) - merit(best) < scores.critical**2 * max(0.25, needed_beside(best)):
-            steps[-1] = Step(scores, singles, (), min(p_single, p_pair))
+            steps[-1] = Step(scores, singles, (), p_step)
             break
         chosen += added
         for name in added:
+            if is_fault(name):
+                signature = None if faults is None else faults.best(name)
+                p_values[name] = p_fault if signature is None or faults is None else faults.p_value(signature)
+                continue
             signature = scores.best(name)
             p_alone = p_single if signature is None else scores.p_value(signature)
             p_values[name] = min(p_alone, p_pair)
@@ -173,6 +188,17 @@ def _singles(
     for name in sorted(fits, key=lambda n: merit(fits[n]))[:MOST_HOPPING]:
         fits[name] = problem.fit(fits[name].effects, fits[name].values, hop_basins=True)
     return fits
+
+
+def _faults(problem: Problem, current: Fit, chosen: tuple[str, ...], scores: Screen | None) -> dict[str, Fit]:
+    """Refits of the leading faults of the bench that are beyond what chance gives all of them."""
+    if scores is None:
+        return {}
+    return {
+        s.name: problem.fit((*chosen, s.name), {**current.values, s.name: s.estimate}, most_steps=GLANCE)
+        for s in leading(scores.ranked)[:FAULTS]
+        if s.strength > scores.critical
+    }
 
 
 def leading(ranked: list[Signature]) -> list[Signature]:

@@ -21,8 +21,9 @@ from .library import library_for
 from .model_form import evidence_of_fits, fitted_with, other_law, plans_with_other_law, refit, with_model_form
 from .outcome import Fitted, Key, fit_result, uncertainty_of
 from .parameters import PARAMETERS, ParameterPlan, free_parameters, plan_parameters, readings_of
-from .problem import Problem, white_noise
+from .problem import Problem
 from .profile_intervals import covariance_holds, profile_intervals
+from .readings import white_noise
 from .relative import with_relatives
 from .result import FitResult, OtherLaw, StartOutcome
 from .sensed import sensed_channels, sensor_plans, with_starts

@@ -8,7 +8,8 @@ from thermohyd.identify.bench.record import BenchRecord
 
 from .library import library_for
 from .outcome import Fitted
-from .problem import Fit, Problem, noise_settled_by, solution_of, white_noise
+from .problem import Fit, Problem, noise_settled_by, solution_of
+from .readings import white_noise
 from .relative import effect_plans
 from .uncertainty import largest_change
 

@@ -14,7 +14,8 @@ from .library import NOTHING, Library
 from .motion_readings import require_actuator
 from .outcome import Fitted, Key
 from .parameters import IN_MOTION, PARAMETERS, free_parameters, plan_motion, readings_of
-from .problem import MOST_STEPS, Fit, MotionReadings, Noise, Problem, solution_of, white_noise
+from .problem import MOST_STEPS, Fit, Problem, solution_of
+from .readings import MotionReadings, Noise, white_noise
 from .relative import with_relatives
 from .result import StartOutcome
 from .sensed import sensed_channels, sensor_plans, traced, with_starts

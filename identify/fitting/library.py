@@ -9,6 +9,8 @@ from thermohyd.effects.effect_info import EffectInfo
 from thermohyd.effects.library import DYNAMIC_EFFECTS, EFFECTS, effect_info, whole_library
 from thermohyd.identify.bench.record import DynamicTest, TestRecord
 
+from .bench_faults import info_of
+
 
 # Sweeps whose rates differ by less are one rate: a lag then cannot be told from hysteresis.
 RATES_DIFFER = 1.2
@@ -52,17 +54,17 @@ NOTHING = Library((), {})  # of a plain fit
 
 def coupled(name: str) -> bool:
     """Whether an effect ties the balances together (lines, flow between the ports)."""
-    return effect_info(name).coupled
+    return info_of(name).coupled
 
 
 def stores(name: str) -> bool:
     """Whether an effect ties the rows of a sweep together."""
-    return effect_info(name).stores
+    return info_of(name).stores
 
 
 def with_heat(names: Iterable[str]) -> bool:
     """Whether any of these effects needs the heat of throttling computed."""
-    return any(effect_info(name).computes_heat for name in names)
+    return any(info_of(name).computes_heat for name in names)
 
 
 def expensive_to_compile(names: Iterable[str]) -> bool:

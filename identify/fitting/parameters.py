@@ -6,9 +6,10 @@ Static tests free six parameters of the valve. Dynamic tests free four of motion
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from thermohyd.effects.library import effect_info
 from thermohyd.identify.bench.errors import BenchInputError
 from thermohyd.identify.bench.record import ActuatorData, BenchRecord, StartValue, TestRecord, ValveData
+
+from .bench_faults import info_of
 
 
 @dataclass(frozen=True)
@@ -195,6 +196,6 @@ def _plan(info: ParameterInfo, chosen: StartValue | None, held: bool) -> Paramet
 
 def effect_plan(name: str) -> ParameterPlan:
     """An effect's amount as a parameter of a fit."""
-    info = effect_info(name)
+    info = info_of(name)
     as_parameter = ParameterInfo(name, info.unit, 0.0, info.lower, info.upper, info.scale, info.sentence)
     return ParameterPlan(as_parameter, 0.0, False, info.lower, info.upper)

@@ -8,42 +8,28 @@ taken for another's. The plain fit is the fit with no effect freed.
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 
-from thermohyd.effects.library import effect_info
 from thermohyd.identify.bench.record import BenchRecord, TestRecord, dynamic_among
-from thermohyd.identify.model.learned_terms import ABSOLUTE, LearnedTerm, term_values
-from thermohyd.identify.noise.correlation import NoiseCorrelation
+from thermohyd.identify.model.learned_terms import LearnedTerm
 from thermohyd.identify.noise.level import ChannelNoise
 from thermohyd.identify.noise.whitening import whiten_on_host, whitening_of
 from thermohyd.identify.reduction.monotone_pieces import run_ids
 
+from .bench_faults import BenchFault, allowance_of, info_of, is_fault
 from .boxes import Box
 from .least_squares import LeastSquaresResult, solve
 from .library import Library, coupled, library_for, stores, with_heat
-from .library_program import LibraryArgs, RowTerms, library_program, order_of
 from .parameters import IN_MOTION, PARAMETERS, SEEN_IN_MOTION, ParameterPlan
+from .readings import MotionReadings, Noise, Readings, StaticReadings
 from .sensed import Sensed, SignalRows, sensed_channels, traced
 from .starts import basin_hopping
-from .static_readings import (
-    StaticData,
-    base_valve,
-    channel_slices,
-    coarse_size,
-    groups_of,
-    pad,
-    prior_rows,
-    static_data,
-)
-from .storage_columns import storage_columns
+from .static_readings import channel_slices, prior_rows
 from .uncertainty import Key, settled_noise
 
-
-# residual (rows,) and its columns (entries, rows) at a point (entries,), readings only
-Evaluation = Callable[[np.ndarray], tuple[Any, Any]]
 
 # A search stops a thousandth of a standard error from its optimum: chi-square is then right to 1e-6.
 CLOSE_ENOUGH = 1e-4
@@ -57,14 +43,6 @@ START_WITHIN = 3.0  # times the largest usual amount
 MOST_STEPS, PATIENCE = 40, 5  # a refit that crawls is no candidate; one that is to stay may go on
 # A search starts beside an optimum that basin hopping has been through: fewer and shorter moves [um] than a first fit's.
 MOVES, ROUNDS_OF_MOVES = (2.0, 0.7), 2
-
-
-@dataclass(frozen=True)
-class Noise:
-    """The noise of each channel as a problem weighs it: standard deviation per row (SI) and correlation."""
-
-    std: dict[Key, np.ndarray]
-    correlation: dict[Key, NoiseCorrelation]
 
 
 @dataclass(frozen=True)
@@ -88,6 +66,18 @@ class Fit:
     converged: bool
     message: str
     solution: LeastSquaresResult
+    allowance: float = (
+        0.0  # chi-square that its faults of the bench must gain for the many places they were looked for in
+    )
+
+    @property
+    def physics(self) -> tuple[str, ...]:
+        """Its effects without the faults of the bench."""
+        return tuple(name for name in self.effects if not is_fault(name))
+
+    @property
+    def faults(self) -> tuple[str, ...]:
+        return tuple(name for name in self.effects if is_fault(name))
 
     def column(self, name: str) -> np.ndarray:
         return self.columns[:, self.order.index(name)]
@@ -99,190 +89,12 @@ class Fit:
         return self.columns[:, [self.order.index(name) for name in names]]
 
 
-def white_noise(noise: Mapping[Key, ChannelNoise]) -> Noise:
-    """Independent readings with the standard deviations that a plain fit uses."""
-    return Noise({key: n.used for key, n in noise.items()}, dict.fromkeys(noise, NoiseCorrelation()))
-
-
-@runtime_checkable
-class Readings(Protocol):
-    """The tests of one kind as a function of named entries: parameters first, then amounts of effects."""
-
-    @property
-    def tests(self) -> Mapping[str, TestRecord]:
-        """The tests, in the order of their rows."""
-        ...
-
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        """Names of the entries that are no effects."""
-        ...
-
-    def program(self, chosen: tuple[str, ...]) -> tuple[str, ...]:
-        """The effects present in the cheapest program that serves `chosen`."""
-        ...
-
-    def order(self, program: tuple[str, ...]) -> tuple[str, ...]:
-        """Names of the entries of a program's vector."""
-        ...
-
-    def size(self, rows: int) -> int:
-        """Rows that a channel of so many is padded to."""
-        ...
-
-    def evaluation(self, program: tuple[str, ...]) -> Evaluation:
-        """Whitened residuals and columns of a program, all channels of the tests behind one another."""
-        ...
-
-
-@dataclass(frozen=True)
-class StaticReadings:
-    """Static tests: one compiled program for any set of effects, whose columns come row by row (`library_program`)."""
-
-    record: BenchRecord
-    tests: dict[str, TestRecord]
-    plans: Mapping[str, ParameterPlan]
-    library: Library
-    noise: Noise
-    used: Mapping[Key, np.ndarray] | None
-    terms: tuple[LearnedTerm, ...]
-
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        return PARAMETERS
-
-    def program(self, chosen: tuple[str, ...]) -> tuple[str, ...]:
-        heat = with_heat(chosen) or self._heat_asked
-        tied = any(coupled(name) for name in chosen)
-        if any(stores(name) for name in chosen):
-            return self.library.names if tied else self.library.uncoupled if heat else self.library.stored
-        if not tied:
-            return self.library.plain
-        return self.library.steady if heat else self.library.cold
-
-    def order(self, program: tuple[str, ...]) -> tuple[str, ...]:
-        return order_of(program)
-
-    def size(self, rows: int) -> int:
-        return coarse_size(rows)
-
-    def evaluation(self, program: tuple[str, ...]) -> Evaluation:
-        both, args = library_program(program), self._arguments(program)
-        return lambda p: both(jnp.asarray(p), args)
-
-    def storage(
-        self, vector: Callable[[tuple[str, ...]], np.ndarray], present: tuple[str, ...], amounts: Mapping[str, float]
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """What `storage_columns` gives beside the effects `present`; vector: the values of named entries."""
-        program = tuple(name for name in self.program((*present, *amounts)) if not stores(name))
-        p, c = vector(self.order(program)), np.array([*amounts.values()])
-        found = storage_columns(program, tuple(amounts), p, c, self._arguments(program))
-        return np.asarray(found[0]), np.asarray(found[1])
-
-    @property
-    def _heat_asked(self) -> bool:
-        plan = self.plans["heat_retention"]
-        return not plan.fixed or plan.start > 0.0
-
-    def _arguments(self, program: tuple[str, ...]) -> LibraryArgs:
-        if with_heat(program) or self._heat_asked:
-            return self._with_heat
-        return replace(self._with_heat, valve=replace(self._with_heat.valve, heat_retention=None))
-
-    @cached_property
-    def _with_heat(self) -> LibraryArgs:
-        values = {name: self.plans[name].start for name in PARAMETERS}
-        data = static_data(self.tests, self.noise.std, coarse_size)
-        whitening, channels = [], []
-        for channel in data.channels:
-            key = (channel.test, channel.name)
-            test = self.tests[channel.test]
-            sweeps = run_ids(test)
-            whitening.append(whitening_of(self.noise.correlation[key], sweeps, coarse_size(test.rows)))
-            weight = channel.weight
-            if self.used is not None:
-                weight = weight * pad(self.used[key].astype(float), fill=0.0, size=coarse_size)
-            # Sensors act on what the program gives, and so none of them needs a program of its own.
-            channels.append(replace(channel, weight=weight, sensor=None))
-        data = type(data)(data.conditions, tuple(channels), data.weights)
-        return LibraryArgs(base_valve(self.record, values, heat=True), data, tuple(whitening), self._row_terms(data))
-
-    def _row_terms(self, data: StaticData) -> dict[str, RowTerms]:
-        terms = {}
-        for group, tests in groups_of(data.conditions).items():
-            nodes = [1 if (points := self.tests[name].nodes) is None else points.count for name in tests]
-            sizes = [coarse_size(self.tests[name].rows) * k for name, k in zip(tests, nodes, strict=True)]
-            factor, shift = np.ones((len(PARAMETERS), sum(sizes))), np.zeros((len(PARAMETERS), sum(sizes)))
-            viscosity = np.ones(sum(sizes))
-            first = 0
-            for name, size, k in zip(tests, sizes, nodes, strict=True):
-                rows = slice(first, first + self.tests[name].rows * k)
-                for term in self.terms:
-                    change = np.repeat(term_values(term, self.tests[name], self.record.oil), k)
-                    if term.quantity == "viscosity":
-                        viscosity[rows] *= 1.0 + change
-                    elif term.quantity in ABSOLUTE:
-                        shift[PARAMETERS.index(term.quantity), rows] += change
-                    else:
-                        factor[PARAMETERS.index(term.quantity), rows] *= 1.0 + change
-                first += size
-            terms[group] = RowTerms(factor, shift, viscosity)
-        return terms
-
-
-@dataclass(frozen=True)
-class MotionReadings:
-    """Dynamic tests: runs of the machine with forward derivatives, and its small-signal response (`motion_readings`).
-
-    parameters: names of the vector's entries; the simulator holds all others. library: effects of a search; None where only
-    those are present that are asked for: a program of its own, but with fewer columns to integrate.
-    """
-
-    simulator: Any  # a DynamicSimulator, whose module a static problem does not wait for
-    parameters: tuple[str, ...]
-    library: Library | None
-    noise: Noise
-    used: Mapping[Key, np.ndarray] | None
-
-    @property
-    def tests(self) -> Mapping[str, TestRecord]:
-        return self.simulator.tests
-
-    def program(self, chosen: tuple[str, ...]) -> tuple[str, ...]:
-        if self.library is None:
-            return chosen
-        return self.library.names if chosen else ()
-
-    def order(self, program: tuple[str, ...]) -> tuple[str, ...]:
-        return (*self.parameters, *program)
-
-    def size(self, rows: int) -> int:
-        return rows
-
-    def evaluation(self, program: tuple[str, ...]) -> Evaluation:
-        # Here, not above: a static problem does not wait for the solvers of motion.
-        from .motion_readings import Weighing, rows_of_readings
-
-        weight = {(n, c.name): 1.0 / self.noise.std[n, c.name] for n, t in self.tests.items() for c in t.channels}
-        if self.used is not None:
-            weight = {key: w * self.used[key] for key, w in weight.items()}
-        weighing = Weighing(weight, whiten=self._whiten)
-        return lambda p: rows_of_readings(self.simulator, self.parameters, program, weighing, p)
-
-    def _whiten(self, key: Key, values: np.ndarray) -> np.ndarray:
-        correlation = self.noise.correlation[key]
-        if correlation == NoiseCorrelation():
-            return values
-        test = self.tests[key[0]]
-        return whiten_on_host(whitening_of(correlation, run_ids(test), test.rows), values.T).T
-
-
 @dataclass(frozen=True)
 class Problem:
     """One record's refits. plans: of every parameter, held ones too. `used` (rows,) masks rows out of a fit (they still have
     residuals and columns), counted as in a fit's residual. known_effects: {name: amount}, present and held, in motion only.
     also: held parameters that stand in the vector of motion all the same, so that a later fit which frees them finds its
-    program compiled.
+    program compiled. faults: of the bench, that may be freed like effects of the library; of static tests.
     """
 
     record: BenchRecord
@@ -294,6 +106,7 @@ class Problem:
     terms: tuple[LearnedTerm, ...] = ()
     known_effects: Mapping[str, float] = field(default_factory=dict)
     also: tuple[str, ...] = ()
+    faults: Mapping[str, BenchFault] = field(default_factory=dict)
 
     def with_noise(self, noise: Noise) -> "Problem":
         return replace(self, noise=noise)
@@ -382,7 +195,7 @@ class Problem:
 
     def scale_of(self, name: str) -> float:
         """A natural step of a parameter or an effect's amount."""
-        return self.plans[name].info.scale if name in self.plans else effect_info(name).scale
+        return self.plans[name].info.scale if name in self.plans else info_of(name).scale
 
     def sweeps(self, test: str) -> np.ndarray:
         """Stretches of a test's rows along which its noise remembers."""
@@ -407,7 +220,8 @@ class Problem:
         """
         chosen = tuple(name for name in self.library.names if name in set(effects))
         programs = [part.program(chosen) for part in self.readings]
-        order = self._order(programs)
+        chosen = (*chosen, *(name for name in self.faults if name in set(effects)))
+        order = self._order(programs, chosen)
         free = (*self.free_parameters, *(name for name in order if name in chosen))
         begin = self._start(order, chosen, start or {})
         boxes = [self._box(name, begin[i], name in free) for i, name in enumerate(order)]
@@ -429,11 +243,14 @@ class Problem:
 
     def evaluate(self, values: Mapping[str, float], effects: Iterable[str] = ()) -> Fit:
         """Residuals and columns at given values; nothing is fitted. `effects` must be present in the program used."""
-        chosen = tuple(name for name in self.library.names if name in set(effects) or values.get(name, 0.0) != 0.0)
-        return self._evaluate(values, [part.program(chosen) for part in self.readings])
+        wanted = {*effects, *(name for name, value in values.items() if value != 0.0)}
+        chosen = tuple(name for name in self.library.names if name in wanted)
+        return self._evaluate(values, [part.program(chosen) for part in self.readings], tuple(wanted))
 
-    def _evaluate(self, values: Mapping[str, float], programs: list[tuple[str, ...]]) -> Fit:
-        order = self._order(programs)
+    def _evaluate(
+        self, values: Mapping[str, float], programs: list[tuple[str, ...]], present: tuple[str, ...] = ()
+    ) -> Fit:
+        order = self._order(programs, present)
         point = np.array([values.get(n, self.plans[n].start if n in self.plans else 0.0) for n in order], dtype=float)
         residual, columns = (np.asarray(part) for part in self._both(programs, order)(point, None))
         still = np.zeros(len(point), dtype=int)
@@ -451,7 +268,7 @@ class Problem:
         if not missing:
             return fit
         (part,) = self.readings
-        present = [name for name in fit.order if name not in self.parameters and fit.values[name] != 0.0]
+        present = [name for name in fit.order if name in self.library.names and fit.values[name] != 0.0]
         steady, stored = [n for n in missing if not stores(n)], [n for n in missing if stores(n)]
         seen = [fit]
         cold, lasting = [n for n in steady if not with_heat((n,))], [n for n in present if not stores(n)]
@@ -462,7 +279,7 @@ class Problem:
         if stored:
             # As beside the heating: of the valve without the coupling.
             seen.append(replace(fit, order=tuple(stored), columns=self.stored_beside(fit)[1]))
-        order = self._order([self.library.names])
+        order = self._order([self.library.names], fit.order)
         columns = [next(other for other in seen if name in other.order).column(name) for name in order]
         values = {name: fit.values.get(name, 0.0) for name in order}
         return replace(fit, order=order, values=values, columns=np.stack(columns, axis=1))
@@ -491,19 +308,26 @@ class Problem:
     def _beside(self, fit: Fit, program: tuple[str, ...]) -> Fit:
         """The same point seen by another program, without the effects that it does not have."""
         held = {name: value for name, value in fit.values.items() if name in self.parameters or name in program}
-        return self._evaluate(held, [program])
+        faults = {name: fit.values[name] for name in fit.order if is_fault(name)}
+        return self._evaluate(held | faults, [program], tuple(faults))
 
-    def _order(self, programs: list[tuple[str, ...]]) -> tuple[str, ...]:
-        """Names of the entries of the vector: every parameter, then every effect that a program has."""
+    def _order(self, programs: list[tuple[str, ...]], present: tuple[str, ...] = ()) -> tuple[str, ...]:
+        """Names of the entries of the vector: every parameter, every effect that a program has, and of what is present the faults."""
         orders = [part.order(program) for part, program in zip(self.readings, programs, strict=True)]
-        return tuple(dict.fromkeys((*self.parameters, *(name for order in orders for name in order))))
+        faults = (name for name in self.faults if name in present)
+        return tuple(dict.fromkeys((*self.parameters, *(name for order in orders for name in order), *faults)))
 
     def _both(self, programs: list[tuple[str, ...]], order: tuple[str, ...]) -> Callable[[Any, Any], tuple[Any, Any]]:
         """(p, args) -> residuals and columns (entries, rows) of all readings, then of the priors, as `solve` takes it."""
-        parts = [
-            (part.evaluation(program), [order.index(name) for name in part.order(program)])
-            for part, program in zip(self.readings, programs, strict=True)
-        ]
+        moving = tuple(self.faults[name] for name in order if is_fault(name) and self.faults[name].info.moves)
+        parts = []
+        for part, program in zip(self.readings, programs, strict=True):
+            own = tuple(fault for fault in moving if set(fault.shapes) <= set(part.tests))
+            names = (*part.order(program), *(fault.name for fault in own))
+            parts.append((part.evaluation(program, own), [order.index(name) for name in names]))
+        # Of each kind of readings the columns of faults of what was read, which never change.
+        still = [name for name in order if is_fault(name) and not self.faults[name].info.moves]
+        given = [{name: self._of_readings(self.faults[name], part) for name in still} for part in self.readings]
         value, weight = (np.asarray(part) for part in prior_rows([self.plans[name] for name in self.parameters]))
         count = len(value)
         slopes = np.zeros((len(order), count))
@@ -514,19 +338,37 @@ class Problem:
             vector = np.asarray(p, dtype=float)
             residuals, blocks = [], []
             values = dict(zip(order, vector.tolist(), strict=True))
-            for (evaluate, places), signals in zip(parts, self._signals, strict=True):
+            for (evaluate, places), signals, shifts in zip(parts, self._signals, given, strict=True):
                 residual, columns = evaluate(vector[places])
                 residual = np.array(residual)
                 block = np.zeros((len(order), len(residual)))
                 block[places] = np.asarray(columns)
                 for signal in signals:
                     signal.act(residual, block, values, order)
+                for name, column in shifts.items():
+                    block[order.index(name)] = column
+                    residual += values[name] * column
                 residuals.append(residual)
                 blocks.append(block)
             residuals.append((vector[:count] - value) * weight)
             return jnp.asarray(np.concatenate(residuals)), jnp.asarray(np.concatenate([*blocks, slopes], axis=1))
 
         return both
+
+    def _of_readings(self, fault: BenchFault, part: Readings) -> np.ndarray:
+        """What a fault of readings adds to the whitened residuals of these tests, padded, per amount: model - what was read + fault."""
+        column, first = np.zeros(sum(part.size(t.rows) * len(t.channels) for t in part.tests.values())), 0
+        rows = self.rows()
+        for test in part.tests.values():
+            for channel in test.channels:
+                if test.name in fault.shapes and channel.name == fault.channel:
+                    key = (test.name, channel.name)
+                    shape = fault.shapes[test.name] / self.noise.std[key]
+                    shape = shape if self.used is None else shape * self.used[rows[key]]
+                    white = whitening_of(self.noise.correlation[key], run_ids(test), test.rows)
+                    column[first : first + test.rows] = whiten_on_host(white, shape)
+                first += part.size(test.rows)
+        return column
 
     def _start(self, order: tuple[str, ...], chosen: tuple[str, ...], start: Mapping[str, float]) -> list[float]:
         found = []
@@ -537,7 +379,7 @@ class Problem:
             if name not in chosen:
                 found.append(0.0)
                 continue
-            info = effect_info(name)
+            info = info_of(name)
             # A linear estimate may lie far outside of what the balances can solve.
             most = START_WITHIN * info.typical[1]
             value = float(np.clip(start.get(name, 0.0), max(info.lower, -most), min(info.upper, most)))
@@ -549,7 +391,7 @@ class Problem:
 
     def _box(self, name: str, value: float, free: bool) -> Box:
         if name not in self.plans:
-            info = effect_info(name)
+            info = info_of(name)
             lower, upper, scale = info.lower, info.upper, info.scale
         else:
             plan = self.plans[name]
@@ -580,7 +422,7 @@ class Problem:
         )  # fmt: skip
         return Fit(
             chosen, order, free, values, result.cost, result.residual[real], result.jacobian[real], used, pressed,
-            result.converged, result.message, result,
+            result.converged, result.message, result, allowance_of(chosen, self.faults),
         )  # fmt: skip
 
 

@@ -38,6 +38,8 @@ def diagnosis_json(result: DiagnosisResult) -> dict[str, Any]:
         "where_after": [_region(region) for region in result.where_after],
         "effects": [_effect(effect) for effect in result.effects],
         "rejected": [fields_of(c, "name", "p_value", "gap_closed") for c in result.rejected if c.name not in rivals],
+        "suspects": [fields_of(suspect, "name", "value", "unit", "evidence") for suspect in result.suspects],
+        "proof": result.proof,
         **fields_of(result, "absorbed", "gap_before", "gap_after"),
         "held_out": None if result.held_out is None else fields_of(result.held_out, *HELD_OUT),
         "next_test": None if result.next_test is None else result.next_test.sentence,
@@ -80,7 +82,9 @@ def _effect(effect: NamedEffect) -> dict[str, Any]:
         "parameter": fields_of(effect, "value", "unit", "std", "ci95"),
         **fields_of(effect, "p_value", "gap_closed"),
         "alternatives": [rival.name for rival in effect.alternatives],
-        "alternative_fits": [fields_of(rival, "name", "value", "unit", "chi2_more") for rival in effect.alternatives],
+        "alternative_fits": [
+            fields_of(rival, "name", "where", "value", "unit", "chi2_more") for rival in effect.alternatives
+        ],
         **fields_of(effect, "strength", "at_bound", "sentence"),
     }
 

@@ -13,6 +13,7 @@ from rich.text import Text
 
 from thermohyd.effects.library import find_effect
 from thermohyd.identify.bench.provenance import record_line
+from thermohyd.identify.bench.record import Fault
 from thermohyd.identify.bench.shown_units import amount, beside, decimals_for, display_unit
 from thermohyd.identify.diagnosis.result import (
     DiagnosisResult,
@@ -20,6 +21,7 @@ from thermohyd.identify.diagnosis.result import (
     NamedEffect,
     ParameterShift,
     Region,
+    Suspect,
     Variation,
     Verdict,
 )
@@ -45,15 +47,28 @@ def headline(
     smooth: tuple[Variation, ...] = (),
     judged: bool = True,
     law: str = "",
+    faults: tuple[Fault, ...] = (),
 ) -> str:
     """The first sentence of every report. judged: the noise is known, so that agreement with it means something.
 
-    law: the other law of an edge, where the data prefer it.
+    law: the other law of an edge, where the data prefer it. faults: of the bench, that the final model allows for.
     """
     place = _place(where)
+    once = _once(faults)
+    if verdict == "ambiguous" and not effects:
+        rivals = _or(list(dict.fromkeys(rival for fault in faults for rival in fault.alternatives)))
+        return f"Once {once} allowed for, the ideal valve explains this record, but that cannot be told from {rivals} by these data."
     if verdict == "consistent":
+        if judged and once:
+            return f"The ideal valve explains this record within its noise once {once} allowed for: no effect of the library is needed."
         if judged:
             return "The ideal valve explains this record within its noise: no effect of the library is needed."
+        if once:
+            return (
+                f"Once {once} allowed for, nothing in the library does better than the ideal valve, but whether that explains the "
+                "record cannot be judged: the noise was estimated from what the fits leave. State it (noise in bench.toml) or run "
+                "each sweep twice (column run)."
+            )
         return (
             "Nothing in the library does better than the ideal valve, but whether that explains the record cannot be judged: "
             "the noise was estimated from what the fits leave. State it (noise in bench.toml) or run each sweep twice (column run)."
@@ -75,9 +90,25 @@ def headline(
         return f"{lead}{names} {_verb(effects, 'is', 'are')} missing from the model; {closes}{_bias(shifts)}."
     open_ = [e for e in effects if e.alternatives]
     rivals = "; ".join(
-        f"{e.name} cannot be told from {_or([a.name for a in e.alternatives])} by these data" for e in open_
+        f"{e.name} cannot be told from {_or([a.words for a in e.alternatives])} by these data" for e in open_
     )
     return f"{lead}{names} would explain it, and {closes}, but {rivals}."
+
+
+def suspect_sentences(suspects: tuple[Suspect, ...]) -> tuple[str, ...]:
+    """What was found and did not prove itself."""
+    return tuple(
+        f"Suspected, not named: {s.name} ({amount(s.name, s.value, s.unit)}) lowers the misfit of the rows it is fitted to, but "
+        f"does not predict conditions that are left out of its fit (2 ln E = {s.evidence:.1f}; 10.6 would prove it)."
+        for s in suspects
+    )
+
+
+def _once(faults: tuple[Fault, ...]) -> str:
+    """The faults of the bench, each with its figures, and the verb behind them."""
+    if not faults:
+        return ""
+    return f"{in_a_row([f'{f.name} ({f.sentence})' for f in faults])} {'is' if len(faults) == 1 else 'are'}"
 
 
 def _curve(smooth: tuple[Variation, ...]) -> str:
@@ -92,7 +123,7 @@ def _curve(smooth: tuple[Variation, ...]) -> str:
 
 def _with_rivals(effect: NamedEffect) -> str:
     own = amount(effect.name, effect.value, effect.unit, effect.std)
-    return f"{own}, or {_or([a.name for a in effect.alternatives])}" if effect.alternatives else own
+    return f"{own}, or {_or([a.words for a in effect.alternatives])}" if effect.alternatives else own
 
 
 def _closed(held: HeldOut | None) -> str:

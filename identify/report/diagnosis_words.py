@@ -168,7 +168,7 @@ def _effect_row(effect: NamedEffect) -> EffectRow:
         p=p_words(effect.p_value),
         strength=significant(effect.strength, 3),
         closed=percent(effect.gap_closed),
-        rivals=", ".join(rival.name for rival in effect.alternatives) or "none",
+        rivals=", ".join(rival.words for rival in effect.alternatives) or "none",
         sentence=effect.sentence,
         status="AT BOUND" if effect.at_bound else "",
     )
@@ -189,7 +189,7 @@ def rival_sentences(result: DiagnosisResult) -> list[str]:
     for effect in result.effects:
         if effect.alternatives:
             fits = [
-                f"{rival.name}{_of_amount(rival)} (chi-square {rival.chi2_more:+.1f})" for rival in effect.alternatives
+                f"{rival.words}{_of_amount(rival)} (chi-square {rival.chi2_more:+.1f})" for rival in effect.alternatives
             ]
             sentences.append(f"In place of {effect.name} the data allow as well: {'; '.join(fits)}.")
     return sentences

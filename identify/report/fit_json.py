@@ -108,10 +108,8 @@ def _fault(fault: Fault) -> dict[str, Any]:
     runs = {row.run for row in fault.rows}
     return {
         **fields_of(fault, "name", "test"),
-        "run": runs.pop() if len(runs) == 1 else None,
-        **fields_of(fault, "channel", "value", "unit"),
-        "std": None,
-        "p_value": None,
+        "run": runs.pop() if len(runs) == 1 else fault.run or None,
+        **fields_of(fault, "channel", "value", "unit", "std", "p_value", "alternatives"),
         "rows": [fields_of(row, "file", "line", "sigma") for row in fault.rows],
         **fields_of(fault, "masked", "sentence"),
     }

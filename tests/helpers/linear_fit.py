@@ -12,7 +12,8 @@ from thermohyd.identify.bench.record import TestRecord
 from thermohyd.identify.fitting.least_squares import LeastSquaresResult
 from thermohyd.identify.fitting.library import Library
 from thermohyd.identify.fitting.parameters import PARAMETERS, plan_parameters
-from thermohyd.identify.fitting.problem import Fit, Key, Noise, Problem
+from thermohyd.identify.fitting.problem import Fit, Key, Problem
+from thermohyd.identify.fitting.readings import Noise
 from thermohyd.identify.noise.correlation import NoiseCorrelation
 from thermohyd.identify.noise.whitening import whiten_on_host, whitening_of
 from thermohyd.identify.reduction.monotone_pieces import run_ids

@@ -14,7 +14,8 @@ from thermohyd.identify.bench.sensors import Sensor
 from thermohyd.identify.fitting.fit import fit
 from thermohyd.identify.fitting.library import library_for
 from thermohyd.identify.fitting.parameters import Relative, plan_parameters
-from thermohyd.identify.fitting.problem import Noise, Problem
+from thermohyd.identify.fitting.problem import Problem
+from thermohyd.identify.fitting.readings import Noise
 from thermohyd.identify.fitting.relative import with_relatives
 from thermohyd.identify.fitting.sensed import sensed_channels, sensor_plans, with_starts
 from thermohyd.identify.fitting.static_readings import (

@@ -1,0 +1,81 @@
+"""Score faults of the bench beside a fitted model, as the effects of the library are, but at a level of their own.
+
+There are many more places where a bench can be at fault than effects of a valve: under one law with them, the library would lose
+power. The level is therefore divided: faults have a share of it, with a critical value of their own (max-T, docs/diagnosis.md 3).
+"""
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from thermohyd.identify.fitting.bench_faults import BenchFault
+from thermohyd.identify.fitting.problem import Fit, Problem
+from thermohyd.identify.fitting.readings import STEP, Noise
+from thermohyd.identify.noise.correlation import NoiseCorrelation
+from thermohyd.identify.noise.whitening import whiten_on_host, whitening_of
+
+from .screening import Screen, screen
+
+
+SHARE = 0.3  # of the level of a search
+
+
+def screen_of_faults(problem: Problem, fit: Fit, *, level: float, spared: Iterable[str] = ()) -> Screen | None:
+    """Scores of all faults that `fit` does not have, but for those `spared`; None where the tests can have none."""
+    names = [name for name in problem.faults if name not in fit.effects and name not in set(spared)]
+    if not names:
+        return None
+    columns = fault_columns(problem, fit, names)
+    return screen(fit, names, {}, level=SHARE * level, columns=columns)
+
+
+def p_of_fault(faults: Screen | None) -> float:
+    """The strongest fault's, on the scale of the search's level."""
+    if faults is None or not faults.ranked:
+        return 1.0
+    return min(1.0, faults.p_value(faults.ranked[0]) / SHARE)
+
+
+def fault_columns(problem: Problem, fit: Fit, names: Iterable[str]) -> dict[str, np.ndarray]:
+    """{fault: whitened column (rows,) per amount} beside `fit`; rows of priors are 0.
+
+    Rows are taken for themselves: what a shifted position does to the rows behind it, where ports store oil, is left to the refit.
+    """
+    faults = [problem.faults[name] for name in names]
+    slopes = _slopes(problem, fit, faults)
+    found = {fault.name: np.zeros(len(fit.residual)) for fault in faults}
+    for key, place in problem.rows().items():
+        test, own = key[0], [fault for fault in faults if _touches(fault, *key)]
+        if not own:
+            continue
+        weight = 1.0 / problem.noise.std[key] * (1.0 if problem.used is None else problem.used[place])
+        columns = [
+            fault.shapes[test] * (slopes[fault.info.moves][place] if fault.info.moves else weight) for fault in own
+        ]
+        white = whitening_of(problem.noise.correlation[key], problem.sweeps(test), place.stop - place.start)
+        for fault, column in zip(own, whiten_on_host(white, np.stack(columns, axis=1)).T, strict=True):
+            found[fault.name][place] = column
+    return found
+
+
+def _touches(fault: BenchFault, test: str, channel: str) -> bool:
+    return test in fault.shapes and (bool(fault.info.moves) or fault.channel == channel)
+
+
+def _slopes(problem: Problem, fit: Fit, faults: list[BenchFault]) -> dict[str, np.ndarray]:
+    """{column that is read wrong: (rows,)}: what one SI unit too much does to the weighted residuals, before whitening."""
+    noise = Noise(problem.noise.std, dict.fromkeys(problem.noise.correlation, NoiseCorrelation()))
+    white = problem.with_noise(noise)
+    steps: dict[str, float] = {}
+    for fault in faults:
+        if fault.info.moves:
+            steps.setdefault(fault.info.moves, STEP * fault.info.scale * fault.size)
+    if not steps:
+        return {}
+    here = white.evaluate(fit.values, fit.effects).residual
+    found = {}
+    for column, step in steps.items():
+        moved = {name: replace(test, **{column: getattr(test, column) - step}) for name, test in problem.tests.items()}
+        found[column] = (replace(white, tests=moved).evaluate(fit.values, fit.effects).residual - here) / step
+    return found

@@ -1,0 +1,243 @@
+"""The readings of a record's tests of one kind as a function of named entries: static tests, and tests in motion.
+
+The only place where the two differ for a `Problem`, which puts them behind one another.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Protocol, runtime_checkable
+
+import jax.numpy as jnp
+import numpy as np
+
+from thermohyd.identify.bench.record import BenchRecord, TestRecord
+from thermohyd.identify.model.learned_terms import ABSOLUTE, LearnedTerm, term_values
+from thermohyd.identify.noise.correlation import NoiseCorrelation
+from thermohyd.identify.noise.level import ChannelNoise
+from thermohyd.identify.noise.whitening import whiten_on_host, whitening_of
+from thermohyd.identify.reduction.monotone_pieces import run_ids
+
+from .bench_faults import BenchFault, corrected
+from .library import Library, coupled, stores, with_heat
+from .library_program import LibraryArgs, RowTerms, library_program, order_of
+from .parameters import PARAMETERS, ParameterPlan
+from .static_readings import StaticData, base_valve, coarse_size, conditions_of, groups_of, pad, static_data
+from .storage_columns import storage_columns
+from .uncertainty import Key
+
+
+STEP = 1e-3  # of a fault's scale: its column is a difference, whose error moves no optimum by a thousandth of a standard error
+
+# residual (rows,) and its columns (entries, rows) at a point (entries,), readings only
+Evaluation = Callable[[np.ndarray], tuple[Any, Any]]
+
+
+@dataclass(frozen=True)
+class Noise:
+    """The noise of each channel as a problem weighs it: standard deviation per row (SI) and correlation."""
+
+    std: dict[Key, np.ndarray]
+    correlation: dict[Key, NoiseCorrelation]
+
+
+def white_noise(noise: Mapping[Key, ChannelNoise]) -> Noise:
+    """Independent readings with the standard deviations that a plain fit uses."""
+    return Noise({key: n.used for key, n in noise.items()}, dict.fromkeys(noise, NoiseCorrelation()))
+
+
+@runtime_checkable
+class Readings(Protocol):
+    """The tests of one kind as a function of named entries: parameters first, then amounts of effects."""
+
+    @property
+    def tests(self) -> Mapping[str, TestRecord]:
+        """The tests, in the order of their rows."""
+        ...
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of the entries that are no effects."""
+        ...
+
+    def program(self, chosen: tuple[str, ...]) -> tuple[str, ...]:
+        """The effects present in the cheapest program that serves `chosen`."""
+        ...
+
+    def order(self, program: tuple[str, ...]) -> tuple[str, ...]:
+        """Names of the entries of a program's vector."""
+        ...
+
+    def size(self, rows: int) -> int:
+        """Rows that a channel of so many is padded to."""
+        ...
+
+    def evaluation(self, program: tuple[str, ...], faults: tuple[BenchFault, ...] = ()) -> Evaluation:
+        """Whitened residuals and columns of a program, all channels of the tests behind one another.
+
+        faults: of positions and labels; their amounts stand behind the program's entries.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class StaticReadings:
+    """Static tests: one compiled program for any set of effects, whose columns come row by row (`library_program`)."""
+
+    record: BenchRecord
+    tests: dict[str, TestRecord]
+    plans: Mapping[str, ParameterPlan]
+    library: Library
+    noise: Noise
+    used: Mapping[Key, np.ndarray] | None
+    terms: tuple[LearnedTerm, ...]
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        return PARAMETERS
+
+    def program(self, chosen: tuple[str, ...]) -> tuple[str, ...]:
+        heat = with_heat(chosen) or self._heat_asked
+        tied = any(coupled(name) for name in chosen)
+        if any(stores(name) for name in chosen):
+            return self.library.names if tied else self.library.uncoupled if heat else self.library.stored
+        if not tied:
+            return self.library.plain
+        return self.library.steady if heat else self.library.cold
+
+    def order(self, program: tuple[str, ...]) -> tuple[str, ...]:
+        return order_of(program)
+
+    def size(self, rows: int) -> int:
+        return coarse_size(rows)
+
+    def evaluation(self, program: tuple[str, ...], faults: tuple[BenchFault, ...] = ()) -> Evaluation:
+        both, args = library_program(program), self._arguments(program)
+        if not faults:
+            return lambda p: both(jnp.asarray(p), args)
+
+        def evaluate(p: np.ndarray) -> tuple[Any, Any]:
+            own, amounts = jnp.asarray(p[: -len(faults)]), p[-len(faults) :]
+            at = lambda amounts: both(own, self._moved(args, dict(zip(faults, amounts.tolist(), strict=True))))
+            residual, columns = at(amounts)
+            slopes = []
+            for i, fault in enumerate(faults):
+                step = STEP * fault.info.scale
+                slopes.append((at(amounts + step * np.eye(len(faults))[i])[0] - residual) / step)
+            return residual, jnp.concatenate([columns, jnp.stack(slopes)])
+
+        return evaluate
+
+    def _moved(self, args: LibraryArgs, amounts: Mapping[BenchFault, float]) -> LibraryArgs:
+        """The data with positions and labels as they would have been read without these faults."""
+        touched = {test for fault in amounts for test in fault.shapes}
+        tests = corrected({name: self.tests[name] for name in touched}, amounts)
+        conditions = args.data.conditions | {name: conditions_of(test, coarse_size) for name, test in tests.items()}
+        return replace(args, data=replace(args.data, conditions=conditions))
+
+    def storage(
+        self, vector: Callable[[tuple[str, ...]], np.ndarray], present: tuple[str, ...], amounts: Mapping[str, float]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """What `storage_columns` gives beside the effects `present`; vector: the values of named entries."""
+        program = tuple(name for name in self.program((*present, *amounts)) if not stores(name))
+        p, c = vector(self.order(program)), np.array([*amounts.values()])
+        found = storage_columns(program, tuple(amounts), p, c, self._arguments(program))
+        return np.asarray(found[0]), np.asarray(found[1])
+
+    @property
+    def _heat_asked(self) -> bool:
+        plan = self.plans["heat_retention"]
+        return not plan.fixed or plan.start > 0.0
+
+    def _arguments(self, program: tuple[str, ...]) -> LibraryArgs:
+        if with_heat(program) or self._heat_asked:
+            return self._with_heat
+        return replace(self._with_heat, valve=replace(self._with_heat.valve, heat_retention=None))
+
+    @cached_property
+    def _with_heat(self) -> LibraryArgs:
+        values = {name: self.plans[name].start for name in PARAMETERS}
+        data = static_data(self.tests, self.noise.std, coarse_size)
+        whitening, channels = [], []
+        for channel in data.channels:
+            key = (channel.test, channel.name)
+            test = self.tests[channel.test]
+            sweeps = run_ids(test)
+            whitening.append(whitening_of(self.noise.correlation[key], sweeps, coarse_size(test.rows)))
+            weight = channel.weight
+            if self.used is not None:
+                weight = weight * pad(self.used[key].astype(float), fill=0.0, size=coarse_size)
+            # Sensors act on what the program gives, and so none of them needs a program of its own.
+            channels.append(replace(channel, weight=weight, sensor=None))
+        data = type(data)(data.conditions, tuple(channels), data.weights)
+        return LibraryArgs(base_valve(self.record, values, heat=True), data, tuple(whitening), self._row_terms(data))
+
+    def _row_terms(self, data: StaticData) -> dict[str, RowTerms]:
+        terms = {}
+        for group, tests in groups_of(data.conditions).items():
+            nodes = [1 if (points := self.tests[name].nodes) is None else points.count for name in tests]
+            sizes = [coarse_size(self.tests[name].rows) * k for name, k in zip(tests, nodes, strict=True)]
+            factor, shift = np.ones((len(PARAMETERS), sum(sizes))), np.zeros((len(PARAMETERS), sum(sizes)))
+            viscosity = np.ones(sum(sizes))
+            first = 0
+            for name, size, k in zip(tests, sizes, nodes, strict=True):
+                rows = slice(first, first + self.tests[name].rows * k)
+                for term in self.terms:
+                    change = np.repeat(term_values(term, self.tests[name], self.record.oil), k)
+                    if term.quantity == "viscosity":
+                        viscosity[rows] *= 1.0 + change
+                    elif term.quantity in ABSOLUTE:
+                        shift[PARAMETERS.index(term.quantity), rows] += change
+                    else:
+                        factor[PARAMETERS.index(term.quantity), rows] *= 1.0 + change
+                first += size
+            terms[group] = RowTerms(factor, shift, viscosity)
+        return terms
+
+
+@dataclass(frozen=True)
+class MotionReadings:
+    """Dynamic tests: runs of the machine with forward derivatives, and its small-signal response (`motion_readings`).
+
+    parameters: names of the vector's entries; the simulator holds all others. library: effects of a search; None where only
+    those are present that are asked for: a program of its own, but with fewer columns to integrate.
+    """
+
+    simulator: Any  # a DynamicSimulator, whose module a static problem does not wait for
+    parameters: tuple[str, ...]
+    library: Library | None
+    noise: Noise
+    used: Mapping[Key, np.ndarray] | None
+
+    @property
+    def tests(self) -> Mapping[str, TestRecord]:
+        return self.simulator.tests
+
+    def program(self, chosen: tuple[str, ...]) -> tuple[str, ...]:
+        if self.library is None:
+            return chosen
+        return self.library.names if chosen else ()
+
+    def order(self, program: tuple[str, ...]) -> tuple[str, ...]:
+        return (*self.parameters, *program)
+
+    def size(self, rows: int) -> int:
+        return rows
+
+    def evaluation(self, program: tuple[str, ...], faults: tuple[BenchFault, ...] = ()) -> Evaluation:
+        assert not faults  # they are looked for in static tests alone
+        # Here, not above: a static problem does not wait for the solvers of motion.
+        from .motion_readings import Weighing, rows_of_readings
+
+        weight = {(n, c.name): 1.0 / self.noise.std[n, c.name] for n, t in self.tests.items() for c in t.channels}
+        if self.used is not None:
+            weight = {key: w * self.used[key] for key, w in weight.items()}
+        weighing = Weighing(weight, whiten=self._whiten)
+        return lambda p: rows_of_readings(self.simulator, self.parameters, program, weighing, p)
+
+    def _whiten(self, key: Key, values: np.ndarray) -> np.ndarray:
+        correlation = self.noise.correlation[key]
+        if correlation == NoiseCorrelation():
+            return values
+        test = self.tests[key[0]]
+        return whiten_on_host(whitening_of(correlation, run_ids(test), test.rows), values.T).T
