@@ -89,10 +89,11 @@ def random_fault(random: np.random.Generator, name: str, scale: Scale, exact: Re
     sign = float(pick((-1.0, 1.0)))
     if name.startswith("wrong_"):
         return _wrong_label(random, name, bench, sign)
-    if name == "meter_dead_band":
-        test, channel = pick([key for key in bench.channels if key[0] != "pressure_gain"])
-        size = np.abs(exact[test, channel])
-        limit = max(float(np.quantile(size, random.uniform(0.06, 0.2))), float(4.0 * bench.noise[channel]))
+    if name == "meter_dead_band":  # small beside the meter's range: of a table's flow it would take a row or two
+        meters = [key for key in bench.channels if key[0] == "leakage" or (key[0] == "flow_gain" and bench.raw)]
+        test, channel = pick(meters)
+        limit = float(np.quantile(np.abs(exact[test, channel]), random.uniform(0.05, 0.12)))
+        limit = max(limit, float(3.0 * bench.noise[channel]))
         return BenchFault(name, test, _names(bench, test), channel, _digits(limit), {})
     if name == "clipped":
         test, channel = pick(bench.channels)

@@ -105,8 +105,12 @@ def sizes_of(scale: Scale, hidden: Hidden) -> dict[str, float]:
         bare = not other.effects and not other.faults
         rest = dict.fromkeys(full, 0.0) if bare else beside_ideal(scale, other)
         signatures[name] = scale.whitened({key: full[key] - rest[key] for key in full})
+    # A record without a second supply pressure, say, shows nothing of what the pressure shifts.
+    seen = {name: signature for name, signature in signatures.items() if signature.any()}
     return {
-        name: delta(s, np.column_stack([scale.columns, *(o for other, o in signatures.items() if other != name)]))
+        name: delta(s, np.column_stack([scale.columns, *(o for other, o in seen.items() if other != name)]))
+        if name in seen
+        else 0.0
         for name, s in signatures.items()
     }
 
