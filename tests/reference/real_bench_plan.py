@@ -1,6 +1,7 @@
 """What is hidden in which record of a set of real benches: nothing, effects, stored oil, faults, or what no library knows."""
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -157,9 +158,11 @@ class _Draw:
                 random, (*self.seed, attempt), raw=raw, complete=self.kind in ("storage", "several", "outside"),
                 plain=self.kind == "storage", ports=self.ports,
             )  # fmt: skip
-            found = self._filled(random, Hidden(bench, self.kind, {}, (), None, {}, self.declared), attempt)
-            if found:
-                return found
+            empty = Hidden(bench, self.kind, {}, (), None, {}, self.declared)
+            with np.errstate(all="raise", under="ignore"), suppress(ArithmeticError):  # a balance that was not found
+                found = self._filled(random, empty, attempt)
+                if found:
+                    return found
         raise RuntimeError(f"{self.kind} {self.number}: nothing of the wanted size in 60 benches")
 
     def _filled(self, random: np.random.Generator, empty: Hidden, attempt: int) -> Hidden | None:
