@@ -110,15 +110,15 @@ def random_fault(random: np.random.Generator, name: str, scale: Scale, exact: Re
         noise = scale.effective_noise((test, channel))
         rows = {int(row): float(sigma * noise[row]) for row, sigma in zip(at, sigmas, strict=True)}
         return BenchFault(name, test, names, channel, float(len(rows)), dict(sorted(rows.items())))
-    if name == "reading_drift":  # 5 to 40 times the noise from the first to the last row of the test
+    if name == "reading_drift":  # 3 to 15 times the noise from the first to the last row of the test
         clock = bench.clock(test)
-        total = sign * np.exp(random.uniform(*np.log((5.0, 40.0)))) * bench.noise[channel]
+        total = sign * np.exp(random.uniform(*np.log((3.0, 15.0)))) * bench.noise[channel]
         return BenchFault(name, test, names, channel, _digits(total / float(np.ptp(clock))), {})
     of_run = bool(random.random() < 0.5) or (name == "reading_zero" and test == ZERO_OF_RUN_ONLY)
     runs = (str(pick(names)),) if of_run else names
     if name == "position_zero":
         return BenchFault(name, test, runs, "", _digits(sign * np.exp(random.uniform(*np.log((0.3e-6, 2e-6))))), {})
-    amount = sign * np.exp(random.uniform(*np.log((2.0, 20.0)))) * bench.noise[channel]
+    amount = sign * np.exp(random.uniform(*np.log((2.0, 10.0)))) * bench.noise[channel]
     return BenchFault("reading_zero", test, runs, channel, _digits(amount), {})
 
 
