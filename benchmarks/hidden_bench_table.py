@@ -51,10 +51,14 @@ def main() -> None:
 
 
 def shortest_first(truth: dict[str, Any], per_kind: int | None) -> list[str]:
-    """Records by their rows, of each kind so many or all: what a first hour can answer."""
-    names = sorted(truth, key=lambda name: (truth[name]["rows"], name))
-    kinds = [truth[name]["kind"] for name in names]
-    return [n for i, n in enumerate(names) if per_kind is None or kinds[:i].count(kinds[i]) < per_kind]
+    """One record of each kind, then another one, those with few rows first: an hour, or so many `per_kind`, says something of all."""
+    turns: dict[str, int] = {}
+    order = []
+    for name in sorted(truth, key=lambda name: (truth[name]["rows"], name)):
+        turn = turns[truth[name]["kind"]] = turns.get(truth[name]["kind"], 0) + 1
+        if per_kind is None or turn <= per_kind:
+            order.append((turn, len(order), name))
+    return [name for _, _, name in sorted(order)]
 
 
 def state(found: Iterable[dict[str, Any]]) -> str:
