@@ -5,6 +5,7 @@ Everything of a record but what is hidden in it. `Scale` says how large a change
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
@@ -144,7 +145,7 @@ class Bench:
             tests = [test for test in self.tests if test in BLOCKED]
             parts = [vars(self.rows(test)) for test in tests]
             parts = [part | {"run": part["run"] + 1000 * i} for i, part in enumerate(parts)]
-            joined = {
+            joined: dict[str, Any] = {
                 name: None if value is None else np.concatenate([part[name] for part in parts])
                 for name, value in parts[0].items()
             }

@@ -106,7 +106,7 @@ def random_fault(random: np.random.Generator, name: str, scale: Scale, exact: Re
         half = bench.points // 2
         inner = [row for row in range(len(names) * bench.points) if 5 <= row % half < half - 5]
         at = random.choice(inner, int(random.integers(1, 7)), replace=False)
-        sigmas = np.exp(random.uniform(*np.log((10.0, 100.0)), len(at))) * random.choice([-1.0, 1.0], len(at))
+        sigmas = np.exp(random.uniform(np.log(10.0), np.log(100.0), len(at))) * random.choice([-1.0, 1.0], len(at))
         noise = scale.effective_noise((test, channel))
         rows = {int(row): float(sigma * noise[row]) for row, sigma in zip(at, sigmas, strict=True)}
         return BenchFault(name, test, names, channel, float(len(rows)), dict(sorted(rows.items())))

@@ -78,7 +78,9 @@ def _bench_toml(name: str, hidden: Hidden) -> str:
                 c: f"{bench.noise[c] / UNITS[c][1]:.3g} {UNITS[c][0]}" for c in CHANNELS[test] if c in bench.noise
             }
             if not bench.raw:
-                stated["spool_position"] = f"{max(bench.position_noise, bench.position_step * 12**-0.5) * 1e6:.3g} um"
+                stated["spool_position"] = (
+                    f"{np.hypot(bench.position_noise, bench.position_step * 12**-0.5) * 1e6:.3g} um"
+                )
             lines.append("noise = { " + ", ".join(f'{c} = "{size}"' for c, size in stated.items()) + " }")
     return "\n".join(lines) + "\n"
 
