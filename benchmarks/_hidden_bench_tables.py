@@ -91,7 +91,7 @@ def headline_table(cases: list[BenchCase]) -> str:
     suspects = [case.with_suspects for case in cases]
     rows = [[words, found(cases), found(suspects), wanted] for words, found, wanted in lines]
     return rows_of(["measured", "result", "with suspects", "wanted"], rows) + (
-        "\nIntervals of parameters of one record are not independent: theirs is the narrower for that.\n"
+        "\nIntervals of parameters of one record are not independent: their own interval should be wider.\n"
     )
 
 
