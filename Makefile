@@ -19,7 +19,7 @@ QUICK := identify/bench identify/report identify/noise identify/model/test_model
 	identify/diagnosis/test_where.py simulator/test_against_reference.py simulator/test_dynamics_field.py \
 	test_import_direction.py test_effect_names.py test_citations.py
 
-.PHONY: help demo test quick lint typecheck pytest bench hidden hidden-dynamic hidden-logs joint-coverage law-coverage recovery \
+.PHONY: help demo test quick lint typecheck pytest bench hidden hidden-bench hidden-dynamic hidden-logs joint-coverage law-coverage recovery \
 	real-valve clean
 help:
 	@echo "make demo    fit one sample record, diagnose another, write demo-report/"
@@ -27,6 +27,7 @@ help:
 	@echo "make quick   half of the tests, those that compile little, in about a minute"
 	@echo "make bench   the benchmarks, each with its peer"
 	@echo "make hidden  76 records with a hidden effect, diagnosed and scored (SET=2: other seeds, SET=3: faint effects; half an hour)"
+	@echo "make hidden-bench  80 records as a real bench makes them: noisy positions, faults of the bench (SET=2: other seeds; hours)"
 	@echo "make hidden-dynamic  30 records of an actuator with hidden physics, diagnosed and scored (SET=2: other seeds; half an hour)"
 	@echo "make hidden-logs  raw logs in which nothing is missing: do intervals hold the truth, is nothing named? (an hour)"
 	@echo "make law-coverage   24 valves, made by either law of an edge and fitted with either: do intervals hold the truth? (20 minutes)"
@@ -74,6 +75,9 @@ SET ?= 1
 PROCESSES ?= 2
 hidden: $(VENV)/.installed-dev
 	$(BIN)/python benchmarks/hidden_table.py --set $(SET) --processes $(PROCESSES)
+
+hidden-bench: $(VENV)/.installed-dev
+	$(BIN)/python benchmarks/hidden_bench_table.py --set $(SET) --processes $(PROCESSES)
 
 hidden-dynamic: $(VENV)/.installed-dev
 	$(BIN)/python benchmarks/hidden_dynamic_table.py --set $(SET)

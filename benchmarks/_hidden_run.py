@@ -12,7 +12,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -22,13 +22,18 @@ ROOT = Path(__file__).parents[1]
 WORK = ROOT / "build" / "hidden"
 
 
-def records_of_set(seed_set: int) -> Path:
+def folder_of_set(seed_set: int, generator: str = "hidden_records") -> Path:
+    """Where records, answers and table of a set are kept; generator: the module of tests/reference that makes its records."""
+    return WORK / (f"set{seed_set}" if generator == "hidden_records" else f"{generator}_{seed_set}")
+
+
+def records_of_set(seed_set: int, generator: str = "hidden_records") -> Path:
     """Folder of the set's records and truth, made if it is not there or if the generator has changed."""
-    folder = WORK / f"set{seed_set}" / "records"
+    folder = folder_of_set(seed_set, generator) / "records"
     mark = source_hash(ROOT / "tests" / "reference")
     made = folder / "generator"
     if not made.is_file() or made.read_text(encoding="utf-8") != mark:
-        command = [sys.executable, "-m", "reference.hidden_records", str(folder), "--set", str(seed_set)]
+        command = [sys.executable, "-m", f"reference.{generator}", str(folder), "--set", str(seed_set)]
         subprocess.run(command, cwd=ROOT / "tests", check=True, stdout=sys.stderr)
         made.write_text(mark, encoding="utf-8")
     return folder
@@ -43,16 +48,23 @@ def source_hash(*folders: Path) -> str:
 
 
 def answers(
-    seed_set: int, only: set[str], processes: int, *, any_version: bool, with_baselines: bool, ask_more: bool = True
+    seed_set: int,
+    only: Collection[str],
+    processes: int,
+    *,
+    any_version: bool,
+    with_baselines: bool,
+    ask_more: bool = True,
+    generator: str = "hidden_records",
 ) -> dict[str, dict[str, Any]]:
-    """{record: answer} of a set, or of `only` some of its records; what is already answered is not asked again.
+    """{record: answer} of a set, or of `only` some of its records, in that order; what is answered is not asked again.
 
     any_version: answers of an earlier state of the program count too. ask_more: else only what is already there.
     """
-    folder = records_of_set(seed_set)
-    names = sorted(p.name for p in folder.iterdir() if p.is_dir() and (not only or p.name in only))
+    folder = records_of_set(seed_set, generator)
+    names = [n for n in only or sorted(p.name for p in folder.iterdir()) if (folder / n).is_dir()]
     version = source_hash(ROOT / "thermohyd", ROOT / "identify")
-    store = WORK / f"set{seed_set}" / "answers.jsonl"
+    store = folder_of_set(seed_set, generator) / "answers.jsonl"
     known = {a["record"]: a for a in stored(store) if any_version or a["version"] == version}
     known = {
         n: a for n, a in known.items() if n in names and "error" not in a and ("baselines" in a or not with_baselines)
@@ -130,6 +142,7 @@ def answer_of(name: str, result: Any) -> dict[str, Any]:
         "left_over_p": result.left_over_p,
         "seconds": result.seconds,
         "absorbed": list(result.absorbed),
+        "faults": result.to_dict()["faults"],
         "effects": [
             {
                 **{k: getattr(e, k) for k in ("name", "value", "std", "p_value", "strength", "gap_closed", "at_bound")},

@@ -29,7 +29,7 @@ def main() -> None:
     truth = json.loads((records_of_set(arguments.set) / "truth.json").read_text(encoding="utf-8"))
     found = answers(
         arguments.set,
-        set(arguments.only),
+        arguments.only,
         arguments.processes,
         any_version=arguments.any_version or arguments.show,
         with_baselines=not (arguments.no_baselines or arguments.show),

@@ -111,7 +111,8 @@ def swept_together(
 
 def _read(plant: Plant, rows: Rows, effects: Effects, p: np.ndarray) -> dict[str, np.ndarray]:
     """The readings at port pressures (2, rows)."""
-    q = logit((p - plant.pt) / (plant.ps - plant.pt))
+    # Where a port lies at the supply's pressure, or the return's, the integration may end a pascal beyond.
+    q = logit(np.clip((p - plant.pt) / (plant.ps - plant.pt), 1e-15, 1.0 - 1e-15))
     state = blocked(plant, q, plant.ps, plant.pt)
     drop = plant.ps - plant.pt
     ratio = plant.oil.mu(0.0, np.asarray(T40)) / plant.oil.mu(0.0, plant.ts)
