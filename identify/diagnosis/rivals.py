@@ -17,6 +17,7 @@ from .stored_oil import REACH, could_explain, within_reach
 # Chi-square within which two effects explain a record alike: a likelihood ratio of 20.
 ALIKE = 6.0
 SAME_SHAPE = 0.97  # correlation of two signatures from which on one is refitted in the place of the other in any case
+SAME_THING = 0.9999
 MOST_REFITS = 8
 MOST_SWAPS = 3
 BETTER = 0.01
@@ -80,9 +81,11 @@ def rivals_of(problem: Problem, final: Fit, name: str, steps: dict, *, scale: fl
         or expensive_to_compile(final.effects)
         or s.strength**2 > gain - ALIKE
     ]
-    at_fault = (
-        [] if faults is None else [s for s in faults.ranked if s.name != name and (s.strength**2 > within or twin(s))]
-    )
+    # A fault whose column is the effect's own is that effect by another name: a gauge's zero is in the library.
+    alias = lambda s: s.name == name or (named is not None and abs(float(s.direction @ named.direction)) > SAME_THING)
+    at_fault = [
+        s for s in ([] if faults is None else faults.ranked) if not alias(s) and (s.strength**2 > within or twin(s))
+    ]
     tried = []
     for s in (*likely[:MOST_REFITS], *at_fault[:FAULTS]):
         start = {**without.values, s.name: s.estimate}

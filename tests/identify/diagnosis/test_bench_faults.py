@@ -1,0 +1,139 @@
+"""What was wrong with the bench is named as that: zeros, drifts and labels, of a test, a run or a condition, beside effects too."""
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers.small_bench import CONDITIONS, small_record
+from helpers.small_diagnosis import opened, small_case
+
+from thermohyd.identify.bench.record import BenchRecord, TestRecord
+from thermohyd.identify.diagnosis.diagnose import diagnose_case
+from thermohyd.identify.diagnosis.result import DiagnosisResult
+from thermohyd.identify.diagnosis.screening_faults import fault_columns
+from thermohyd.identify.fitting.bench_faults import faults_of, is_fault
+
+
+def changed(record: BenchRecord, *names: str, by: Callable[[TestRecord], TestRecord]) -> BenchRecord:
+    return replace(record, tests={n: by(t) if n in names else t for n, t in record.tests.items()})
+
+
+def read_more(test: TestRecord, more: np.ndarray | float) -> TestRecord:
+    return replace(test, channels=tuple(replace(c, value=c.value + more) for c in test.channels))
+
+
+def zeroed_anew(record: BenchRecord) -> BenchRecord:
+    return changed(record, "pressure_gain", by=lambda t: replace(t, spool_position=t.spool_position + 1e-6))
+
+
+def drifting(record: BenchRecord) -> BenchRecord:
+    def drift(test: TestRecord) -> TestRecord:
+        # Every run of this bench starts its clock anew: the time is that of the runs, one after the other.
+        assert test.time is not None
+        spans = np.array([test.time[test.run == run].max() for run in np.unique(test.run)])
+        elapsed = test.time + np.append(0.0, np.cumsum(spans)[:-1])[test.run]
+        return read_more(test, 0.15 / 6e4 * elapsed / elapsed.max())
+
+    return changed(record, "leakage", by=drift)
+
+
+def labelled_wrong(record: BenchRecord) -> BenchRecord:
+    cold, low = CONDITIONS[0]
+    wrong = lambda t: t.temperature + 8.0 * ((t.temperature == cold) & (t.supply_pressure == low))
+    return changed(record, *record.tests, by=lambda t: replace(t, temperature=wrong(t)))
+
+
+def gauge_wrong(record: BenchRecord) -> BenchRecord:
+    wrong = lambda t: t.supply_pressure * np.where(t.run == 1, 1.03, 1.0)
+    return changed(record, "flow_gain", by=lambda t: replace(t, supply_pressure=wrong(t)))
+
+
+def one_run_off(record: BenchRecord) -> BenchRecord:
+    return changed(record, "leakage", by=lambda t: read_more(t, 0.03 / 6e4 * (t.run == 3)))
+
+
+BENCHES: dict[str, tuple[Callable[[BenchRecord], BenchRecord], dict[str, object], float]] = {
+    "zeroed anew": (zeroed_anew, {"name": "position_zero", "test": "pressure_gain", "run": None}, 1e-6),
+    "drifting": (drifting, {"name": "reading_drift", "test": "leakage", "channel": "leakage_flow"}, 0.15 / 6e4),
+    "labelled wrong": (labelled_wrong, {"name": "wrong_temperature", "test": "", "run": "8 degC"}, 8.0),
+    "gauge wrong": (gauge_wrong, {"name": "wrong_supply", "test": "flow_gain", "channel": ""}, 0.03 * 216.3e5),
+    "one run off": (one_run_off, {"name": "reading_zero", "test": "leakage", "run": "3"}, 0.03 / 6e4),
+}
+
+
+def diagnosed(spoil: Callable[[BenchRecord], BenchRecord], **made: object) -> DiagnosisResult:
+    return diagnose_case(opened(spoil(small_record(**made))))  # pyright: ignore[reportArgumentType]
+
+
+@pytest.mark.parametrize("name", BENCHES)
+def test_a_fault_is_no_effect_of_the_valve(name):
+    spoil, expected, amount = BENCHES[name]
+    result = diagnosed(spoil)
+    assert result.verdict == "consistent"
+    assert result.effects == ()
+    [fault] = result.to_dict()["faults"]
+    assert {key: fault[key] for key in expected} == expected
+    assert fault["value"] == pytest.approx(amount, rel=0.15)
+    assert abs(fault["value"] - amount) < 4.0 * fault["std"]
+    assert fault["p_value"] < 1e-4
+    assert fault["rows"] == []
+    assert "once" in result.headline
+    assert fault["sentence"] in result.headline
+    # What is no property of the valve stays out of it.
+    assert not any(map(is_fault, result.after.parameters))
+    assert not any(map(is_fault, result.after.free))
+    assert len(result.after.covariance) == len(result.after.free)
+    assert "|" not in json.dumps(result.model.__dict__, default=str)
+
+
+def test_a_fault_and_an_effect_are_both_found():
+    result = diagnosed(zeroed_anew, effects={"hysteresis": 1e-6, "flowmeter_offset": 2e-7}, seed=2)
+    assert result.verdict == "named"
+    assert {effect.name for effect in result.effects} == {"hysteresis", "flowmeter_offset"}
+    [fault] = result.after.faults
+    assert (fault.name, fault.test) == ("position_zero", "pressure_gain")
+    assert fault.value == pytest.approx(1e-6, rel=0.1)
+    assert any(fault.sentence in sentence for sentence in result.sentences)
+    assert result.proof is not None
+    assert result.proof > 100.0
+
+
+def test_columns_of_faults_are_those_of_the_model():
+    """Each against a difference of two whole models."""
+    case = small_case("nothing")
+    problem, base = case.problem, case.base
+    names = [next(n for n, f in problem.faults.items() if f.kind == kind) for kind in
+             ("position_zero", "reading_zero", "reading_drift", "wrong_temperature", "wrong_supply")]  # fmt: skip
+    columns = fault_columns(problem, base, names)
+    for name in names:
+        step = 0.01 * problem.faults[name].info.scale
+        more, less = (
+            problem.evaluate({**base.values, name: sign * step}, (name,)).residual[: len(base.residual)]
+            for sign in (1.0, -1.0)
+        )
+        slope = (more - less) / (2.0 * step)
+        np.testing.assert_allclose(columns[name], slope, atol=2e-3 * np.abs(slope).max(), rtol=0.0)
+        fitted = problem.fit([name], base.values)
+        np.testing.assert_allclose(fitted.column(name), slope, atol=1e-2 * np.abs(slope).max(), rtol=0.0)
+
+
+def test_every_fault_is_of_rows_of_its_own():
+    """Of a level that one run alone has, the level, the test and the run are one fault."""
+    faults = faults_of(labelled_wrong(small_record()).tests)
+    seen = set()
+    for fault in faults.values():
+        rows = tuple((test, (shape != 0.0).tobytes()) for test, shape in sorted(fault.shapes.items()))
+        assert (fault.kind, fault.channel, rows) not in seen
+        seen.add((fault.kind, fault.channel, rows))
+        assert fault.among == sum(other.kind == fault.kind for other in faults.values())
+    assert any(fault.place == "8 degC" and not fault.test for fault in faults.values())
+
+
+def test_one_temperature_cannot_be_labelled_wrong():
+    """A thermometer that is wrong everywhere is an effect of the library."""
+    record = changed(
+        small_record(), *small_record().tests, by=lambda t: replace(t, temperature=0.0 * t.temperature + 303.15)
+    )
+    assert not any(fault.kind == "wrong_temperature" for fault in faults_of(record.tests).values())

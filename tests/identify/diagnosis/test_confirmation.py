@@ -1,0 +1,102 @@
+"""A name must predict conditions it was not fitted to: one that only one condition asks for does not."""
+
+import numpy as np
+import pytest
+from helpers.linear_fit import linear_library, linear_problem
+from helpers.small_bench import REACH, conditions_only
+from helpers.small_diagnosis import small_diagnosis
+
+from thermohyd.identify.diagnosis.confirmation import (
+    FEWEST,
+    PROVEN,
+    Confirmation,
+    confirmation,
+    parts_left_out,
+    predicted_apart,
+    unproven,
+)
+from thermohyd.identify.noise.correlation import NoiseCorrelation
+
+
+PROBLEM = linear_problem(NoiseCorrelation())
+PARTS = parts_left_out(PROBLEM.tests)
+
+
+def test_every_condition_is_left_out_in_all_tests_at_once():
+    first = 0
+    seen: dict[tuple[float, float], int] = {}
+    for (test, _), rows in PROBLEM.rows().items():
+        own = PROBLEM.tests[test]
+        assert rows.start == first
+        for t, p, part in zip(own.temperature, own.supply_pressure, PARTS[rows], strict=True):
+            assert seen.setdefault((float(t), float(p)), int(part)) == part
+        first = rows.stop
+    assert len(set(seen.values())) >= FEWEST
+
+
+@pytest.mark.parametrize("runs", [(0,), (0, 1), (0, 0, 1, 1), (0, 0, 0, 0, 0)])
+def test_few_conditions_are_cut_further(runs):
+    tests = {name: conditions_only(name, runs) for name in REACH}
+    parts = parts_left_out(tests)
+    assert len(parts) == sum(test.rows for test in tests.values())
+    assert len(np.unique(parts)) >= min(FEWEST, 2)
+    for part in np.unique(parts):
+        assert 0 < np.sum(parts == part) < len(parts)
+
+
+def signature(of_one_condition: bool) -> np.ndarray:
+    tests = [PROBLEM.tests[test] for test, _ in PROBLEM.rows()]
+    wave = np.concatenate([np.cos(t.spool_position / 40e-6) for t in tests])
+    return wave * (PARTS == 2) if of_one_condition else wave
+
+
+@pytest.mark.parametrize("one", [False, True])
+def test_what_one_condition_alone_asks_for_is_not_proven(one):
+    """The same column fitted to a misfit of all conditions, or to one that a single condition has."""
+    rng = np.random.default_rng(3)
+    everywhere, here = signature(False), signature(one)
+    misfit = here * (12.0 / np.linalg.norm(here)) + rng.standard_normal(len(here))
+    problem = linear_library(misfit, np.zeros((len(here), 1)), {"viscosity_shift": everywhere * 1e-1})
+    base, fit = problem.fit(), problem.fit(["viscosity_shift"])
+    found = confirmation(problem, fit, base, {"viscosity_shift": base}, 1.0)
+    if one:
+        assert base.chi2 - fit.chi2 > PROVEN  # the rows that it is fitted to ask for it
+        assert found.together < PROVEN
+        assert unproven(found, fit.physics) == "viscosity_shift"
+    else:
+        assert found.together > 100.0
+        assert unproven(found, fit.physics) is None
+    assert found.p_value("viscosity_shift") == pytest.approx(np.exp(-0.5 * max(found.each["viscosity_shift"], 0.0)))
+
+
+def test_left_out_rows_are_predicted_as_by_a_refit():
+    """One step of a linear model is its refit; the amount has a little knowledge beside it."""
+    rng = np.random.default_rng(1)
+    column = signature(False)
+    problem = linear_library(
+        column * 0.3 + rng.standard_normal(len(column)), np.zeros((len(column), 1)), {"viscosity_shift": column}
+    )
+    fit = problem.fit(["viscosity_shift"])
+    apart = predicted_apart(fit, PARTS)
+    for part in np.unique(PARTS):
+        refit = problem.with_rows(part != PARTS).fit(["viscosity_shift"])
+        there = problem.evaluate(refit.values, refit.effects).residual[: len(PARTS)]
+        np.testing.assert_allclose(apart[part == PARTS], there[part == PARTS], atol=0.02)
+
+
+def test_many_must_each_prove_themselves():
+    each = {"a": 20.0, "b": 30.0, "c": 5.0}
+    assert unproven(Confirmation(60.0, each), each) is None
+    assert unproven(Confirmation(60.0, each | {"d": 40.0}), (*each, "d")) == "c"
+    assert unproven(Confirmation(60.0, each | {"c": -1.0}), each) == "c"
+    assert unproven(Confirmation(9.0, {"a": 9.0}), ("a",)) == "a"
+    assert unproven(Confirmation(0.0, {}), ()) is None
+
+
+def test_what_is_named_says_how_it_did():
+    result = small_diagnosis("pilot")
+    assert result.proof is not None
+    assert result.proof > PROVEN
+    assert result.suspects == ()
+    assert result.to_dict()["proof"] == pytest.approx(result.proof)
+    assert result.to_dict()["suspects"] == []
