@@ -36,6 +36,11 @@ class Case:
     base: Fit
     steps: dict[str, np.ndarray]  # finite-step signatures of every effect beside `base`
 
+    @property
+    def degrees_of_freedom(self) -> float:
+        """Of the channel whose noise is known worst: scores in its units follow Student's law, not the normal one."""
+        return min((n.degrees_of_freedom for n in self.noise.values()), default=np.inf)
+
 
 def open_case(record: BenchRecord, say: Progress = lambda _: None) -> Case:
     """Fit the ideal valve as `fit` does, measure the noise, and fit it again by generalised least squares."""
@@ -92,7 +97,15 @@ def choose(case: Case, say: Progress = lambda _: None) -> tuple[Case, Selection,
         begin = None
         if before is not None:
             begin = prune(chosen, chosen.fit(before.effects, before.values), before.effects, STILL_THERE)[0]
-        selection = search(chosen, base, case.steps, begin=begin, level=LEVEL_OF_CHOICE, say=say)
+        selection = search(
+            chosen,
+            base,
+            case.steps,
+            begin=begin,
+            level=LEVEL_OF_CHOICE,
+            degrees_of_freedom=case.degrees_of_freedom,
+            say=say,
+        )
         selection = replace(
             selection, p_values={n: {**p_values, **selection.p_values}.get(n, 1.0) for n in selection.effects}
         )

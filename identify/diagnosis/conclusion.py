@@ -111,7 +111,9 @@ def conclude(
         says = what_the_other_law_says(problem, fit, first.critical)
         after = _with_both_laws(after, fit, says, case)
     after = with_evidence(after, model, problem.faults)
-    effects = tuple(_named(name, after, model, says, problem.faults) for name in fit.physics)
+    seen = _evidence(case, model.rivals)
+    named = (_named(name, after, model, says, problem.faults) for name in fit.physics)
+    effects = tuple(replace(effect, top_rows=_in_top_rows(effect.name, seen)) for effect in named)
     verdict: Verdict = "consistent"
     crowded = [fault.sentence for fault in after.faults if fault.rows and not fault.masked]
     at_fault = [fault for fault in after.faults if not fault.rows]
@@ -170,7 +172,7 @@ def conclude(
         after=after,
         shifts=shifts,
         variations=smooth,
-        evidence=_evidence(case, model.rivals),
+        evidence=seen,
         noise=_noise(case),
         left_over_p=left.p_value,
         critical_level=first.critical,
@@ -302,6 +304,17 @@ def _evidence(case: Case, rivals: dict[str, Rivals]) -> tuple[Evidence, ...]:
             test = case.fitted.tests[key[0]]
             evidence.append(Evidence(words, *key, test.place, test.direction, test.temperature, share[rows]))
     return tuple(evidence)
+
+
+TOP = 0.01  # of the rows
+
+
+def _in_top_rows(effect: str, evidence: tuple[Evidence, ...]) -> float:
+    """Share of an effect's score that its strongest rows hold."""
+    own = [part.contribution for part in evidence if part.effect == effect]
+    rows = np.sort(np.concatenate(own)) if own else np.zeros(0)
+    total = float(np.sum(rows))
+    return float(np.sum(rows[-max(1, round(TOP * len(rows))) :]) / total) if total > 0.0 else float("nan")
 
 
 def _noise(case: Case) -> tuple[ChannelNoiseFound, ...]:

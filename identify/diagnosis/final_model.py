@@ -196,7 +196,15 @@ def final_model(case: Case, selection: Selection, split: Split, say: Progress = 
     problem, base = case.problem, case.base
     say("refitting with all rows")
     begin = problem.fit(selection.effects, selection.final.values) if selection.effects else None
-    whole = search(problem, base, case.steps, begin=begin, level=LEVEL_OF_ALL_ROWS, say=say)
+    whole = search(
+        problem,
+        base,
+        case.steps,
+        begin=begin,
+        level=LEVEL_OF_ALL_ROWS,
+        degrees_of_freedom=case.degrees_of_freedom,
+        say=say,
+    )
     rows = len(base.residual) - len(problem.plans)
     degrees_of_freedom = max(rows - len(base.free), 1)
     scale = lambda fit: max(fit.chi2 / max(rows - len(fit.free), 1), 1.0)

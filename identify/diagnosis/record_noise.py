@@ -31,6 +31,7 @@ class NoiseEstimate:
     correlation_source: str
     known: bool  # stated, or measured free of any model: a reduced chi-square of 1 means "all explained"
     warning: str = ""
+    degrees_of_freedom: float = np.inf  # from which `std` was estimated; infinite: stated
 
 
 @dataclass(frozen=True)
@@ -111,7 +112,8 @@ def _channel(
         correlation, source = left.correlation, "what neither effects nor smooth curves explain"
     if not stated.known:
         size = variance if repeats is not None else left.variance
-        return NoiseEstimate(stated.std * np.sqrt(size), correlation, source, source, repeats is not None)
+        std = stated.std * np.sqrt(size)
+        return NoiseEstimate(std, correlation, source, source, repeats is not None, "", degrees_of_freedom)
     warning = ""
     std = stated.std
     if _excessive(variance, degrees_of_freedom):

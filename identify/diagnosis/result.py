@@ -88,8 +88,9 @@ class Suspect:
 class NamedEffect:
     """An effect that was added to the model. Amounts in `unit`, SI; neutral value 0.
 
-    p_value: of the search that found it, corrected for the size of the library. strength: what the free parameters left
-    of it, in noise units (delta). gap_closed: the share of the excess chi-square that is lost again without it.
+    p_value: of the final model with it taken out, corrected for the size of the library, never below 1/E on rows left out.
+    strength: what the free parameters left of it, in noise units (delta). gap_closed: the share of the excess chi-square that is
+    lost again without it. top_rows: share of its evidence that the strongest 1 % of the rows hold: near 1, a few bad rows made it.
     """
 
     name: str
@@ -103,6 +104,7 @@ class NamedEffect:
     sentence: str  # what it is, in plain words
     alternatives: tuple[Alternative, ...] = ()
     at_bound: bool = False
+    top_rows: float = float("nan")
 
 
 @dataclass(frozen=True)

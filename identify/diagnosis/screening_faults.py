@@ -1,7 +1,7 @@
 """Score faults of the bench beside a fitted model, as the effects of the library are, but at a level of their own.
 
 There are many more places where a bench can be at fault than effects of a valve: under one law with them, the library would lose
-power. The level is therefore divided: faults have a share of it, with a critical value of their own (max-T, docs/diagnosis.md 3).
+power. The level is therefore divided: faults have a share of it, with a critical value of their own (max-T, docs/diagnosis.md section 7.1).
 """
 
 from collections.abc import Iterable
@@ -13,7 +13,7 @@ from thermohyd.identify.fitting.bench_faults import BenchFault
 from thermohyd.identify.fitting.problem import Fit, Problem
 from thermohyd.identify.fitting.readings import STEP, Noise
 from thermohyd.identify.noise.correlation import NoiseCorrelation
-from thermohyd.identify.noise.whitening import whiten_on_host, whitening_of
+from thermohyd.identify.noise.whitening import whiten_on_host
 
 from .screening import Screen, screen
 
@@ -21,13 +21,13 @@ from .screening import Screen, screen
 SHARE = 0.3  # of the level of a search
 
 
-def screen_of_faults(problem: Problem, fit: Fit, *, level: float, spared: Iterable[str] = ()) -> Screen | None:
-    """Scores of all faults that `fit` does not have, but for those `spared`; None where the tests can have none."""
-    names = [name for name in problem.faults if name not in fit.effects and name not in set(spared)]
+def screen_of_faults(problem: Problem, fit: Fit, *, level: float, degrees_of_freedom: float = np.inf) -> Screen | None:
+    """Scores of all faults that `fit` does not have; None where the tests can have none."""
+    names = [name for name in problem.faults if name not in fit.effects]
     if not names:
         return None
     columns = fault_columns(problem, fit, names)
-    return screen(fit, names, {}, level=SHARE * level, columns=columns)
+    return screen(fit, names, {}, level=SHARE * level, columns=columns, degrees_of_freedom=degrees_of_freedom)
 
 
 def p_of_fault(faults: Screen | None) -> float:
@@ -53,8 +53,7 @@ def fault_columns(problem: Problem, fit: Fit, names: Iterable[str]) -> dict[str,
         columns = [
             fault.shapes[test] * (slopes[fault.info.moves][place] if fault.info.moves else weight) for fault in own
         ]
-        white = whitening_of(problem.noise.correlation[key], problem.sweeps(test), place.stop - place.start)
-        for fault, column in zip(own, whiten_on_host(white, np.stack(columns, axis=1)).T, strict=True):
+        for fault, column in zip(own, whiten_on_host(problem.whitening(key), np.stack(columns, axis=1)).T, strict=True):
             found[fault.name][place] = column
     return found
 

@@ -104,7 +104,7 @@ def search(
         scores = screen(screened, candidates, steps_of, level=level, degrees_of_freedom=degrees_of_freedom)
         ranked = scores.ranked
         pairs = best_pairs(scores, ranked)
-        faults = screen_of_faults(problem, current, level=level)
+        faults = screen_of_faults(problem, current, level=level, degrees_of_freedom=degrees_of_freedom)
         p_single = scores.p_value(ranked[0]) if ranked else 1.0
         p_pair = _p_of_pair(pairs[0][1], len(ranked)) if pairs else 1.0
         p_fault = p_of_fault(faults)

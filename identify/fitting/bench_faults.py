@@ -1,6 +1,6 @@
 """Faults of the bench that have an amount: a zero, a drift, a wrong label, of one test, run or condition. NumPy only.
 
-They stand beside the effects of the library as columns of the same fits (docs/diagnosis.md section 6.2): a search that has only
+They stand beside the effects of the library as columns of the same fits (docs/diagnosis.md section 7.1): a search that has only
 effects to offer would name one for a test that was zeroed anew. Amounts are shares of what was read, so that one size suits all.
 """
 

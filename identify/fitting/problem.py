@@ -16,7 +16,7 @@ import numpy as np
 from thermohyd.identify.bench.record import BenchRecord, TestRecord, dynamic_among
 from thermohyd.identify.model.learned_terms import LearnedTerm
 from thermohyd.identify.noise.level import ChannelNoise
-from thermohyd.identify.noise.whitening import whiten_on_host, whitening_of
+from thermohyd.identify.noise.whitening import Whitening, whiten_on_host, whitening_of
 from thermohyd.identify.reduction.monotone_pieces import run_ids
 
 from .bench_faults import BenchFault, allowance_of, info_of, is_fault
@@ -176,7 +176,7 @@ class Problem:
                         if self.used is not None:
                             weight = weight * self.used[rows[key]]
                         values = np.stack([channel.value, *behind.rows]) * weight
-                        white = whitening_of(self.noise.correlation[key], run_ids(test), test.rows)
+                        white = self.whitening(key)
                         values = np.pad(whiten_on_host(white, values.T).T, ((0, 0), (0, size - test.rows)))
                         own.append(SignalRows(slice(first, first + size), behind, values[0], values[1:]))
                     first += size
@@ -200,6 +200,12 @@ class Problem:
     def sweeps(self, test: str) -> np.ndarray:
         """Stretches of a test's rows along which its noise remembers."""
         return run_ids(self.tests[test])
+
+    def whitening(self, key: Key) -> Whitening:
+        """The filter of a channel's rows, as the readings' own."""
+        rows = self.rows()[key]
+        used = None if self.used is None else self.used[rows]
+        return whitening_of(self.noise.correlation[key], self.sweeps(key[0]), rows.stop - rows.start, used)
 
     def rows(self) -> dict[Key, slice]:
         """Where each channel's rows lie in a `Fit`'s residual."""
@@ -365,7 +371,7 @@ class Problem:
                     key = (test.name, channel.name)
                     shape = fault.shapes[test.name] / self.noise.std[key]
                     shape = shape if self.used is None else shape * self.used[rows[key]]
-                    white = whitening_of(self.noise.correlation[key], run_ids(test), test.rows)
+                    white = self.whitening(key)
                     column[first : first + test.rows] = whiten_on_host(white, shape)
                 first += part.size(test.rows)
         return column

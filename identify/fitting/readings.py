@@ -162,8 +162,9 @@ class StaticReadings:
         for channel in data.channels:
             key = (channel.test, channel.name)
             test = self.tests[channel.test]
-            sweeps = run_ids(test)
-            whitening.append(whitening_of(self.noise.correlation[key], sweeps, coarse_size(test.rows)))
+            used = None if self.used is None else self.used[key]
+            size = coarse_size(test.rows)
+            whitening.append(whitening_of(self.noise.correlation[key], run_ids(test), size, used))
             weight = channel.weight
             if self.used is not None:
                 weight = weight * pad(self.used[key].astype(float), fill=0.0, size=coarse_size)
@@ -240,4 +241,5 @@ class MotionReadings:
         if correlation == NoiseCorrelation():
             return values
         test = self.tests[key[0]]
-        return whiten_on_host(whitening_of(correlation, run_ids(test), test.rows), values.T).T
+        used = None if self.used is None else self.used[key]
+        return whiten_on_host(whitening_of(correlation, run_ids(test), test.rows, used), values.T).T

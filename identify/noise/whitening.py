@@ -22,31 +22,46 @@ class Whitening(eqx.Module):
     weight: Float[Array | np.ndarray, " rows"]
 
 
-def whitening_of(correlation: NoiseCorrelation, sweeps: np.ndarray, padded: int) -> Whitening:
-    """The filter for rows (n,) whose sweeps (n,) follow one another, with pads that pass through behind them."""
+def whitening_of(
+    correlation: NoiseCorrelation, sweeps: np.ndarray, padded: int, used: np.ndarray | None = None
+) -> Whitening:
+    """The filter for rows (n,) whose sweeps (n,) follow one another, with pads that pass through behind them.
+
+    used (n,): of the others nothing is learned and nothing is left, as a reading left out is no reading of 0.
+    """
     keep, learn, weight = np.zeros(padded), np.zeros(padded), np.ones(padded)
     share, phi = correlation.share, correlation.phi
     if share > 0.0 and phi > 0.0:
         rows = len(sweeps)
         starts = np.flatnonzero(np.append(True, sweeps[1:] != sweeps[:-1]))
         place = np.arange(rows) - np.repeat(starts, np.diff(np.append(starts, rows)))
-        gain, spread = _gains(share, phi, int(place.max()) + 1)
-        keep[:rows] = phi * (1.0 - gain[place])
-        learn[:rows] = phi * gain[place]
-        weight[:rows] = 1.0 / spread[place]
+        if used is None or used.all():
+            gain, spread = (values[place] for values in _gains(share, phi, np.ones(int(place.max()) + 1)))
+        else:
+            gain, spread = _gains(share, phi, used, place == 0)
+        keep[:rows] = phi * (1.0 - gain)
+        learn[:rows] = phi * gain
+        weight[:rows] = 1.0 / spread
         # What a sweep's last row has learned must not reach the next sweep.
         ends = np.append(starts[1:] - 1, rows - 1)
         keep[ends] = learn[ends] = 0.0
+    if used is not None:
+        weight[: len(used)] *= used
     return Whitening(keep, learn, weight)
 
 
-def _gains(share: float, phi: float, length: int) -> tuple[np.ndarray, np.ndarray]:
-    """Kalman gain and standard deviation of the innovation at each place of a sweep."""
+def _gains(
+    share: float, phi: float, used: np.ndarray, starts: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Kalman gain and standard deviation of the innovation at each row (rows,); starts (rows,): of sweeps, by default one."""
+    length = len(used)
     gain, spread = np.empty(length), np.empty(length)
     variance = share  # of the AR part, given the rows before
     for i in range(length):
+        if starts is not None and starts[i]:
+            variance = share
         total = variance + 1.0 - share
-        gain[i], spread[i] = variance / total, np.sqrt(total)
+        gain[i], spread[i] = (variance / total if used[i] else 0.0), np.sqrt(total)
         variance = phi**2 * variance * (1.0 - gain[i]) + share * (1.0 - phi**2)
     return gain, spread
 

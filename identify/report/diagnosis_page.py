@@ -51,7 +51,7 @@ def diagnosis_page(result: DiagnosisResult, figures: dict[str, bytes], version: 
         where=words.where_rows(result, result.where),
         where_after=words.where_rows(result, result.where_after),
         effects=words.effect_rows(result),
-        meanings=words.meanings(result),
+        meanings=[*words.meanings(result), *filter(None, [words.proof(result)])],
         rivals=words.rival_sentences(result),
         next_test=result.next_test,
         shifts=words.shift_rows(result),

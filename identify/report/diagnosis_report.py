@@ -239,6 +239,7 @@ def _facts(result: DiagnosisResult, rows: int) -> Table:
         ("meaning", result.sentences[: max(0, rows - 2)]),
         ("gap", [words.gap(result)]),
         ("held out", [words.held_out(result, short=True)]),
+        ("proof", [words.proof(result)]),
         ("rivals", words.rival_sentences(result)[:rows]),
         ("edge law", model_form_sentences(result.after)[:rows]),
         ("next test", [] if result.next_test is None else [result.next_test.sentence]),

@@ -176,11 +176,22 @@ def _effect_row(effect: NamedEffect) -> EffectRow:
 
 def meanings(result: DiagnosisResult) -> list[str]:
     """What each named effect is, where the diagnosis's own sentences do not say it."""
-    return [
+    said = [
         f"{effect.name}: {effect.sentence}."
         for effect in result.effects
         if not any(sentence.startswith(f"{effect.name}:") for sentence in result.sentences)
     ]
+    return said
+
+
+def proof(result: DiagnosisResult) -> str:
+    """How the named effects do on conditions left out of their fit, and how much of their evidence a few rows hold."""
+    if result.proof is None or not result.effects:
+        return ""
+    them = "it" if len(result.effects) == 1 else "them"
+    words = f"Each condition left out in turn is predicted better with {them}: 2 ln E = {significant(result.proof, 3)} (10.6 proves)"
+    top = [f"{percent(e.top_rows)} of that for {e.name}" for e in result.effects if math.isfinite(e.top_rows)]
+    return f"{words}; the strongest 1 % of the rows hold {', '.join(top)}." if top else f"{words}."
 
 
 def rival_sentences(result: DiagnosisResult) -> list[str]:

@@ -67,3 +67,15 @@ def test_sweeps_do_not_leak():
 def test_white_noise_is_left_alone(correlation):
     values = np.random.default_rng(7).standard_normal((10, 2))
     np.testing.assert_array_equal(whiten_on_host(whitening_of(correlation, np.zeros(10, int), 10), values), values)
+
+
+@pytest.mark.parametrize("correlation", KINDS)
+def test_rows_left_out_are_no_readings_of_zero(correlation):
+    """The rows that stay are whitened as if the others had never been read."""
+    sweeps = np.repeat([3, 7, 8], [20, 1, 12])
+    used = np.ones(33, dtype=bool)
+    used[[4, 5, 6, 20, 21, 30]] = False
+    factor = np.linalg.cholesky(covariance(correlation, sweeps)[np.ix_(used, used)])
+    found = whiten_on_host(whitening_of(correlation, sweeps, 33, used), np.diag(used.astype(float)))
+    np.testing.assert_allclose(found[np.ix_(used, used)], np.linalg.inv(factor), atol=1e-12)
+    assert not found[~used].any()
