@@ -13,8 +13,10 @@ from thermohyd.identify.noise.level import ChannelNoise, repeat_differences
 
 from .left_over import smooth_block
 from .screening import Projection
+from .screening_faults import fault_columns
 
 
+MOST_TAKEN = 0.4  # of the rows by columns, so that what is left still shows the noise
 ENOUGH_REPEATS = 60  # rows compared, below which repeats say too little of the correlation
 # Scatter beyond the stated noise, as a ratio of variances, from which on it counts as noise that tests must allow for; of few
 # readings it must also be more than chance makes of one channel in a hundred.
@@ -68,14 +70,21 @@ def estimated_noise(
 ) -> dict[Key, NoiseEstimate]:
     """The noise of each channel beside `fit`: repeated sweeps first, else what no effect can explain.
 
-    What neither the parameters, nor any effect of the library, nor smooth curves over the conditions explain is noise:
-    its size where none is known, its correlation where no repeats measured it. A missing effect thus is not taken for
-    noise, as it would be if the residuals of the fit were used.
+    What neither the parameters, nor any effect of the library, nor a fault of the bench, nor smooth curves over the conditions
+    explain is noise: its size where none is known, its correlation where no repeats measured it. A missing effect thus is not
+    taken for noise, as it would be if the residuals of the fit were used, nor a zero that moved from run to run for a noise with
+    a long memory. Faults of single runs are left in where they would take more than `MOST_TAKEN` of the rows.
     """
     plain = problem.with_noise(first_noise(stated))
     beside = plain.with_all_columns(plain.evaluate(fit.values, fit.effects))
     every = np.isfinite(beside.columns).all(axis=0)
-    columns = np.concatenate([beside.columns[:, every], smooth_block(plain, len(beside.residual))], axis=1)
+    columns = [beside.columns[:, every], smooth_block(plain, len(beside.residual))]
+    for names in (list(plain.faults), [name for name, fault in plain.faults.items() if not fault.place]):
+        taken = sum(part.shape[1] for part in columns) + len(names)
+        if names and taken <= MOST_TAKEN * len(beside.residual):
+            columns.append(np.stack([*fault_columns(plain, beside, names).values()], axis=1))
+            break
+    columns = np.concatenate(columns, axis=1)
     saturated = Projection.beside(columns)
     rest = saturated(beside.residual)
     where = problem.rows()

@@ -25,7 +25,8 @@ BETWEEN = "|"  # parts of a fault's name; no effect's name has it
 class FaultInfo:
     """One kind of fault, in the terms of an effect's entry. moves: the column that was read wrong, "" for the readings.
 
-    typical: (just visible, the largest usual): data sheets of gauges have 0.5 %, and a label may be mistyped.
+    typical: (just visible, the largest usual): data sheets of gauges have 0.5 % of their range,
+    which a reading seldom fills, and a label may be mistyped.
     """
 
     name: str
@@ -54,8 +55,8 @@ KINDS = {
     info.name: info
     for info in (
         FaultInfo("position_zero", "1", (5e-4, 0.01), 2e-3, 0.5, "spool_position", "the position's zero moved"),
-        FaultInfo("reading_zero", "1", (5e-4, 0.01), 5e-3, 1.0, "", "the reading's zero is off"),
-        FaultInfo("reading_drift", "1", (5e-4, 0.02), 5e-3, 1.0, "", "the reading's zero drifts with the time"),
+        FaultInfo("reading_zero", "1", (5e-4, 0.03), 5e-3, 1.0, "", "the reading's zero is off"),
+        FaultInfo("reading_drift", "1", (5e-4, 0.05), 5e-3, 1.0, "", "the reading's zero drifts with the time"),
         FaultInfo("wrong_temperature", "K", (0.5, 10.0), 2.0, 60.0, "temperature", "the temperature is labelled wrong"),
         FaultInfo("wrong_supply", "1", (2e-3, 0.05), 0.01, 0.5, "supply_pressure", "the supply pressure is labelled wrong"),
     )

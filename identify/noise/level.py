@@ -19,6 +19,8 @@ LOG_ROWS = 2000  # from here on, sweeps are looked for under the dither of a log
 # Rows compared with their repeats, of a static and of a dynamic test: fewer say too little of their scatter.
 FEWEST_PAIRS = 8
 FEWEST_IN_MOTION = 60
+# Standard errors of its mean from which on a pair of repeated sweeps lies apart by more than noise, and rows that show it.
+OFFSET, ROWS_OF_OFFSET = 5.0, 8
 THIRD_DIFFERENCE = np.array([1.0, -3.0, 3.0, -1.0])  # blind to any parabola; variance 20 for white noise of 1
 MEDIAN_OF_CHI2 = 0.4549  # one degree of freedom
 
@@ -89,7 +91,8 @@ def noise_from_repeats(test: TestRecord, channel: Channel) -> RepeatNoise | None
 def repeat_differences(test: TestRecord, channel: Channel, std: np.ndarray | None = None) -> list[np.ndarray]:
     """Differences between sweeps or runs and their repeats, row by row, one array per pair, scaled to the noise of one row.
 
-    SI; or, where the rows' noise is believed to be `std` (rows,), in units of it.
+    SI; or, where the rows' noise is believed to be `std` (rows,), in units of it. A pair that lies apart by a constant, far beyond
+    what its rows scatter, has had its zero moved in between: that is a fault of the bench, no noise.
     """
     std = np.ones(test.rows) if std is None else std
     if test.in_motion:
@@ -112,10 +115,17 @@ def repeat_differences(test: TestRecord, channel: Channel, std: np.ndarray | Non
                 continue
             d = _difference(test.spool_position, channel.value, std, first, second)
             if len(d) >= 3:
-                differences.append(d)
+                differences.append(_without_offset(d))
                 used.add(j)
                 break
     return differences
+
+
+def _without_offset(difference: np.ndarray) -> np.ndarray:
+    mean = float(np.mean(difference))
+    scatter = difference - mean
+    error = float(np.std(difference)) / np.sqrt(effective_size(scatter))
+    return scatter if len(difference) >= ROWS_OF_OFFSET and abs(mean) > OFFSET * error else difference
 
 
 def _run_differences(test: TestRecord, channel: Channel, std: np.ndarray) -> list[np.ndarray]:

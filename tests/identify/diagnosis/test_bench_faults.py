@@ -34,7 +34,7 @@ def drifting(record: BenchRecord) -> BenchRecord:
         assert test.time is not None
         spans = np.array([test.time[test.run == run].max() for run in np.unique(test.run)])
         elapsed = test.time + np.append(0.0, np.cumsum(spans)[:-1])[test.run]
-        return read_more(test, 0.15 / 6e4 * elapsed / elapsed.max())
+        return read_more(test, 0.05 / 6e4 * elapsed / elapsed.max())
 
     return changed(record, "leakage", by=drift)
 
@@ -56,7 +56,7 @@ def one_run_off(record: BenchRecord) -> BenchRecord:
 
 BENCHES: dict[str, tuple[Callable[[BenchRecord], BenchRecord], dict[str, object], float]] = {
     "zeroed anew": (zeroed_anew, {"name": "position_zero", "test": "pressure_gain", "run": None}, 1e-6),
-    "drifting": (drifting, {"name": "reading_drift", "test": "leakage", "channel": "leakage_flow"}, 0.15 / 6e4),
+    "drifting": (drifting, {"name": "reading_drift", "test": "leakage", "channel": "leakage_flow"}, 0.05 / 6e4),
     "labelled wrong": (labelled_wrong, {"name": "wrong_temperature", "test": "", "run": "8 degC"}, 8.0),
     "gauge wrong": (gauge_wrong, {"name": "wrong_supply", "test": "flow_gain", "channel": ""}, 0.03 * 216.3e5),
     "one run off": (one_run_off, {"name": "reading_zero", "test": "leakage", "run": "3"}, 0.03 / 6e4),
