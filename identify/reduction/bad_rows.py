@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.stats import binom, t as student
 
 from thermohyd.identify.bench.columns import reading_unit
 from thermohyd.identify.bench.record import Fault, FaultyRow, TestRecord
@@ -25,9 +25,9 @@ MOST = 0.05  # share of a test's rows beyond which they are no outliers but its 
 AROUND = 12  # rows on either side that say how large the noise is there
 # Third differences share rows and their median is 37 % efficient: degrees of freedom of the noise per row.
 WORTH = 0.25
-# A constant reading counts as a limit from a share of the rows on, and from so many one after the other; elsewhere the share of
-# equal neighbours must be small, or rounding makes them.
-SHARE, IN_A_ROW, ROUNDING_MAKES = 0.02, 4, 0.02
+# A constant reading counts as a limit from a share of the rows on, in stretches of so many one after the other and more; chance is
+# judged by the share of the other rows that lie nearest to it.
+SHARE, IN_A_ROW, NEAREST = 0.02, 3, 0.2
 LEFT = 8  # rows that must remain: a reading that never changes has a sentence of its own
 APART = 8  # rows between two outliers that are found at once
 
@@ -188,21 +188,49 @@ def without_limits(test: TestRecord) -> TestRecord:
 
 
 def _standing(test: TestRecord, value: np.ndarray, limit: float, limits: tuple[float, ...]) -> np.ndarray:
-    """Rows at exactly `limit`, in stretches of `IN_A_ROW` or more while the spool moved; none where readings repeat that are at
-    none of the `limits`."""
+    """Rows at exactly `limit`, in stretches while the spool moved, where a reading is followed by the same more often than by chance."""
     if test.rows < 2:
         return np.zeros(0, dtype=int)
     moved = (np.diff(test.spool_position) != 0.0) & (np.diff(test.run) == 0)
-    same = (np.diff(value) == 0.0) & moved
-    here = same & (value[1:] == limit)
-    others = moved & ~np.isin(value[1:], limits)
-    if np.sum(same & others) > ROUNDING_MAKES * max(int(others.sum()), 1):
+    at = moved & (value[:-1] == limit)
+    again = at & (value[1:] == limit)
+    if not again.any() or binom.sf(again.sum() - 1, at.sum(), _by_rounding(test, value, moved, limit, limits)) > CHANCE:
         return np.zeros(0, dtype=int)
     standing = np.zeros(test.rows, dtype=bool)
-    for a, b in piece_bounds(np.cumsum(np.append(0, ~here))):
+    for a, b in piece_bounds(np.cumsum(np.append(0, ~again))):
         if b - a >= IN_A_ROW:
             standing[a:b] = True
     return np.flatnonzero(standing)
+
+
+def _by_rounding(
+    test: TestRecord, value: np.ndarray, moved: np.ndarray, limit: float, limits: tuple[float, ...]
+) -> float:
+    """How often neighbouring readings near a limit are equal because they were rounded: as often as they are, or as noise makes it.
+
+    Noise of standard deviation s, rounded in steps h, gives equal neighbours with probability h/(2 sqrt(pi) s), where it spans a
+    few steps. Judged by the readings nearest to the limit: a curve that levels out there is as flat, and its gauge as quiet, as it is.
+    """
+    off = ~np.isin(value, limits)
+    count = max(LEFT, round(NEAREST * int(off.sum())))
+    if off.sum() < LEFT:
+        return 1.0
+    reach = np.sort(np.abs(value[off] - limit))[min(count, int(off.sum())) - 1]
+    near = off & (np.abs(value - limit) <= reach)
+    pairs = moved & near[:-1] & off[1:]
+    equal = (float(np.sum(pairs & (np.diff(value) == 0.0))) + 1.0) / (float(pairs.sum()) + 2.0)
+    step = float(np.median(local_steps(value[off])))
+    if step == 0.0:
+        return equal
+    seen = []
+    for a, b in piece_bounds(test.run[off]):
+        part = value[off][a:b]
+        if b - a >= LEFT:
+            third = divided_third(np.arange(float(b - a)), part)
+            seen.append(third[near[off][a + 1 : b - 2]])
+    squares = np.concatenate(seen) ** 2 if seen else np.zeros(0)
+    noise = float(np.sqrt(np.median(squares) / MEDIAN_OF_CHI2)) if len(squares) else 0.0
+    return max(equal, min(1.0, step / (2.0 * np.sqrt(np.pi) * noise)) if noise > 0.0 else 1.0)
 
 
 def _place(test: TestRecord, row: int) -> FaultyRow:
