@@ -18,7 +18,7 @@ from .coupled_ports import crossing_conductance, lost_in_lines, ports_with_cross
 from .flow_balance import eliminate
 from .numerics import linear_recursion
 from .oil import Oil, density
-from .ports import Between, PortFlows, Ports, between, port_flows, return_temperature
+from .ports import Between, PortFlows, Ports, port_flows, return_temperature
 from .valve import Valve, heat_kept, metering_edges, true_conditions
 
 
@@ -39,11 +39,14 @@ CLOSE = 1e-7
 MOST_TURNS = 40
 # A row whose pressure the last turn still moves by a larger share has no solution that was found, and becomes NaN.
 FOUND = 1e-6
-# A pressure that a turn would move beyond supply or return goes so far towards it, in the logit of its share.
-TOWARDS_END = 4.0
+# A pressure that a turn would move across supply or return keeps this share of its distance instead: flow goes with the root
+# of a drop, of which Newton's method makes a swing about the end without end. Nearer than `AT_THE_END`, as a share of the
+# pressure between both, flow is laminar and the balance straight.
+KEPT = 0.02
+AT_THE_END = 1e-6
+MOST_BEYOND = 0.1  # of the pressure between both: where a turn may lead beyond supply or return
 # Turns of the pressures behind lines: leakage moves them by less than a hundredth, and a turn leaves as much of the error.
 LINE_TURNS = 3
-SMALLEST_SHARE = 1e-15  # of the pressure between supply and return, to start from
 SHORTEST = 1e-6  # s: rows at one and the same time
 
 
@@ -186,16 +189,32 @@ def _nodes(read: Conditions, substeps: int) -> tuple[Conditions, Bool[Array, " r
 
 
 class _Ties(eqx.Module):
-    """The ports' flows at given pressures, with lines and a path between the ports where there are such."""
+    """The ports' flows at given pressures, with lines and a path between the ports where there are such.
+
+    A port's pressure is written as its distance from one end, supply (`upper`) or return, where that distance keeps full relative
+    precision. It may be negative: the stages of a step swing beyond the end that a pressure runs into, and oil then flows
+    backwards.
+    """
 
     flows: PortFlows
     conductance: Float[Array, "..."] | None
     coupling: Coupling
+    upper: Bool[Array, "2 rows"]
 
-    def state(self, q: Float[Array, "2 rows"]) -> tuple[Ports, Conditions]:
-        """Ports at the logit q of their share of the gauges' pressures, and the conditions inside the lines."""
+    def drops(self, distance: Float[Array, "2 rows"]) -> Between:
+        """Both drops between the gauges [Pa]."""
+        c = self.flows.conditions
+        other = c.supply_pressure - c.return_pressure - distance
+        return Between(jnp.where(self.upper, distance, other), jnp.where(self.upper, other, distance))
+
+    def pressure(self, distance: Float[Array, "2 rows"]) -> Float[Array, "2 rows"]:
+        c = self.flows.conditions
+        return jnp.where(self.upper, c.supply_pressure - distance, c.return_pressure + distance)
+
+    def state(self, distance: Float[Array, "2 rows"]) -> tuple[Ports, Conditions]:
+        """Ports at these distances, and the conditions inside the lines."""
         gauges, oil = self.flows.conditions, self.flows.oil
-        drops, inside, flows = between(q, gauges), gauges, self.flows
+        drops, inside, flows = self.drops(distance), gauges, self.flows
         ports, _, _ = ports_with_crossing(flows, drops, self.conductance)
         for _ in range(LINE_TURNS if self.coupling.lines else 0):
             warm = return_temperature(ports, oil, flows.heat_retention, inside)
@@ -206,45 +225,39 @@ class _Ties(eqx.Module):
             ports, _, _ = ports_with_crossing(flows, behind, self.conductance)
         return ports, inside
 
-    def net(self, q: Float[Array, "2 rows"]) -> Float[Array, "2 rows"]:
+    def net(self, distance: Float[Array, "2 rows"]) -> Float[Array, "2 rows"]:
         """What flows into each port beyond what leaves it [m3/s], at the port's pressure and temperature."""
-        ports, _ = self.state(q)
+        ports, _ = self.state(distance)
         surplus = ports.inflow - ports.outflow
         if ports.crossing is not None:
             surplus = surplus + ports.crossing
         return surplus / density(self.flows.oil, ports.pressure, ports.temperature)
 
 
-def _ties(valve: Valve, oil: Oil, true: Conditions, coupling: Coupling) -> _Ties:
+def _ties(valve: Valve, oil: Oil, true: Conditions, coupling: Coupling, upper: Bool[Array, "2 rows"]) -> _Ties:
     flows = port_flows(metering_edges(valve, true), oil, heat_kept(valve), true)
     crossings = coupling.crossings
-    return _Ties(flows, crossing_conductance(crossings, oil, true) if crossings else None, coupling)
+    return _Ties(flows, crossing_conductance(crossings, oil, true) if crossings else None, coupling, upper)
 
 
-def _at(ties: _Ties, q: Float[Array, "nodes 2 rows"]) -> tuple[Array, Array]:
+def _at(ties: _Ties, distance: Float[Array, "nodes 2 rows"]) -> tuple[Array, Array]:
     """Port pressures [Pa] and net flows into the ports [m3/s] at every node, each (nodes, 2, rows)."""
-    gauges = ties.flows.conditions
-    pressure = gauges.return_pressure[:, None] + between_all(q, gauges).return_drop
-    return pressure, jax.vmap(_Ties.net)(ties, q)
+    return jax.vmap(_Ties.pressure)(ties, distance), jax.vmap(_Ties.net)(ties, distance)
 
 
-def between_all(q: Float[Array, "nodes 2 rows"], gauges: Conditions) -> Between:
-    return jax.vmap(between)(q, gauges)
-
-
-def _slopes(ties: _Ties, q: Float[Array, "nodes 2 rows"]) -> tuple[Array, Array, Array, Array]:
-    """Pressures, net flows, their slopes to the pressures (as `_Chain.condense` takes them) and dp/dq.
+def _slopes(
+    ties: _Ties, distance: Float[Array, "nodes 2 rows"], away: Float[Array, "2 rows"]
+) -> tuple[Array, Array, Array]:
+    """Pressures, net flows and their slopes to the pressures (as `_Chain.condense` takes them). away: d distance/d p, 1 or -1.
 
     A port knows of the other through a path or through lines only.
     """
-    drops = between_all(q, ties.flows.conditions)
-    rise = drops.supply_drop * drops.return_drop / (drops.supply_drop + drops.return_drop)
-    pressure = ties.flows.conditions.return_pressure[:, None] + drops.return_drop
-    net, push = jax.linearize(lambda q: jax.vmap(_Ties.net)(ties, q), q)
+    net, push = jax.linearize(lambda d: jax.vmap(_Ties.net)(ties, d), distance)
+    pressure, along = jax.vmap(_Ties.pressure)(ties, distance), jnp.broadcast_to(away, distance.shape)
     if ties.coupling.lines or ties.coupling.crossings:
-        units = [jnp.broadcast_to(jnp.eye(2)[:, j, None], q.shape) for j in range(2)]
-        return pressure, net, jnp.stack([push(unit) / rise[:, j, None] for j, unit in enumerate(units)], axis=2), rise
-    return pressure, net, (push(jnp.ones_like(q)) / rise)[:, None], rise
+        apart = [push(along * np.eye(2)[:, j, None]) for j in range(2)]
+        return pressure, net, jnp.stack(apart, axis=2)
+    return pressure, net, push(along)[:, None]
 
 
 class StoredPorts(eqx.Module):
@@ -277,41 +290,47 @@ def stored_ports(
     """
     substeps = max(effect.substeps for effect in coupling.storage)
     nodes, starts, step = _nodes(read, substeps)
-    ties = jax.vmap(lambda at: _ties(valve, oil, true_conditions(valve, at), coupling))(nodes)
+    span = true.supply_pressure - true.return_pressure
+    up, down = true.supply_pressure - steady.pressure, steady.pressure - true.return_pressure
+    upper = up < down
+    away = jnp.where(upper, -1.0, 1.0)
+    ties = jax.vmap(lambda at: _ties(valve, oil, true_conditions(valve, at), coupling, upper))(nodes)
     compliance = sum((effect.compliance() for effect in coupling.storage), start=jnp.zeros((2, 1)))
     chain = _Chain(jnp.where(starts, 0.0, compliance), step, starts, substeps)
     known_ties, known_chain = jax.lax.stop_gradient((ties, chain))
+    known_span = jax.lax.stop_gradient(span)
 
     def going(state: tuple[Array, Array, Array]) -> Array:
         _, largest, turns = state
         return (largest > CLOSE) & (turns < MOST_TURNS)
 
+    def kept_inside(before: Array, after: Array) -> Array:
+        """The distance from an end behind a turn."""
+        crosses = (before * after < 0.0) & (jnp.abs(before) > AT_THE_END * known_span)
+        return jnp.where(crosses, KEPT * before, jnp.maximum(after, -MOST_BEYOND * known_span))
+
     def turn(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
-        q, _, turns = state
-        pressure, net, slope, _ = _slopes(known_ties, q)
-        gauges = known_ties.flows.conditions
+        distance, _, turns = state
+        pressure, net, slope = _slopes(known_ties, distance, away)
         condensed = known_chain.condense(known_chain.imbalance(pressure, net), slope)
         source, carried = known_chain.ends(condensed)
-        moved = pressure + known_chain.moves(condensed, along_rows(carried, source))
-        up, down = gauges.supply_pressure[:, None] - moved, moved - gauges.return_pressure[:, None]
-        inside = (up > 0.0) & (down > 0.0)
-        landed = jnp.log(jnp.where(inside, down, 1.0)) - jnp.log(jnp.where(inside, up, 1.0))
-        largest = jnp.max(jnp.where(inside, jnp.abs(moved - pressure) / (up + down), 1.0))
-        return jnp.where(inside, landed, q + jnp.where(up > 0.0, -TOWARDS_END, TOWARDS_END)), largest, turns + 1
+        moves = known_chain.moves(condensed, along_rows(carried, source))
+        own = kept_inside(distance, distance + away * moves)
+        other = known_span - distance
+        own = jnp.where(own < 0.5 * known_span, own, known_span - kept_inside(other, known_span - own))
+        largest = jnp.max(jnp.abs(own - distance) / known_span)
+        return own, largest, turns + 1
 
-    span = true.supply_pressure - true.return_pressure
-    up, down = true.supply_pressure - steady.pressure, steady.pressure - true.return_pressure
-    first = jnp.log(jnp.maximum(down, SMALLEST_SHARE * span)) - jnp.log(jnp.maximum(up, SMALLEST_SHARE * span))
-    first = jnp.broadcast_to(jax.lax.stop_gradient(first), (len(PARTS) * substeps, *first.shape))
+    first = jax.lax.stop_gradient(jnp.broadcast_to(jnp.where(upper, up, down), (len(PARTS) * substeps, *upper.shape)))
     begin = (first, jnp.asarray(jnp.inf), jnp.asarray(0))
-    q = jax.lax.stop_gradient(jax.lax.while_loop(going, turn, begin)[0])
+    distance = jax.lax.stop_gradient(jax.lax.while_loop(going, turn, begin)[0])
 
     # One turn more, which moves nothing: by it what the imbalances depend on reaches the pressures.
-    *_, slope, rise = jax.lax.stop_gradient(_slopes(known_ties, q))
-    source, carried = known_chain.ends(known_chain.condense(chain.imbalance(*_at(ties, q)), slope))
+    *_, slope = jax.lax.stop_gradient(_slopes(known_ties, distance, away))
+    source, carried = known_chain.ends(known_chain.condense(chain.imbalance(*_at(ties, distance)), slope))
     moved = along_rows(carried, source)
     moved = jnp.where(jnp.abs(moved) < FOUND * span, moved, jnp.nan)
     if push is not None:
         moved = jax.lax.stop_gradient(moved) + push
-    ports, inside = _ties(valve, oil, true, coupling).state(q[-1] + moved / rise[-1])
+    ports, inside = _ties(valve, oil, true, coupling, upper).state(distance[-1] + away * moved)
     return StoredPorts(ports, inside, source, carried)
