@@ -329,7 +329,7 @@ class PortComplianceA(AbstractStorageEffect):
     """
 
     amount: Float[Array, "..."] = eqx.field(converter=as_amount)
-    substeps: int = eqx.field(static=True, default=2)
+    substeps: int = eqx.field(static=True, default=8)
 
     def compliance(self) -> Float[Array, "2 #rows"]:
         return self.amount * PORT_A
@@ -344,7 +344,7 @@ class PortComplianceB(AbstractStorageEffect):
     """
 
     amount: Float[Array, "..."] = eqx.field(converter=as_amount)
-    substeps: int = eqx.field(static=True, default=2)
+    substeps: int = eqx.field(static=True, default=8)
 
     def compliance(self) -> Float[Array, "2 #rows"]:
         return self.amount * PORT_B
