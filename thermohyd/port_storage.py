@@ -38,8 +38,8 @@ PARTS = STAGES.sum(axis=1)  # of a step, where its stages are
 # Of the embedded step of order 3 (IV.8 there): gamma_0, and what multiplies the stages' changes.
 GAMMA = 1.0 / 3.6378342527444957
 EMBEDDED = np.array([-13.0 - 7.0 * _ROOT, -13.0 + 7.0 * _ROOT, -1.0]) / 3.0
-# One row in so many is cut into `substeps` steps, and one in so many into two.
-ONE_IN_MOST, ONE_IN_TWO = 16, 2
+# One row in so many is cut into `substeps` steps, one in so many into a quarter of them, and the others into an eighth.
+ONE_IN_MOST, ONE_IN_SOME = 16, 2
 # The search ends where a turn moves every pressure by less than this share of the supply's; the next one squares it.
 CLOSE = 1e-7
 ROUGH = 1e-3  # the same of the search that only shows where steps are needed
@@ -80,13 +80,14 @@ class _Mesh(eqx.Module):
 
 
 def _mesh(need: Float[Array, " rows"], substeps: int) -> _Mesh:
-    """Where `need` is largest, `substeps` steps a row, in the rows next to these two, elsewhere one."""
+    """A mesh with the most steps in the rows where `need` is largest."""
     rows = need.shape[0]
-    most = min(-(-rows // ONE_IN_MOST), rows) if substeps > 1 else 0
-    twice = min(-(-rows // ONE_IN_TWO), rows - most) if substeps > 1 else 0
-    rank = jnp.argsort(-need)
-    counts = jnp.ones(rows, dtype=int).at[rank[:most]].set(substeps).at[rank[most : most + twice]].set(2)
-    total = rows + most * (substeps - 1) + twice
+    some, least = max(substeps // 4, 1), max(substeps // 8, 1)
+    first = -(-rows // ONE_IN_MOST)
+    second = min(first + rows // ONE_IN_SOME, rows)
+    by_rank = np.repeat([substeps, some, least], [first, second - first, rows - second])
+    counts = jnp.zeros(rows, dtype=int).at[jnp.argsort(-need)].set(by_rank)
+    total = int(by_rank.sum())
     owner = jnp.repeat(jnp.arange(rows), counts, total_repeat_length=total)
     ends = jnp.cumsum(counts)
     place = jnp.arange(total) - (ends - counts)[owner]
