@@ -5,11 +5,13 @@ solved together by Newton's method, each turn of which evaluates the edges every
 along the rows (Lim et al., Parallelizing non-linear sequential models over the sequence length, ICLR 2024, have the idea).
 """
 
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from thermohyd.effects.effect import Coupling
 
@@ -18,7 +20,7 @@ from .coupled_ports import crossing_conductance, lost_in_lines, ports_with_cross
 from .flow_balance import eliminate
 from .numerics import linear_recursion
 from .oil import Oil, density
-from .ports import Between, PortFlows, Ports, between, port_flows, return_temperature
+from .ports import Between, PortFlows, Ports, port_flows, return_temperature
 from .valve import Valve, heat_kept, metering_edges, true_conditions
 
 
@@ -33,94 +35,130 @@ STAGES = np.array(
     ]
 )
 PARTS = STAGES.sum(axis=1)  # of a step, where its stages are
+# Of the embedded step of order 3 (IV.8 there): gamma_0, and what multiplies the stages' changes.
+GAMMA = 1.0 / 3.6378342527444957
+EMBEDDED = np.array([-13.0 - 7.0 * _ROOT, -13.0 + 7.0 * _ROOT, -1.0]) / 3.0
+# One row in so many is cut into `substeps` steps, one in so many into a quarter of them, and the others into an eighth.
+ONE_IN_MOST, ONE_IN_SOME = 16, 2
 # The search ends where a turn moves every pressure by less than this share of the supply's; the next one squares it.
 CLOSE = 1e-7
-# From the steady state of 1080 random sweeps (2, 12 and 60 s, 1e-14 to 1e-10 m3/Pa): 3 to 6 turns by the median, 12 at most.
+ROUGH = 1e-3  # the same of the search that only shows where steps are needed
+# From the steady state of sweeps of 12 and 60 s: 6 turns where 1e-13 m3/Pa is stored, 12 at 1e-12, 30 at 1e-10.
 MOST_TURNS = 40
 # A row whose pressure the last turn still moves by a larger share has no solution that was found, and becomes NaN.
 FOUND = 1e-6
-# A pressure that a turn would move beyond supply or return goes so far towards it, in the logit of its share.
-TOWARDS_END = 4.0
+# A pressure that a turn would move across supply or return keeps this share of its distance instead: flow goes with the root
+# of a drop, of which Newton's method makes a swing about the end without end. Nearer than `AT_THE_END`, as a share of the
+# pressure between both, flow is laminar and the balance straight.
+KEPT = 0.02
+AT_THE_END = 1e-6
+MOST_BEYOND = 0.1  # of the pressure between both: where a turn may lead beyond supply or return
 # Turns of the pressures behind lines: leakage moves them by less than a hundredth, and a turn leaves as much of the error.
 LINE_TURNS = 3
-SMALLEST_SHARE = 1e-15  # of the pressure between supply and return, to start from
 SHORTEST = 1e-6  # s: rows at one and the same time
+SMALLEST_FLOW = 1e-30  # m3/s, to divide by
+
+
+class _Mesh(eqx.Module):
+    """Steps of a sweep: `owner`, the row at whose end or before it a step ends, and where it begins and how long it is as
+    shares of the time since the row before. `last`: of each row; `place`: of a step among its row's."""
+
+    owner: Int[Array, " steps"]
+    begin: Float[Array, " steps"]
+    width: Float[Array, " steps"]
+    place: Int[Array, " steps"]
+    last: Int[Array, " rows"]
+
+    def share(self) -> Float[Array, "nodes steps"]:
+        """Where the stages lie, as shares of the time since the row before."""
+        return self.begin + PARTS[:, None] * self.width
+
+    def spread(self, tree: Any) -> Any:
+        """What is given row by row beside every step; single numbers stay such."""
+        rows = self.last.size
+        return jax.tree.map(lambda leaf: leaf[..., self.owner] if leaf.ndim and leaf.shape[-1] == rows else leaf, tree)
+
+
+def _mesh(need: Float[Array, " rows"], substeps: int) -> _Mesh:
+    """A mesh with the most steps in the rows where `need` is largest."""
+    rows = need.shape[0]
+    some, least = max(substeps // 4, 1), max(substeps // 8, 1)
+    first = -(-rows // ONE_IN_MOST)
+    second = min(first + rows // ONE_IN_SOME, rows)
+    by_rank = np.repeat([substeps, some, least], [first, second - first, rows - second])
+    counts = jnp.zeros(rows, dtype=int).at[jnp.argsort(-need)].set(by_rank)
+    total = int(by_rank.sum())
+    owner = jnp.repeat(jnp.arange(rows), counts, total_repeat_length=total)
+    ends = jnp.cumsum(counts)
+    place = jnp.arange(total) - (ends - counts)[owner]
+    width = 1.0 / counts[owner].astype(float)
+    return _Mesh(owner, place.astype(float) * width, width, place, ends - 1)
 
 
 class _Chain(eqx.Module):
-    """What the steps of all rows are solved with: C (2, #rows) with 0 at the start of a run, where the ports are steady, and
-    the length of a step (rows,)."""
+    """What all steps are solved with: C (2, #steps) with 0 at the start of a run, where the ports are steady, and the length of
+    a step [s]."""
 
-    compliance: Float[Array, "2 rows"]
-    step: Float[Array, " rows"]
-    starts: Bool[Array, " rows"]
-    substeps: int = eqx.field(static=True)
-
-    def before(self, end: Float[Array, "2 rows"]) -> Float[Array, "2 rows"]:
-        """What the row before ended with; of no meaning where a run starts."""
-        return jnp.concatenate([end[:, :1], end[:, :-1]], axis=1)
+    compliance: Float[Array, "2 steps"]
+    step: Float[Array, " steps"]
 
     def imbalance(
-        self, pressure: Float[Array, "nodes 2 rows"], net: Float[Array, "nodes 2 rows"]
-    ) -> Float[Array, "nodes 2 rows"]:
+        self, pressure: Float[Array, "nodes 2 steps"], net: Float[Array, "nodes 2 steps"]
+    ) -> Float[Array, "nodes 2 steps"]:
         """C (p - p of the start) - step sum A net [m3] of every stage."""
-        parts, start = [], self.before(pressure[-1])
-        for own, flow in self._by_step(pressure, net):
-            parts.append(self.compliance * (own - start) - self.step * jnp.einsum("kl,lpr->kpr", STAGES, flow))
-            start = own[-1]
-        return jnp.concatenate(parts)
+        return self.compliance * (pressure - _before(pressure[-1])) - self.step * jnp.einsum("kl,lpr->kpr", STAGES, net)
 
     def condense(
-        self, imbalance: Float[Array, "nodes 2 rows"], slope: Float[Array, "nodes ports 2 rows"]
-    ) -> list[tuple[Array, Array]]:
-        """For each step the changes of its stages that take the imbalance away, and how they follow the start of the step.
+        self, imbalance: Float[Array, "nodes 2 steps"], slope: Float[Array, "nodes ports 2 steps"]
+    ) -> tuple[Array, Array]:
+        """The changes of the stages that take the imbalance away, and how they follow the start of the step.
 
-        slope: d net_i/d p_j, (nodes, 2, 2, rows), or (nodes, 1, 2, rows) of each port alone, whose unknowns then stay apart.
-        Changes (stages, 2, rows), and (stages, 2, 2, rows) or (stages, 1, 2, rows) by the ports at the start.
+        slope: d net_i/d p_j, (nodes, 2, 2, steps), or (nodes, 1, 2, steps) of each port alone, whose unknowns then stay apart.
+        Changes (nodes, 2, steps), and (nodes, 2, 2, steps) or (nodes, 1, 2, steps) by the ports at the start.
         """
-        count, ports = len(PARTS), slope.shape[1]
-        found = []
-        for left, slopes in self._by_step(imbalance, slope):
-            # Stage k of port i by stage l of port j, or a port's stages by each other.
-            if ports == 2:
-                size = 2 * count
-                by_port = self.compliance * np.eye(2)[:, :, None]
-                matrix = -self.step * jnp.einsum("kl,lijr->kiljr", STAGES, slopes)
-                matrix = matrix + np.eye(count)[:, None, :, None, None] * by_port[None, :, None]
-                matrix = matrix.reshape(size, size, 1, -1)
-                before = jnp.broadcast_to(by_port[None], (count, 2, 2, by_port.shape[-1])).reshape(size, 2, -1)
-                right = jnp.concatenate([-left.reshape(size, 1, -1), before], axis=1)
-                x = eliminate(jnp.swapaxes(matrix, 0, 1), right).reshape(count, 2, 3, -1)
-                found.append((x[:, :, 0], x[:, :, 1:]))
-            else:
-                alone = -self.step * STAGES[:, :, None, None] * slopes[None, :, 0]
-                alone = alone + np.eye(count)[:, :, None, None] * self.compliance
-                before = jnp.broadcast_to(self.compliance, left.shape)
-                x = eliminate(jnp.swapaxes(alone, 0, 1)[:, :, None], jnp.stack([-left, before], axis=1))
-                found.append((x[:, 0], x[:, 1:]))
-        return found
+        count, ports = slope.shape[:2]
+        # Stage k of port i by stage l of port j, or a port's stages by each other.
+        if ports == 2:
+            size = 2 * count
+            by_port = self.compliance * np.eye(2)[:, :, None]
+            matrix = -self.step * jnp.einsum("kl,lijr->kiljr", STAGES, slope)
+            matrix = matrix + np.eye(count)[:, None, :, None, None] * by_port[None, :, None]
+            matrix = matrix.reshape(size, size, 1, -1)
+            start = jnp.broadcast_to(by_port[None], (count, 2, 2, by_port.shape[-1])).reshape(size, 2, -1)
+            right = jnp.concatenate([-imbalance.reshape(size, 1, -1), start], axis=1)
+            x = eliminate(jnp.swapaxes(matrix, 0, 1), right).reshape(count, 2, 3, -1)
+            return x[:, :, 0], x[:, :, 1:]
+        alone = -self.step * STAGES[:, :, None, None] * slope[None, :, 0]
+        alone = alone + np.eye(count)[:, :, None, None] * self.compliance
+        start = jnp.broadcast_to(self.compliance, imbalance.shape)
+        x = eliminate(jnp.swapaxes(alone, 0, 1)[:, :, None], jnp.stack([-imbalance, start], axis=1))
+        return x[:, 0], x[:, 1:]
 
-    def ends(self, condensed: list[tuple[Array, Array]]) -> tuple[Array, Array]:
-        """(change of the pressures at the end of each row's steps where nothing changes before it, how it follows that)."""
-        source, carried = condensed[0][0][-1], condensed[0][1][-1]
-        for change, follows in condensed[1:]:
-            source = change[-1] + _follow(follows[-1], source)
-            carried = _chained(follows[-1], carried)
-        return source, carried
-
-    def moves(self, condensed: list[tuple[Array, Array]], end: Float[Array, "2 rows"]) -> Float[Array, "nodes 2 rows"]:
-        """Changes at every node, from those at the ends of all rows."""
+    def moves(self, change: Array, follows: Array) -> Float[Array, "nodes 2 steps"]:
+        """Changes of all stages, those of the steps before taken along."""
+        end = along_rows(follows[-1], change[-1])
         start = jnp.concatenate([jnp.zeros((2, 1)), end[:, :-1]], axis=1)
-        parts = []
-        for change, follows in condensed:
-            parts.append(change + jnp.stack([_follow(stage, start) for stage in follows]))
-            start = parts[-1][-1]
-        return jnp.concatenate(parts)
+        return change + jnp.stack([_follow(stage, start) for stage in follows])
 
-    def _by_step(self, *arrays: Float[Array, "nodes ..."]):
-        count = len(PARTS)
-        for j in range(self.substeps):
-            yield tuple(array[j * count : (j + 1) * count] for array in arrays)
+    def error(
+        self,
+        pressure: Float[Array, "nodes 2 steps"],
+        net: Float[Array, "nodes 2 steps"],
+        slope: Float[Array, "nodes ports 2 steps"],
+        span: Float[Array, " steps"],
+    ) -> Float[Array, " steps"]:
+        """How much a step misses, by an embedded one of order 3 (Hairer and Wanner, II, IV.8): the pressure at its end as a share
+        of `span`, and the flow that this makes as a share of the largest."""
+        start, own = _before(pressure[-1]), slope[-1, 0] if slope.shape[1] == 1 else jnp.einsum("iir->ir", slope[-1])
+        defect = self.step * _before(net[-1]) + self.compliance * jnp.einsum("k,kpr->pr", EMBEDDED, pressure - start)
+        missed = jnp.abs(defect / (self.compliance / GAMMA - self.step * own))
+        largest = jnp.maximum(jnp.max(jnp.abs(net)), SMALLEST_FLOW)
+        return jnp.max(missed * (1.0 / span + jnp.abs(own) / largest), axis=0)
+
+
+def _before(end: Float[Array, "2 steps"]) -> Float[Array, "2 steps"]:
+    """What the step before ended with; of no meaning where a run starts."""
+    return jnp.concatenate([end[:, :1], end[:, :-1]], axis=1)
 
 
 def _follow(follows: Float[Array, "ports 2 rows"], start: Float[Array, "2 rows"]) -> Float[Array, "2 rows"]:
@@ -150,12 +188,50 @@ def along_rows(carried: Float[Array, "ports 2 rows"], source: Float[Array, "2 ro
     return jax.lax.fori_loop(0, doublings, double, (carried, source))[1]
 
 
-def _nodes(read: Conditions, substeps: int) -> tuple[Conditions, Bool[Array, " rows"], Float[Array, " rows"]]:
-    """Conditions as read at the stages of every row's steps (nodes, rows), starts of runs, and the length of a step [s].
+def _of_rows(change: Array, follows: Array, mesh: _Mesh, substeps: int) -> tuple[Array, Array]:
+    """(source, carried) of every row from those at the ends of its steps, by doublings inside the row."""
+    source, carried = change[-1], follows[-1]
+    reach = 1
+    while reach < substeps:
+        inside = mesh.place >= reach
+        earlier = jnp.roll(source, reach, axis=-1), jnp.roll(carried, reach, axis=-1)
+        source = jnp.where(inside, source + _follow(carried, earlier[0]), source)
+        carried = jnp.where(inside, _chained(carried, earlier[1]), carried)
+        reach *= 2
+    return source[:, mesh.last], carried[..., mesh.last]
 
-    Positions, pressures and temperatures are linear from row to row. The direction is that of the motion that ends at a
-    row, and so is the rate.
-    """
+
+class _Sweep(eqx.Module):
+    """Conditions as read row by row, with directions, starts of runs and the time since the row before [s]."""
+
+    read: Conditions
+    starts: Bool[Array, " rows"]
+    span: Float[Array, " rows"]
+
+    def at(self, mesh: _Mesh) -> Conditions:
+        """Conditions as read at the stages of every step (nodes, steps).
+
+        Positions, pressures and temperatures are linear from row to row. The direction is that of the motion that ends at
+        a row, and so is the rate.
+        """
+        share = mesh.share()
+
+        def between_rows(column: Float[Array, " rows"]) -> Float[Array, "nodes steps"]:
+            before = jnp.where(self.starts, column, jnp.concatenate([column[:1], column[:-1]]))
+            return column[mesh.owner] - (1.0 - share) * (column - before)[mesh.owner]
+
+        same = lambda column: jnp.broadcast_to(column[mesh.owner], share.shape)
+        nodes = {
+            name: between_rows(getattr(self.read, name))
+            for name in ("position", "supply_pressure", "return_pressure", "temperature")
+        }
+        nodes |= {name: same(column) for name in ("direction", "run", "rate")
+                  if (column := getattr(self.read, name)) is not None}  # fmt: skip
+        # Made node by node under vmap, where the columns have the shape that Conditions are checked for.
+        return jax.vmap(lambda columns: Conditions(**columns))(nodes)
+
+
+def _sweep(read: Conditions) -> _Sweep:
     if read.time is None:
         raise ValueError("what blocked ports store needs conditions with the time of every row")
     run = jnp.zeros_like(read.time) if read.run is None else read.run
@@ -163,39 +239,38 @@ def _nodes(read: Conditions, substeps: int) -> tuple[Conditions, Bool[Array, " r
     if direction is None:
         direction = jax.lax.stop_gradient(sweep_direction(read.position, run))
     starts = jnp.concatenate([jnp.ones(1, dtype=bool), jnp.diff(run) != 0.0])
-    share = np.concatenate([(j + PARTS) / substeps for j in range(substeps)])[:, None]
-
-    def before(column: Float[Array, " rows"]) -> Float[Array, " rows"]:
-        return jnp.where(starts, column, jnp.concatenate([column[:1], column[:-1]]))
-
-    def between_rows(column: Float[Array, " rows"]) -> Float[Array, "nodes rows"]:
-        return column - (1.0 - share) * (column - before(column))
-
-    same = lambda column: jnp.broadcast_to(column, (share.size, column.size))
-    nodes = {
-        name: between_rows(getattr(read, name))
-        for name in ("position", "supply_pressure", "return_pressure", "temperature")
-    }
-    nodes |= {"direction": same(direction), "run": same(run)}
-    if read.rate is not None:
-        nodes["rate"] = same(read.rate)
-    # Made row by row under vmap, where the columns have the shape that Conditions are checked for.
-    at = jax.vmap(lambda columns: Conditions(**columns))(nodes)
-    step = jnp.where(starts, 1.0, jnp.maximum(read.time - before(read.time), SHORTEST)) / substeps
-    return at, starts, step
+    whole = eqx.tree_at(lambda c: (c.run, c.direction), read, (run, direction), is_leaf=lambda leaf: leaf is None)
+    span = jnp.maximum(jnp.diff(read.time, prepend=read.time[:1]), SHORTEST)
+    return _Sweep(whole, starts, jnp.where(starts, 1.0, span))
 
 
 class _Ties(eqx.Module):
-    """The ports' flows at given pressures, with lines and a path between the ports where there are such."""
+    """The ports' flows at given pressures, with lines and a path between the ports where there are such.
+
+    A port's pressure is written as its distance from one end, supply (`upper`) or return, where that distance keeps full relative
+    precision. It may be negative: the stages of a step swing beyond the end that a pressure runs into, and oil then flows
+    backwards.
+    """
 
     flows: PortFlows
     conductance: Float[Array, "..."] | None
     coupling: Coupling
+    upper: Bool[Array, "2 rows"]
 
-    def state(self, q: Float[Array, "2 rows"]) -> tuple[Ports, Conditions]:
-        """Ports at the logit q of their share of the gauges' pressures, and the conditions inside the lines."""
+    def drops(self, distance: Float[Array, "2 rows"]) -> Between:
+        """Both drops between the gauges [Pa]."""
+        c = self.flows.conditions
+        other = c.supply_pressure - c.return_pressure - distance
+        return Between(jnp.where(self.upper, distance, other), jnp.where(self.upper, other, distance))
+
+    def pressure(self, distance: Float[Array, "2 rows"]) -> Float[Array, "2 rows"]:
+        c = self.flows.conditions
+        return jnp.where(self.upper, c.supply_pressure - distance, c.return_pressure + distance)
+
+    def state(self, distance: Float[Array, "2 rows"]) -> tuple[Ports, Conditions]:
+        """Ports at these distances, and the conditions inside the lines."""
         gauges, oil = self.flows.conditions, self.flows.oil
-        drops, inside, flows = between(q, gauges), gauges, self.flows
+        drops, inside, flows = self.drops(distance), gauges, self.flows
         ports, _, _ = ports_with_crossing(flows, drops, self.conductance)
         for _ in range(LINE_TURNS if self.coupling.lines else 0):
             warm = return_temperature(ports, oil, flows.heat_retention, inside)
@@ -206,45 +281,39 @@ class _Ties(eqx.Module):
             ports, _, _ = ports_with_crossing(flows, behind, self.conductance)
         return ports, inside
 
-    def net(self, q: Float[Array, "2 rows"]) -> Float[Array, "2 rows"]:
+    def net(self, distance: Float[Array, "2 rows"]) -> Float[Array, "2 rows"]:
         """What flows into each port beyond what leaves it [m3/s], at the port's pressure and temperature."""
-        ports, _ = self.state(q)
+        ports, _ = self.state(distance)
         surplus = ports.inflow - ports.outflow
         if ports.crossing is not None:
             surplus = surplus + ports.crossing
         return surplus / density(self.flows.oil, ports.pressure, ports.temperature)
 
 
-def _ties(valve: Valve, oil: Oil, true: Conditions, coupling: Coupling) -> _Ties:
+def _ties(valve: Valve, oil: Oil, true: Conditions, coupling: Coupling, upper: Bool[Array, "2 rows"]) -> _Ties:
     flows = port_flows(metering_edges(valve, true), oil, heat_kept(valve), true)
     crossings = coupling.crossings
-    return _Ties(flows, crossing_conductance(crossings, oil, true) if crossings else None, coupling)
+    return _Ties(flows, crossing_conductance(crossings, oil, true) if crossings else None, coupling, upper)
 
 
-def _at(ties: _Ties, q: Float[Array, "nodes 2 rows"]) -> tuple[Array, Array]:
+def _at(ties: _Ties, distance: Float[Array, "nodes 2 rows"]) -> tuple[Array, Array]:
     """Port pressures [Pa] and net flows into the ports [m3/s] at every node, each (nodes, 2, rows)."""
-    gauges = ties.flows.conditions
-    pressure = gauges.return_pressure[:, None] + between_all(q, gauges).return_drop
-    return pressure, jax.vmap(_Ties.net)(ties, q)
+    return jax.vmap(_Ties.pressure)(ties, distance), jax.vmap(_Ties.net)(ties, distance)
 
 
-def between_all(q: Float[Array, "nodes 2 rows"], gauges: Conditions) -> Between:
-    return jax.vmap(between)(q, gauges)
-
-
-def _slopes(ties: _Ties, q: Float[Array, "nodes 2 rows"]) -> tuple[Array, Array, Array, Array]:
-    """Pressures, net flows, their slopes to the pressures (as `_Chain.condense` takes them) and dp/dq.
+def _slopes(
+    ties: _Ties, distance: Float[Array, "nodes 2 rows"], away: Float[Array, "2 rows"]
+) -> tuple[Array, Array, Array]:
+    """Pressures, net flows and their slopes to the pressures (as `_Chain.condense` takes them). away: d distance/d p, 1 or -1.
 
     A port knows of the other through a path or through lines only.
     """
-    drops = between_all(q, ties.flows.conditions)
-    rise = drops.supply_drop * drops.return_drop / (drops.supply_drop + drops.return_drop)
-    pressure = ties.flows.conditions.return_pressure[:, None] + drops.return_drop
-    net, push = jax.linearize(lambda q: jax.vmap(_Ties.net)(ties, q), q)
+    net, push = jax.linearize(lambda d: jax.vmap(_Ties.net)(ties, d), distance)
+    pressure, along = jax.vmap(_Ties.pressure)(ties, distance), jnp.broadcast_to(away, distance.shape)
     if ties.coupling.lines or ties.coupling.crossings:
-        units = [jnp.broadcast_to(jnp.eye(2)[:, j, None], q.shape) for j in range(2)]
-        return pressure, net, jnp.stack([push(unit) / rise[:, j, None] for j, unit in enumerate(units)], axis=2), rise
-    return pressure, net, (push(jnp.ones_like(q)) / rise)[:, None], rise
+        apart = [push(along * np.eye(2)[:, j, None]) for j in range(2)]
+        return pressure, net, jnp.stack(apart, axis=2)
+    return pressure, net, push(along)[:, None]
 
 
 class StoredPorts(eqx.Module):
@@ -276,42 +345,80 @@ def stored_ports(
     Raises ValueError where the conditions have no time.
     """
     substeps = max(effect.substeps for effect in coupling.storage)
-    nodes, starts, step = _nodes(read, substeps)
-    ties = jax.vmap(lambda at: _ties(valve, oil, true_conditions(valve, at), coupling))(nodes)
-    compliance = sum((effect.compliance() for effect in coupling.storage), start=jnp.zeros((2, 1)))
-    chain = _Chain(jnp.where(starts, 0.0, compliance), step, starts, substeps)
-    known_ties, known_chain = jax.lax.stop_gradient((ties, chain))
-
-    def going(state: tuple[Array, Array, Array]) -> Array:
-        _, largest, turns = state
-        return (largest > CLOSE) & (turns < MOST_TURNS)
-
-    def turn(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
-        q, _, turns = state
-        pressure, net, slope, _ = _slopes(known_ties, q)
-        gauges = known_ties.flows.conditions
-        condensed = known_chain.condense(known_chain.imbalance(pressure, net), slope)
-        source, carried = known_chain.ends(condensed)
-        moved = pressure + known_chain.moves(condensed, along_rows(carried, source))
-        up, down = gauges.supply_pressure[:, None] - moved, moved - gauges.return_pressure[:, None]
-        inside = (up > 0.0) & (down > 0.0)
-        landed = jnp.log(jnp.where(inside, down, 1.0)) - jnp.log(jnp.where(inside, up, 1.0))
-        largest = jnp.max(jnp.where(inside, jnp.abs(moved - pressure) / (up + down), 1.0))
-        return jnp.where(inside, landed, q + jnp.where(up > 0.0, -TOWARDS_END, TOWARDS_END)), largest, turns + 1
-
-    span = true.supply_pressure - true.return_pressure
+    sweep = _sweep(read)
+    whole = true.supply_pressure - true.return_pressure
     up, down = true.supply_pressure - steady.pressure, steady.pressure - true.return_pressure
-    first = jnp.log(jnp.maximum(down, SMALLEST_SHARE * span)) - jnp.log(jnp.maximum(up, SMALLEST_SHARE * span))
-    first = jnp.broadcast_to(jax.lax.stop_gradient(first), (len(PARTS) * substeps, *first.shape))
-    begin = (first, jnp.asarray(jnp.inf), jnp.asarray(0))
-    q = jax.lax.stop_gradient(jax.lax.while_loop(going, turn, begin)[0])
+    upper = up < down
+    away = jnp.where(upper, -1.0, 1.0)
+    compliance = sum((effect.compliance() for effect in coupling.storage), start=jnp.zeros((2, 1)))
+    compliance = jnp.where(sweep.starts, 0.0, compliance)
+
+    def laid_out(mesh: _Mesh) -> tuple[_Ties, _Chain]:
+        own, thin, tied, heavy, side = mesh.spread((valve, oil, coupling, compliance, upper))
+        ties = jax.vmap(lambda at: _ties(own, thin, true_conditions(own, at), tied, side))(sweep.at(mesh))
+        return ties, _Chain(heavy, sweep.span[mesh.owner] * mesh.width)
+
+    def search(i: Array, state: tuple[_Mesh, Array, Array, Array]) -> tuple[_Mesh, Array, Array, Array]:
+        """From a mesh, pressures at its nodes and the need for steps row by row to the same on a mesh that follows the need,
+        with the distances."""
+        before, pressure, _, need = state
+        mesh = _mesh(need, substeps)
+        ties, chain = laid_out(mesh)
+        span, outwards, first = mesh.spread((whole, away, jnp.where(upper, up, down)))
+        c = ties.flows.conditions
+        found = _interpolated(pressure, before, mesh)
+        distance = jnp.where(ties.upper, c.supply_pressure[:, None] - found, found - c.return_pressure[:, None])
+        distance = jnp.where(sweep.starts[mesh.owner] | (i == 0), first, distance)
+        close = jnp.where(i == 0, ROUGH, CLOSE)
+
+        def going(state: tuple[Array, Array, Array, Array]) -> Array:
+            *_, largest, turns = state
+            return (largest > close) & (turns < MOST_TURNS)
+
+        def kept_inside(before: Array, after: Array) -> Array:
+            """The distance from an end behind a turn."""
+            crosses = (before * after < 0.0) & (jnp.abs(before) > AT_THE_END * span)
+            return jnp.where(crosses, KEPT * before, jnp.maximum(after, -MOST_BEYOND * span))
+
+        def turn(state: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
+            distance, _, _, turns = state
+            pressure, net, slope = _slopes(ties, distance, outwards)
+            own = kept_inside(
+                distance, distance + outwards * chain.moves(*chain.condense(chain.imbalance(pressure, net), slope))
+            )
+            own = jnp.where(own < 0.5 * span, own, span - kept_inside(span - distance, span - own))
+            return own, chain.error(pressure, net, slope, span), jnp.max(jnp.abs(own - distance) / span), turns + 1
+
+        begin = (distance, jnp.zeros_like(mesh.width), jnp.asarray(jnp.inf), jnp.asarray(0))
+        distance, error, *_ = jax.lax.while_loop(going, turn, begin)
+        # A step of twice the length would miss by some four times as much where a flow has a kink.
+        need = jax.ops.segment_max(error / mesh.width**2, mesh.owner, num_segments=need.shape[0])
+        return mesh, jax.vmap(_Ties.pressure)(ties, distance), distance, jnp.where(sweep.starts, 0.0, need)
+
+    # First where the steady pressures change most, then where that search missed most.
+    share = steady.pressure / whole
+    need = jnp.where(sweep.starts, 0.0, jnp.max(jnp.abs(jnp.diff(share, prepend=share[:, :1], axis=1)), axis=0))
+    mesh = _mesh(need, substeps)
+    none = jnp.zeros((len(PARTS), 2, mesh.owner.size))
+    mesh, _, distance, _ = jax.lax.stop_gradient(jax.lax.fori_loop(0, 2, search, (mesh, none, none, need)))
 
     # One turn more, which moves nothing: by it what the imbalances depend on reaches the pressures.
-    *_, slope, rise = jax.lax.stop_gradient(_slopes(known_ties, q))
-    source, carried = known_chain.ends(known_chain.condense(chain.imbalance(*_at(ties, q)), slope))
+    ties, chain = laid_out(mesh)
+    known_ties, known_chain = jax.lax.stop_gradient((ties, chain))
+    *_, slope = _slopes(known_ties, distance, mesh.spread(away))
+    condensed = known_chain.condense(chain.imbalance(*_at(ties, distance)), slope)
+    source, carried = _of_rows(*condensed, mesh, substeps)
     moved = along_rows(carried, source)
-    moved = jnp.where(jnp.abs(moved) < FOUND * span, moved, jnp.nan)
+    moved = jnp.where(jnp.abs(moved) < FOUND * whole, moved, jnp.nan)
     if push is not None:
         moved = jax.lax.stop_gradient(moved) + push
-    ports, inside = _ties(valve, oil, true, coupling).state(q[-1] + moved / rise[-1])
+    ports, inside = _ties(valve, oil, true, coupling, upper).state(distance[-1][:, mesh.last] + away * moved)
     return StoredPorts(ports, inside, source, carried)
+
+
+def _interpolated(pressure: Float[Array, "nodes 2 steps"], before: _Mesh, mesh: _Mesh) -> Float[Array, "nodes 2 steps"]:
+    """Pressures at the nodes of a mesh from those of another one of as many steps."""
+    along = lambda mesh: (mesh.owner.astype(float) + mesh.share()).T.ravel()
+    known = jnp.transpose(pressure, (1, 2, 0)).reshape(2, -1)
+    found = jax.vmap(lambda p: jnp.interp(along(mesh), along(before), p))(known)
+    return jnp.transpose(found.reshape(2, -1, len(PARTS)), (2, 0, 1))

@@ -3,6 +3,9 @@
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 
+import numpy as np
+
+from thermohyd.effects.library import effect_info
 from thermohyd.identify.bench.errors import BenchInputError
 from thermohyd.identify.bench.record import BenchRecord
 
@@ -41,9 +44,20 @@ def fit_with(
     library = library_for(plain.tests.values())
     plans = {**plain.plans, **effect_plans(effects, plain.record)}
     problem = Problem(plain.record, plain.tests, plain.plans, library, white_noise(plain.noise))
-    fit = problem.fit(effects, plain.values, hop_basins=True)
+    fit = problem.fit(effects, _best_start(problem, plain, effects).values, hop_basins=True)
     begun = Fitted(plain.record, plain.tests, plans, fit.free, plain.noise, fit.solution, plain.starts, plain.warnings)
     return settled(problem, fit, begun, rounds=rounds, enough=enough)
+
+
+def _best_start(problem: Problem, plain: Fitted, effects: tuple[str, ...]) -> Fit:
+    """The lower end of two searches: from the plain fit, and from the nominal valve with its null.
+
+    A valve that misses a large effect has bent its parameters to the misfit, and a search from there may end in a local minimum.
+    """
+    null = {name: plain.values[name] for name in ("null_bias",) if name in plain.values}
+    amounts = {name: info.scale for name in effects if (info := effect_info(name)).lower == 0.0}
+    ends = [problem.fit(effects, start) for start in (plain.values, {**null, **amounts})]
+    return min(ends, key=lambda fit: fit.chi2 if np.isfinite(fit.chi2) else np.inf)
 
 
 def settled(problem: Problem, fit: Fit, fitted: Fitted, *, rounds: int, enough: float) -> Fitted:

@@ -378,6 +378,8 @@ class Problem:
 
     def _start(self, order: tuple[str, ...], chosen: tuple[str, ...], start: Mapping[str, float]) -> list[float]:
         found = []
+        # An estimate beside a fit whose readings are no numbers is none either.
+        start = {name: value for name, value in start.items() if np.isfinite(value)}
         for name in order:
             if name in self.plans:
                 found.append(start.get(name, self.plans[name].start))

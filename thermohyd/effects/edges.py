@@ -323,13 +323,12 @@ class PortComplianceA(AbstractStorageEffect):
     volume, Merritt, section 3-5). Where valve and actuator are tested in motion, the chambers are the jack's.
     Amount C >= 0 [m3/Pa], typical 2e-14 (steel block) to 3e-12 (hose). Shows as peaks that are higher and later the faster
     the sweep, unequally up and down. Readings depend on the rows before them: not row by row.
-    Between two rows `substeps` steps of order 5: where rows lie 5 um apart and a sweep takes 12 s, one of them misses the
-    flows by 1.6e-3 of the largest and the pressures by 2e-4, two by 1.3e-4 and 8e-5, four by 2e-5 (edges that open have a kink).
+    The time between two rows is cut into `substeps` steps of order 5 where that is needed most, into fewer elsewhere.
     Raises ValueError where the conditions have no time.
     """
 
     amount: Float[Array, "..."] = eqx.field(converter=as_amount)
-    substeps: int = eqx.field(static=True, default=2)
+    substeps: int = eqx.field(static=True, default=8)
 
     def compliance(self) -> Float[Array, "2 #rows"]:
         return self.amount * PORT_A
@@ -344,7 +343,7 @@ class PortComplianceB(AbstractStorageEffect):
     """
 
     amount: Float[Array, "..."] = eqx.field(converter=as_amount)
-    substeps: int = eqx.field(static=True, default=2)
+    substeps: int = eqx.field(static=True, default=8)
 
     def compliance(self) -> Float[Array, "2 #rows"]:
         return self.amount * PORT_B

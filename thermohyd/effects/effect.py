@@ -133,7 +133,7 @@ class AbstractCrossingEffect(AbstractEffect):
 class AbstractStorageEffect(AbstractEffect):
     """Oil that a blocked port stores as its pressure rises, and so a balance of each port along the time of a sweep.
 
-    `substeps`: how many steps the time between two rows is cut into; of several effects the most count.
+    `substeps`: how many steps the time between two rows is cut into where that is needed most; of several effects the most count.
     """
 
     stage: ClassVar[str] = "storage"
