@@ -148,7 +148,11 @@ def test_the_search_ends_at_the_solution_on_random_valves():
 
 @pytest.mark.parametrize("tied", [False, True], ids=["ports apart", "lines, crossing and heat"])
 def test_derivatives(tied):
-    """Forward = reverse = finite differences, to parameters and to what is stored; at nothing stored at port B, too."""
+    """Forward = reverse = finite differences, to parameters and to what is stored; at nothing stored at port B, too.
+
+    One step a row: where steps go by need, two points of a difference may put them into different rows, and lie apart by what
+    the steps miss.
+    """
     start = jnp.asarray([12e-6, 2.5e-6, 4e-6, 1e-6, 4e-13, 0.0])
     names = ("edge_radius", "clearance", "underlap", "null_bias")
     unit = jnp.asarray([1e-6, 1e-6, 1e-6, 1e-6, 1e-13, 1e-13])
@@ -157,7 +161,9 @@ def test_derivatives(tied):
     def readings(z):
         values = z * unit
         valve = seed_valve(0.6 if tied else None, **{name: values[i] for i, name in enumerate(names)})
-        valve = with_effects(valve, {**(TIED if tied else {}), **dict(zip(COMPLIANCE, values[4:], strict=True))})
+        valve = with_effects(valve, TIED if tied else {})
+        stored = (PortComplianceA(values[4], substeps=1), PortComplianceB(values[5], substeps=1))
+        valve = eqx.tree_at(lambda v: v.effects, valve, (*valve.effects, *stored), is_leaf=lambda x: x is valve.effects)
         return jnp.stack([*blocked_port_readings(valve, short_sweep()).values()]) / size[:, None]
 
     at = start / unit
