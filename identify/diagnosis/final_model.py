@@ -160,6 +160,12 @@ def proven(
     return fit, rivals, None, tuple(suspects)
 
 
+def _scattered(case: Case, fit: Fit) -> bool:
+    """Whether several single runs (or conditions of one test) ask for a fault each: that is a misfit which nothing explains."""
+    faults = [case.problem.faults[name] for name in fit.faults]
+    return sum(bool(fault.test and fault.place) for fault in faults) > 1
+
+
 @dataclass(frozen=True)
 class FinalModel:
     """The model that a diagnosis ends with, fitted to all rows, and what speaks for and against it.
@@ -249,7 +255,7 @@ def final_model(case: Case, selection: Selection, split: Split, say: Progress = 
         left=left,
         excess=excess,
         scale=scale(fit),
-        disagrees=bool(left.p_value < LEVEL_OF_LEFT_OVER or rough or suspects),
+        disagrees=bool(left.p_value < LEVEL_OF_LEFT_OVER or rough or suspects or _scattered(case, fit)),
         seen_apart=len(fit.effects) <= len(selection.effects),
         proof=proof,
         suspects=suspects,

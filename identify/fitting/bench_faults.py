@@ -140,7 +140,9 @@ def _zeros(tests: Mapping[str, TestRecord]) -> Iterator[BenchFault]:
 def _drifts(tests: Mapping[str, TestRecord]) -> Iterator[BenchFault]:
     for test in tests.values():
         clock = _elapsed(test)
-        for name, size in _sizes(test) if clock is not None else ():
+        if clock is None:
+            continue
+        for name, size in _sizes(test):
             yield BenchFault("reading_drift", test.name, name, "", {test.name: size * clock}, size)
 
 
