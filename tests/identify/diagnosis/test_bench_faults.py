@@ -100,6 +100,15 @@ def test_a_fault_and_an_effect_are_both_found():
     assert result.proof > 100.0
 
 
+def test_several_runs_with_a_fault_each_are_a_misfit_that_nothing_explains():
+    shifts = lambda t: 0.03 / 6e4 * (t.run == 3) - 0.04 / 6e4 * (t.run == 6)
+    result = diagnosed(lambda record: changed(record, "leakage", by=lambda t: read_more(t, shifts(t))))
+    assert {(fault.name, fault.run) for fault in result.after.faults} == {("reading_zero", "3"), ("reading_zero", "6")}
+    assert result.effects == ()
+    assert result.verdict == "unexplained"
+    assert all(any(f.sentence in sentence for sentence in result.sentences) for f in result.after.faults)
+
+
 def test_columns_of_faults_are_those_of_the_model():
     """Each against a difference of two whole models."""
     case = small_case("nothing")
