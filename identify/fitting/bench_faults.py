@@ -115,7 +115,7 @@ def corrected(tests: Mapping[str, TestRecord], amounts: Mapping[BenchFault, floa
 
 
 def faults_of(tests: Mapping[str, TestRecord]) -> dict[str, BenchFault]:
-    """{name: fault} of all that these static tests may have, the widest first; what is another one's twin is left out."""
+    """{name: fault} of all that these static tests may have; of two with the same rows the first stays."""
     found: dict[tuple[str, str, bytes], BenchFault] = {}
     for fault in (*_zeros(tests), *_drifts(tests), *_labels(tests)):
         rows = b"".join(name.encode() + (shape != 0.0).tobytes() for name, shape in sorted(fault.shapes.items()))
@@ -173,14 +173,15 @@ def _labels(tests: Mapping[str, TestRecord]) -> Iterator[BenchFault]:
             only = next(iter(rows)) if len(rows) == 1 < len(tests) else ""
             return BenchFault(kind, test or only, "", place, shape, size)
 
+        # Runs first: what is a run's and a level's at once is better known by the run.
+        for test in tests.values():
+            yield from (fault({test.name: own}, test.name, place) for place, own in _runs(test))
         for rows in _parts(level):
             yield fault(rows, "", words(rows, column))
         for rows in _parts(pairs):
             yield fault(rows, "", words(rows, "temperature", "supply_pressure"))
         for rows in _parts(level):
             yield from (fault({name: own}, name, words(rows, column)) for name, own in rows.items())
-        for test in tests.values():
-            yield from (fault({test.name: own}, test.name, place) for place, own in _runs(test))
 
 
 def condition_levels(tests: Mapping[str, TestRecord]) -> dict[str, np.ndarray]:

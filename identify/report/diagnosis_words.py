@@ -102,7 +102,9 @@ def excess(gap: float) -> str:
 
 def changed(result: DiagnosisResult) -> bool:
     """Whether the final model differs from the ideal valve."""
-    return bool(result.effects) or any(variation.learned for variation in result.variations)
+    """Whether the final model differs from the ideal valve."""
+    at_fault = any(not fault.rows for fault in result.after.faults)  # others are rows left out of both models
+    return bool(result.effects) or at_fault or any(variation.learned for variation in result.variations)
 
 
 def verdict_words(result: DiagnosisResult) -> str:
