@@ -29,6 +29,7 @@ from .final_model import FinalModel, exchange_fits, held_out_result
 from .found_faults import alternative, with_evidence, with_faults_apart
 from .held_out import Split
 from .left_over import lack_of_fit, learn as learn_term, smooth_block, variations_of
+from .model_average import with_rivals
 from .next_test import next_test
 from .other_law import ANOTHER_LAW, OtherLawSays, what_the_other_law_says
 from .record_noise import NoiseEstimate, first_noise
@@ -77,6 +78,16 @@ def result_of(
     return with_faults_apart(fit_result(whole, gls_covariance(fit, scale, len(problem.parameters))), problem.faults)
 
 
+def _spread(problem: Problem, model: FinalModel) -> dict[int, dict[str, float]]:
+    """{id of a rival's fit: {entry: standard error}} of all rivals that the data allow."""
+    found = {}
+    for rival in (r for rivals in model.rivals.values() for r in rivals.alike):
+        known = gls_covariance(rival.fit, model.scale, len(problem.parameters))
+        std = np.sqrt(np.maximum(np.diag(known.matrix), 0.0))
+        found[id(rival.fit)] = {n: float(std[i]) for i, n in enumerate(rival.fit.free) if i not in known.why}
+    return found
+
+
 def as_channel_noise(noise: dict[Key, NoiseEstimate]) -> dict[Key, ChannelNoise]:
     return {key: ChannelNoise(n.std, n.source, n.known, False, n.std) for key, n in noise.items()}
 
@@ -105,6 +116,8 @@ def conclude(
     held = _held_out(case, split, model, fit, term, smooth, first, say)
     before = result_of(case.problem, base, case.fitted, case.noise, scale=max(base.chi2 / len(base.residual), 1.0))
     after = result_of(problem, fit, case.fitted, case.noise, scale=max(fit.chi2 / len(fit.residual), 1.0))
+    if term is None:
+        after = with_rivals(after, model.rivals, _spread(problem, model))
     says = None
     if model_form and not problem.in_motion:
         say("the final model with the other law of the edge")

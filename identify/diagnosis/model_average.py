@@ -1,0 +1,60 @@
+"""Error bars over all models that the data allow: where rivals explain a record alike, each of them has parameters of its own.
+
+Weights are likelihoods, exp(-chi-square/2) (Burnham and Anderson, Model Selection and Multimodel Inference, 2002, ch. 4); values stay
+those of the model that is named first, so that what it predicts is one model's.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from thermohyd.identify.fitting.result import FitResult, ParameterEstimate
+
+from .rivals import Rivals
+
+
+def with_rivals(
+    result: FitResult, rivals: Mapping[str, Rivals], spread_of: Mapping[int, Mapping[str, float]]
+) -> FitResult:
+    """The result of a final model with error bars that span its rivals.
+
+    spread_of {id of a rival's fit: {entry: standard error}}. A parameter that a rival does not have, or not free, is not moved by it.
+    """
+    tried = [r for rival in rivals.values() for r in rival.alike]
+    if not tried:
+        return result
+    weights = np.exp(-0.5 * np.array([max(r.chi2_more, 0.0) for r in tried]))
+    wider, parameters = {}, {}
+    for name, estimate in result.parameters.items():
+        parameters[name] = estimate
+        if not estimate.std:
+            continue
+        total, square = 1.0, estimate.std**2
+        for r, weight in zip(tried, weights, strict=True):
+            std = spread_of[id(r.fit)].get(name)
+            if std is not None:
+                total += weight
+                square += weight * (std**2 + (r.fit.values[name] - estimate.value) ** 2)
+        wider[name] = max(float(np.sqrt(square / total)) / estimate.std, 1.0)
+        parameters[name] = _widened(estimate, wider[name])
+    factor = np.array([wider.get(name, 1.0) for name in result.free])
+    names = ", ".join(dict.fromkeys(r.name.split("|")[0] for r in tried))
+    note = (
+        f"error bars span what the data allow beside the named model: {names} in its place, weighed by their likelihood"
+    )
+    return replace(
+        result,
+        parameters=parameters,
+        covariance=result.covariance * np.outer(factor, factor),
+        notes=(*result.notes, note),
+    )
+
+
+def _widened(estimate: ParameterEstimate, factor: float) -> ParameterEstimate:
+    assert estimate.std is not None
+    interval = estimate.ci95
+    if interval is not None:
+        low, high = (estimate.value + factor * (end - estimate.value) for end in interval)
+        interval = (max(low, estimate.lower), min(high, estimate.upper))
+    return replace(estimate, std=factor * estimate.std, ci95=interval)

@@ -1,0 +1,40 @@
+"""Error bars of an ambiguous record hold what each rival says; of one without rivals they are the model's own."""
+
+import numpy as np
+import pytest
+from helpers.small_diagnosis import small_case, small_diagnosis
+
+from thermohyd.identify.diagnosis.case import choose
+from thermohyd.identify.diagnosis.conclusion import gls_covariance
+from thermohyd.identify.diagnosis.final_model import final_model
+
+
+def test_error_bars_span_the_rivals():
+    result = small_diagnosis("rivals")
+    case, selection, split = choose(small_case("rivals"))
+    model = final_model(case, selection, split)
+    own = gls_covariance(model.fit, model.scale, len(case.problem.parameters))
+    [rivals] = model.rivals.values()
+    assert rivals.alike
+    moved = 0
+    for i, name in enumerate(model.fit.free):
+        estimate = result.after.parameters[name]
+        alone = float(np.sqrt(own.matrix[i, i]))
+        if name in model.fit.effects or not estimate.std or not alone:
+            continue
+        assert estimate.std >= alone * (1.0 - 1e-9)
+        assert estimate.ci95 is not None
+        for rival in rivals.alike:
+            if rival.chi2_more < 1.0 and abs(rival.fit.values[name] - estimate.value) > 5.0 * alone:
+                moved += 1
+                assert estimate.ci95[0] < rival.fit.values[name] < estimate.ci95[1]
+    assert moved > 0  # or the record is no test of it
+    at = result.after.free.index("clearance")
+    std = result.after.parameters["clearance"].std
+    assert std is not None
+    assert result.after.covariance[at, at] == pytest.approx(std**2, rel=1e-6)
+    assert any("span what the data allow" in note for note in result.after.notes)
+
+
+def test_without_rivals_nothing_is_widened():
+    assert not any("span what the data allow" in note for note in small_diagnosis("pilot").after.notes)
