@@ -92,7 +92,7 @@ def channels_of(table: BenchTable, test: StaticTest, found: tuple[str, ...]) -> 
     """The readings with what the user says of their noise."""
     channels = []
     for reading in found:
-        sensor = _estimated(test.sensors.get(reading), table, reading)
+        sensor = _by_data_sheet(test, table, reading) or _estimated(test.sensors.get(reading), table, reading)
         std, source = table.values.get(f"{reading}_std"), "declared per row"
         if std is None and reading in test.noise:
             std, source = np.full(table.rows, test.noise[reading]), f"declared in {test.table.source.words}"
@@ -108,6 +108,18 @@ def _estimated(sensor: Sensor | None, table: BenchTable, reading: str) -> Sensor
     if signal is None:
         return sensor if sensor.signal == "" else None
     return replace(sensor, signal=signal) if sensor.gain is None else sensor
+
+
+def _by_data_sheet(test: StaticTest, table: BenchTable, reading: str) -> Sensor | None:
+    """The instrument of a test whose gain and zero are known to a tolerance; None where they count as exact."""
+    if test.gain is None and test.zero is None:
+        return None
+    if reading in test.sensors:
+        key = "gain" if test.gain is not None else "zero"
+        raise test.table.error(f"and [sensors] {reading} both speak of one instrument: say it in one place", key)
+    size = float(np.max(np.abs(table.values[reading]), initial=0.0))
+    zero = None if test.zero is None or size == 0.0 else test.zero * size
+    return Sensor(reading, tolerance=test.gain, zero_tolerance=zero)
 
 
 def check_sensors(table: BenchTable, test: StaticTest) -> None:

@@ -156,6 +156,7 @@ def check_word(table: TomlTable, key: str, words: tuple[str, ...]) -> None:
 
 
 TEST_KEYS = ("kind", "file", "noise", "columns", "ignore", "missing", "skip_rows", "sheet")
+DATA_SHEET = ("gain", "zero")  # of a static test's instrument
 OWN_KEYS = {"frequency": ("output", "absolute"), "leakage": ("meter",), "step": ("command",)}
 # What the column command of a step test is, where a controller closes the loop.
 COMMANDS = ("setpoint", "controller_output")
@@ -179,6 +180,9 @@ class StaticTest:
     sheet: str | None = None  # of an .xlsx file; None: its first
     meter: str = "return"  # where a leakage is read
     sensors: Mapping[str, Sensor] = field(default_factory=dict)  # by column
+    # What the data sheet says of the instrument, standard deviations: of the gain, and of the zero as a share of the largest reading.
+    gain: float | None = None
+    zero: float | None = None
 
     @property
     def kinds(self) -> dict[str, tuple[str, ...]]:
@@ -235,7 +239,9 @@ def read_tests(
     for name in table.data:
         test = table.table(name)
         assert test is not None
-        test.refuse_unknown((*TEST_KEYS, *OWN_KEYS.get(kind_of_test(name), ())))
+        test.refuse_unknown(
+            (*TEST_KEYS, *(() if is_dynamic(name) else DATA_SHEET), *OWN_KEYS.get(kind_of_test(name), ()))
+        )
         if "kind" in test and test.data["kind"] != kind_of_test(name):
             raise test.error(f'must be "{kind_of_test(name)}", with which the name of the test begins', "kind")
         file = test.text("file")
@@ -258,8 +264,18 @@ def read_tests(
                 **_layout(test),
                 meter=meter,
                 sensors=sensors,
+                gain=_tolerance(test, "gain"),
+                zero=_tolerance(test, "zero"),
             )
     return static, dynamic
+
+
+def _tolerance(test: TomlTable, key: str) -> float | None:
+    """A share, such as "1 %"; None where it is not given."""
+    share = test.quantity(key, "plain number", full_scale=1.0, sign="positive")
+    if share is not None and share > 0.5:
+        raise test.error('must be at most 50 %; of which so little is known belongs into [sensors] as "free"', key)
+    return share
 
 
 def _check_name(table: TomlTable, name: str, names: tuple[str, ...]) -> None:

@@ -255,7 +255,10 @@ def final_model(case: Case, selection: Selection, split: Split, say: Progress = 
         left=left,
         excess=excess,
         scale=scale(fit),
-        disagrees=bool(left.p_value < LEVEL_OF_LEFT_OVER or rough or suspects or _scattered(case, fit)),
+        # Beside effects that are proven a suspect is a doubt; alone it is a misfit that nothing explains.
+        disagrees=bool(
+            left.p_value < LEVEL_OF_LEFT_OVER or rough or (suspects and not fit.physics) or _scattered(case, fit)
+        ),
         seen_apart=len(fit.effects) <= len(selection.effects),
         proof=proof,
         suspects=suspects,

@@ -218,10 +218,10 @@ def _runs(test: TestRecord) -> Iterator[tuple[str, np.ndarray]]:
 
 
 def _sizes(test: TestRecord) -> Iterator[tuple[str, float]]:
-    """(channel, its largest reading) of what is read in SI: a signal of unknown gain has its zero among the parameters."""
+    """(channel, its largest reading) of what is read in SI, not as a signal of free gain."""
     for channel in test.channels:
         size = float(np.max(np.abs(channel.value), initial=0.0))
-        if size > 0.0 and channel.sensor is None:
+        if size > 0.0 and (channel.sensor is None or channel.sensor.gain is not None):
             yield channel.name, size
 
 

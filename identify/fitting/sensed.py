@@ -113,6 +113,8 @@ def signal_unit(sensor: Sensor, per: str = "") -> str:
     kind = KINDS["length" if sensor.column == "command" else KIND_OF[sensor.column]]
     quantity = (kind.si or kind.label).replace("^", "**")
     signal = sensor.signal or ""
+    if per and not signal:
+        return "dimensionless"
     return f"{quantity}/{signal}" if per else signal or quantity
 
 

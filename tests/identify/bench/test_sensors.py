@@ -254,3 +254,35 @@ def test_a_setpoint_needs_a_loop(tmp_path):
     toml = toml.replace('controller = { amplifier_gain = "0.01 A/V" }\n', "")
     with pytest.raises(BenchInputError, match="a setpoint needs a controller"):
         step(tmp_path, toml)
+
+
+def with_data_sheet(folder, keys: str, more: str = ""):
+    toml = f"{TOML}{keys}\n{more}"
+    return read_record(write_record(folder, toml, leakage=LEAKAGE.format(unit="l/min")))
+
+
+def test_a_data_sheet_is_a_prior(tmp_path):
+    found = channel(with_data_sheet(tmp_path, 'gain = "1 %"\nzero = "0.5 %"'))
+    np.testing.assert_allclose(found.value, READ / 6e4)
+    assert found.sensor is not None
+    assert (found.sensor.gain, found.sensor.tolerance) == (1.0, pytest.approx(0.01))
+    assert found.sensor.zero_tolerance == pytest.approx(0.005 * 1.3 / 6e4)
+    assert found.signal == ""
+    only = channel(with_data_sheet(tmp_path, 'zero = "0.5 %"')).sensor
+    assert only is not None
+    assert not only.tolerance
+
+
+@pytest.mark.parametrize(
+    ("keys", "more", "words"),
+    [
+        ('gain = "60 %"', "", "must be at most 50 %"),
+        ('gain = "-1 %"', "", "positive"),
+        ('gain = "1 bar"', "", "gain"),
+        ('gain = "1 %"', '[sensors]\nleakage_flow = { gain = "0.5 l/min/V" }', "both speak of one instrument"),
+    ],
+)
+def test_a_data_sheet_that_makes_no_sense(tmp_path, keys, more, words):
+    with pytest.raises(BenchInputError, match=words) as caught:
+        with_data_sheet(tmp_path, keys, more)
+    assert "bench.toml" in str(caught.value)
