@@ -89,5 +89,12 @@ def is_right(said: dict[str, Any], true: dict[str, Any]) -> bool:
     words = set(re.findall(r"[^\s,;]+", str(said.get("run") or "")))
     if not words or words & set(true["runs"]):
         return True
-    # A condition instead of runs: by its temperature or its supply pressure, as they are.
-    return any(f"{value:g}" in words for condition in true["conditions"] for value in condition)
+    # A condition instead of runs: by its temperature or its supply pressure, as they are or as they are labelled.
+    wrong = {"wrong_temperature": (1.0, 0.0), "wrong_supply": (0.0, 1e-5)}.get(true["name"], (0.0, 0.0))
+    values = [
+        value + by * share * true["amount"]
+        for condition in true["conditions"]
+        for value, share in zip(condition, wrong, strict=True)
+        for by in (0.0, 1.0)
+    ]
+    return any({f"{value:g}", f"{value:.0f}"} & words for value in values)
