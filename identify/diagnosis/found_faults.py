@@ -9,7 +9,7 @@ from thermohyd.effects.library import effect_info
 from thermohyd.identify.bench.columns import column_unit, reading_unit
 from thermohyd.identify.bench.record import Fault
 from thermohyd.identify.bench.shown_units import KINDS, DisplayUnit, beside
-from thermohyd.identify.fitting.bench_faults import BenchFault, is_fault
+from thermohyd.identify.fitting.bench_faults import BenchFault, is_fault, kind_of
 from thermohyd.identify.fitting.result import FitResult, ParameterEstimate
 
 from .final_model import FinalModel
@@ -50,7 +50,7 @@ def with_evidence(result: FitResult, model: FinalModel, faults: Mapping[str, Ben
     for fault in result.faults:
         name = names.get((fault.name, fault.test, fault.channel, fault.run))
         if name is not None and not fault.rows:
-            rivals = tuple(r.name if not is_fault(r.name) else faults[r.name].kind for r in model.rivals[name].alike)
+            rivals = tuple(kind_of(r.name) for r in model.rivals[name].alike)
             fault = replace(fault, p_value=model.p_values[name], alternatives=rivals)
         found.append(fault)
     return replace(result, faults=tuple(found))

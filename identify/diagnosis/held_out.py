@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from thermohyd.identify.bench.record import TestRecord
-from thermohyd.identify.reduction.monotone_pieces import piece_bounds, sweep_ids
+from thermohyd.identify.reduction.monotone_pieces import level_numbers, piece_bounds, sweep_ids
 
 
 SHARE = 0.25  # of each test's rows, about
@@ -92,11 +92,7 @@ def _kept_back(conditions: np.ndarray, number: np.ndarray, columns: tuple[int, .
 def _level(values: np.ndarray, step: float) -> np.ndarray:
     """Numbers of the levels that a condition was held at; `step` is absolute (K) for temperatures, else relative."""
     width = step if step >= 1.0 else step * max(float(np.max(np.abs(values))), 1e-300)
-    order = np.argsort(values, kind="stable")
-    jumps = np.concatenate([[0], np.cumsum(np.diff(values[order]) > width)])
-    level = np.empty(len(values), dtype=int)
-    level[order] = jumps
-    return level
+    return level_numbers(values, width)
 
 
 def _rates(test: TestRecord) -> np.ndarray:

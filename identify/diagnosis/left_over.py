@@ -17,10 +17,8 @@ from scipy.special import fdtrc
 from thermohyd.effects.library import factor_on
 from thermohyd.identify.bench.record import TestRecord
 from thermohyd.identify.fitting.problem import Fit, Key, Problem
-from thermohyd.identify.fitting.readings import Noise
 from thermohyd.identify.model.learned_terms import ABSOLUTE, LearnedTerm, legendre_basis, term_values, variable_values
-from thermohyd.identify.noise.correlation import NoiseCorrelation
-from thermohyd.identify.noise.whitening import whiten_on_host, whitening_of
+from thermohyd.identify.noise.whitening import whiten_on_host
 
 from .result import Variation
 from .screening import Projection
@@ -93,10 +91,8 @@ def smooth_block(problem: Problem, rows: int) -> np.ndarray:
 
 def whitened(problem: Problem, key: Key, columns: np.ndarray) -> np.ndarray:
     """Columns (rows, k) over a channel's rows, in shares of its noise, whitened as its residuals are."""
-    test = problem.tests[key[0]]
     weight = 1.0 / problem.noise.std[key]
-    filter_ = whitening_of(problem.noise.correlation[key], problem.sweeps(key[0]), test.rows)
-    return whiten_on_host(filter_, columns * weight[:, None])
+    return whiten_on_host(problem.whitening(key), columns * weight[:, None])
 
 
 @dataclass(frozen=True)
@@ -210,8 +206,7 @@ def term_columns(problem: Problem, fit: Fit, term: LearnedTerm) -> np.ndarray:
 
 def _white(problem: Problem, fit: Fit) -> Fit:
     """Columns at a fit in units of the noise, not whitened."""
-    white = Noise(problem.noise.std, dict.fromkeys(problem.noise.correlation, NoiseCorrelation()))
-    return problem.with_noise(white).evaluate(fit.values, fit.effects)
+    return problem.with_noise(problem.noise.white).evaluate(fit.values, fit.effects)
 
 
 def _times(problem: Problem, at: Fit, quantity: str, shapes: np.ndarray) -> np.ndarray:
@@ -222,8 +217,7 @@ def _times(problem: Problem, at: Fit, quantity: str, shapes: np.ndarray) -> np.n
     first = 0
     for key, place in problem.rows().items():
         count = place.stop - place.start
-        filter_ = whitening_of(problem.noise.correlation[key], problem.sweeps(key[0]), count)
-        block[place] = whiten_on_host(filter_, slope[place, None] * shapes[first : first + count])
+        block[place] = whiten_on_host(problem.whitening(key), slope[place, None] * shapes[first : first + count])
         first += count
     return block
 

@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from thermohyd.identify.fitting.bench_faults import kind_of
 from thermohyd.identify.fitting.result import FitResult, ParameterEstimate
 
 from .rivals import Rivals
@@ -39,7 +40,7 @@ def with_rivals(
         wider[name] = max(float(np.sqrt(square / total)) / estimate.std, 1.0)
         parameters[name] = _widened(estimate, wider[name])
     factor = np.array([wider.get(name, 1.0) for name in result.free])
-    names = ", ".join(dict.fromkeys(r.name.split("|")[0] for r in tried))
+    names = ", ".join(dict.fromkeys(kind_of(r.name) for r in tried))
     note = (
         f"error bars span what the data allow beside the named model: {names} in its place, weighed by their likelihood"
     )

@@ -11,8 +11,7 @@ import numpy as np
 
 from thermohyd.identify.fitting.bench_faults import BenchFault
 from thermohyd.identify.fitting.problem import Fit, Problem
-from thermohyd.identify.fitting.readings import STEP, Noise
-from thermohyd.identify.noise.correlation import NoiseCorrelation
+from thermohyd.identify.fitting.readings import STEP
 from thermohyd.identify.noise.whitening import whiten_on_host
 
 from .screening import Screen, screen
@@ -64,8 +63,7 @@ def _touches(fault: BenchFault, test: str, channel: str) -> bool:
 
 def _slopes(problem: Problem, fit: Fit, faults: list[BenchFault]) -> dict[str, np.ndarray]:
     """{column that is read wrong: (rows,)}: what one SI unit too much does to the weighted residuals, before whitening."""
-    noise = Noise(problem.noise.std, dict.fromkeys(problem.noise.correlation, NoiseCorrelation()))
-    white = problem.with_noise(noise)
+    white = problem.with_noise(problem.noise.white)
     steps: dict[str, float] = {}
     for fault in faults:
         if fault.info.moves:

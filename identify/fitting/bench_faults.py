@@ -13,7 +13,7 @@ import numpy as np
 from thermohyd.effects.effect_info import EffectInfo
 from thermohyd.effects.library import effect_info
 from thermohyd.identify.bench.record import TestRecord
-from thermohyd.identify.reduction.monotone_pieces import piece_bounds
+from thermohyd.identify.reduction.monotone_pieces import level_numbers, piece_bounds
 
 
 MOST_RUNS = 30  # of a test, beyond which no run has faults of its own: nobody writes so many zeros down
@@ -70,7 +70,12 @@ def is_fault(name: str) -> bool:
 
 def info_of(name: str) -> EffectInfo | FaultInfo:
     """What is known of the amount of an effect, or of a fault."""
-    return KINDS[name.split(BETWEEN)[0]] if is_fault(name) else effect_info(name)
+    return KINDS[kind_of(name)] if is_fault(name) else effect_info(name)
+
+
+def kind_of(name: str) -> str:
+    """An effect's own name, or what kind of fault it is."""
+    return name.split(BETWEEN)[0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,11 +249,8 @@ def _elapsed(test: TestRecord) -> np.ndarray | None:
 def _levels(columns: Mapping[str, np.ndarray], step: float) -> dict[str, np.ndarray]:
     """{test: (rows,)}: number of the level that each row's label belongs to, over all tests."""
     values = np.concatenate([*columns.values()]) if columns else np.zeros(0)
-    order = np.argsort(values, kind="stable")
-    number = np.empty(len(values), dtype=int)
-    number[order] = np.concatenate([[0], np.cumsum(np.diff(values[order]) > step)]) if len(values) else []
     sizes = np.cumsum([len(column) for column in columns.values()])[:-1]
-    return dict(zip(columns, np.split(number, sizes), strict=True))
+    return dict(zip(columns, np.split(level_numbers(values, step), sizes), strict=True))
 
 
 def allowance_of(names: Iterable[str], faults: Mapping[str, BenchFault]) -> float:

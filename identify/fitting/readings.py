@@ -40,6 +40,11 @@ class Noise:
     std: dict[Key, np.ndarray]
     correlation: dict[Key, NoiseCorrelation]
 
+    @property
+    def white(self) -> "Noise":
+        """The same without memory: residuals and columns are then weighted, not whitened."""
+        return Noise(self.std, dict.fromkeys(self.correlation, NoiseCorrelation()))
+
 
 def white_noise(noise: Mapping[Key, ChannelNoise]) -> Noise:
     """Independent readings with the standard deviations that a plain fit uses."""

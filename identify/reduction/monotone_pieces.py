@@ -42,6 +42,14 @@ def run_ids(test: TestRecord) -> np.ndarray:
     return _numbered(test.run)
 
 
+def level_numbers(values: np.ndarray, width: float) -> np.ndarray:
+    """Number of the level (rows,) that each value belongs to, the lowest first; levels lie more than `width` apart."""
+    order = np.argsort(values, kind="stable")
+    level = np.empty(len(values), dtype=int)
+    level[order] = np.concatenate([[0], np.cumsum(np.diff(values[order]) > width)])[: len(values)]
+    return level
+
+
 def monotone_pieces(test: TestRecord) -> tuple[np.ndarray, np.ndarray]:
     """Number of the monotone piece that each row of a raw log belongs to, and the piece's direction (+1, -1) per row.
 
