@@ -26,8 +26,7 @@ RIDGE = 1e-4
 def parts_left_out(tests: Mapping[str, TestRecord]) -> np.ndarray:
     """Number of the part (rows,) that each row of a fit's residual belongs to, priors not included: conditions, of all tests
     at once; runs where these are too few; stretches of sweeps where these are, too."""
-    pairs = condition_levels(tests)
-    by_test = {name: np.unique(code, return_inverse=True)[1].reshape(-1) for name, code in _common(pairs).items()}
+    by_test = _common(condition_levels(tests))
     count = _count(by_test)
     if count < FEWEST:
         by_test = {name: code + count * _ranks(tests[name].run) for name, code in by_test.items()}

@@ -33,7 +33,7 @@ class OtherLawSays:
         """Effects that are asked for by the record's own law only: the other one does as well without them."""
         if self.chi2_more >= ALIKE:
             return ()
-        return tuple(name for name in self.fit.effects if name not in self.needed.effects)
+        return tuple(name for name in self.fit.physics if name not in self.needed.effects)
 
 
 def what_the_other_law_says(problem: Problem, final: Fit, critical: float) -> OtherLawSays:

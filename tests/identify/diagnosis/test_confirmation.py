@@ -34,6 +34,21 @@ def test_every_condition_is_left_out_in_all_tests_at_once():
     assert len(set(seen.values())) >= FEWEST
 
 
+def test_a_condition_is_one_part_in_tests_that_share_few():
+    """A condition that one test lacks must not shift the numbers of the others there."""
+    tests = {
+        "leakage": conditions_only("leakage", (0, 1, 2, 3, 4, 5)),
+        "flow_gain": conditions_only("flow_gain", (3, 4, 5)),
+    }
+    parts = parts_left_out(tests)
+    seen: dict[tuple[float, float], int] = {}
+    rows = np.split(parts, [tests["leakage"].rows])
+    for test, own in zip(tests.values(), rows, strict=True):
+        for t, p, part in zip(test.temperature, test.supply_pressure, own, strict=True):
+            assert seen.setdefault((float(t), float(p)), int(part)) == part
+    assert len(set(seen.values())) == 6
+
+
 @pytest.mark.parametrize("runs", [(0,), (0, 1), (0, 0, 1, 1), (0, 0, 0, 0, 0)])
 def test_few_conditions_are_cut_further(runs):
     tests = {name: conditions_only(name, runs) for name in REACH}
