@@ -46,13 +46,15 @@ def open_case(record: BenchRecord, say: Progress = lambda _: None) -> Case:
     """Fit the ideal valve as `fit` does, measure the noise, and fit it again by generalised least squares."""
     fitted = run_fit(record, progress=say)
     say("measuring the noise")
+    # Where so many readings are no readings that they stay in, an amount fitted to them would be theirs.
+    spoiled = any(not fault.masked for test in fitted.tests.values() for fault in test.faults)
     problem = Problem(
         record,
         fitted.tests,
         fitted.plans,
         library_for(fitted.tests.values()),
         first_noise(fitted.noise),
-        faults=faults_of(fitted.tests),
+        faults={} if spoiled else faults_of(fitted.tests),
     )
     repeats = {
         (test.name, c.name): repeats_of(test, c, fitted.noise[test.name, c.name].std)
