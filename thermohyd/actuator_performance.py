@@ -23,7 +23,7 @@ from thermohyd.effects.effect import (
 from .actuator import Actuator
 from .arguments import ArgumentValueError, Heat, share_of_heat
 from .conditions import Conditions
-from .oil import Oil, bulk_modulus, density, expansion, specific_heat
+from .oil import Oil, compressed, density, specific_heat
 from .ports import port_flows
 from .static_tests import blocked_state, return_flow
 from .valve import Valve, coupling, heat_kept, metering_edges, read_out, true_conditions, true_oil
@@ -171,11 +171,11 @@ def null_state(valve: Valve, conditions: Conditions) -> NullState:
 def _chamber_modulus(
     oil: Oil, eta: Float[Array, "..."] | None, pressure: Float[Array, " rows"], warm: Float[Array, " rows"]
 ) -> Float[Array, " rows"]:
-    beta = bulk_modulus(oil, pressure, warm)
+    inside = compressed(oil, pressure, warm)
     if eta is None:
-        return beta
-    heat = density(oil, pressure, warm) * specific_heat(oil, warm)
-    return 1.0 / (1.0 / beta - eta * jnp.square(expansion(oil, pressure, warm)) * warm / heat)
+        return inside.bulk_modulus
+    heat = inside.density * specific_heat(oil, warm)
+    return 1.0 / (1.0 / inside.bulk_modulus - eta * jnp.square(inside.expansion) * warm / heat)
 
 
 def performance_at(

@@ -4,7 +4,6 @@ Every function is elementwise over pressures [Pa, gauge] and temperatures [K] th
 """
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -114,27 +113,45 @@ def walther_viscosity(oil: Oil, temperature: Float[Array, "..."]) -> Float[Array
     return nu if oil.viscosity_factor is None else nu * oil.viscosity_factor
 
 
+def _above_reference(oil: Oil, temperature: Float[Array, "..."]) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+    """Kelvins above 15 degC that the density sees, and the bulk modulus."""
+    above = temperature - REFERENCE_TEMPERATURE
+    if oil.shifts is None:
+        return above, above
+    return above + oil.shifts.density, above + oil.shifts.bulk_modulus
+
+
+def _without_pressure(oil: Oil, temperature: Float[Array, "..."]) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+    """(rho(0, T) [kg/m3], K0(T) [Pa])."""
+    for_density, for_modulus = _above_reference(oil, temperature)
+    rho = oil.density_15degC * (1.0 - oil.expansion_15degC * for_density)
+    return rho, oil.bulk_modulus_15degC * jnp.exp(-oil.bulk_modulus_decay * for_modulus)
+
+
 def at_temperature(oil: Oil, temperature: Float[Array, "..."]) -> OilAtTemperature:
     """The temperature-dependent coefficients of the oil at T [K]."""
-    above = temperature - REFERENCE_TEMPERATURE
-    for_density, for_modulus = above, above
-    if oil.shifts is not None:
-        for_density, for_modulus = above + oil.shifts.density, above + oil.shifts.bulk_modulus
-    rho = oil.density_15degC * (1.0 - oil.expansion_15degC * for_density)
+    rho, modulus = _without_pressure(oil, temperature)
     return OilAtTemperature(
         density=rho,
-        bulk_modulus=oil.bulk_modulus_15degC * jnp.exp(-oil.bulk_modulus_decay * for_modulus),
+        bulk_modulus=modulus,
         viscosity=rho * walther_viscosity(oil, temperature),
         tait_slope=oil.tait_slope,
         pressure_viscosity=oil.pressure_viscosity,
     )
 
 
-def density_at(state: OilAtTemperature, pressure: Float[Array, "..."]) -> Float[Array, "..."]:
-    """rho(p) [kg/m3] at the state's temperature, Tait: rho(0) / (1 - ln(1 + (1 + K') p / K0) / (1 + K'))."""
-    stiffening = 1.0 + state.tait_slope
+def _squeezed(
+    modulus: Float[Array, "..."], tait_slope: Float[Array, "..."], pressure: Float[Array, "..."]
+) -> Float[Array, "..."]:
+    """Volume by that without pressure, Tait: D = 1 - ln(1 + (1 + K') p / K0) / (1 + K')."""
+    stiffening = 1.0 + tait_slope
     # Not log1p: its rounding is finer than the density can show, and it is the dearest function of the whole balance.
-    return state.density / (1.0 - jnp.log(1.0 + stiffening * pressure / state.bulk_modulus) / stiffening)
+    return 1.0 - jnp.log(1.0 + stiffening * pressure / modulus) / stiffening
+
+
+def density_at(state: OilAtTemperature, pressure: Float[Array, "..."]) -> Float[Array, "..."]:
+    """rho(p) = rho(0)/D [kg/m3] at the state's temperature, Tait."""
+    return state.density / _squeezed(state.bulk_modulus, state.tait_slope, pressure)
 
 
 def viscosity_at(state: OilAtTemperature, pressure: Float[Array, "..."]) -> Float[Array, "..."]:
@@ -144,9 +161,31 @@ def viscosity_at(state: OilAtTemperature, pressure: Float[Array, "..."]) -> Floa
     return state.viscosity * jnp.exp(state.pressure_viscosity * pressure)
 
 
+class CompressedOil(eqx.Module):
+    """Oil under pressure: density [kg/m3], isothermal bulk modulus [Pa], expansion at constant pressure [1/K]."""
+
+    density: Float[Array, "..."]
+    bulk_modulus: Float[Array, "..."]
+    expansion: Float[Array, "..."]
+
+
+def compressed(oil: Oil, pressure: Float[Array, "..."], temperature: Float[Array, "..."]) -> CompressedOil:
+    """rho, beta_T and alpha at p and T, from one logarithm.
+
+    With rho = rho0(T)/D, Tait: beta_T = rho/(d rho/dp) = D (K0 + (1 + K') p), and alpha = -(1/rho) d rho/dT =
+    alpha_15 rho_15/rho0 - d p/beta_T, as K0 falls with T at the relative rate d (docs/physics.md section 2).
+    """
+    rho, modulus = _without_pressure(oil, temperature)
+    squeezed = _squeezed(modulus, oil.tait_slope, pressure)
+    stiff = squeezed * (modulus + (1.0 + oil.tait_slope) * pressure)
+    free = oil.expansion_15degC * oil.density_15degC / rho
+    return CompressedOil(rho / squeezed, stiff, free - oil.bulk_modulus_decay * pressure / stiff)
+
+
 def density(oil: Oil, pressure: Float[Array, "..."], temperature: Float[Array, "..."]) -> Float[Array, "..."]:
     """rho(p, T) [kg/m3], Tait."""
-    return density_at(at_temperature(oil, temperature), pressure)
+    rho, modulus = _without_pressure(oil, temperature)
+    return rho / _squeezed(modulus, oil.tait_slope, pressure)
 
 
 def dynamic_viscosity(oil: Oil, pressure: Float[Array, "..."], temperature: Float[Array, "..."]) -> Float[Array, "..."]:
@@ -161,20 +200,6 @@ def kinematic_viscosity(
     return dynamic_viscosity(oil, pressure, temperature) / density(oil, pressure, temperature)
 
 
-def expansion(oil: Oil, pressure: Float[Array, "..."], temperature: Float[Array, "..."]) -> Float[Array, "..."]:
-    """alpha = -(1/rho) d rho/dT at constant pressure [1/K], by differentiating `density`."""
-    pressure, temperature = jnp.broadcast_arrays(pressure, temperature)
-    rho, slope = jax.jvp(lambda t: density(oil, pressure, t), (temperature,), (jnp.ones_like(temperature),))
-    return -slope / rho
-
-
-def bulk_modulus(oil: Oil, pressure: Float[Array, "..."], temperature: Float[Array, "..."]) -> Float[Array, "..."]:
-    """Isothermal beta_T = rho / (d rho/dp) [Pa], by differentiating `density`."""
-    pressure, temperature = jnp.broadcast_arrays(pressure, temperature)
-    rho, slope = jax.jvp(lambda p: density(oil, p, temperature), (pressure,), (jnp.ones_like(pressure),))
-    return rho / slope
-
-
 def specific_heat(oil: Oil, temperature: Float[Array, "..."]) -> Float[Array, "..."]:
     """c_p(T) [J/(kg K)], linear in temperature."""
     seen = temperature if oil.shifts is None else temperature + oil.shifts.heat
@@ -186,8 +211,8 @@ def enthalpy_slopes(
 ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
     """(dh/dT, dh/dp) = (c_p, (1 - alpha T)/rho) in J/(kg K) and m3/kg: dh = c_p dT + (1 - alpha T)/rho dp."""
     absolute = temperature if oil.shifts is None else temperature + oil.shifts.heat
-    slope = (1.0 - expansion(oil, pressure, temperature) * absolute) / density(oil, pressure, temperature)
-    return specific_heat(oil, temperature), slope
+    inside = compressed(oil, pressure, temperature)
+    return specific_heat(oil, temperature), (1.0 - inside.expansion * absolute) / inside.density
 
 
 def throttling_rise(

@@ -17,7 +17,7 @@ from thermohyd.dynamics.inputs import Kind, step_inputs
 from thermohyd.dynamics.linear import frequency_response, linearise
 from thermohyd.dynamics.machine import Walls, plant_of
 from thermohyd.effects.library import with_effects
-from thermohyd.oil import bulk_modulus, density, expansion, specific_heat
+from thermohyd.oil import compressed, specific_heat
 
 
 TS = temperature_at(30.0)
@@ -92,8 +92,9 @@ def test_where_the_formulas_are_approximate():
     )
     # Isothermal and isentropic bulk modulus differ by 1 + alpha^2 T beta/(rho c_p), at the chambers' mean pressure.
     oil, p, warm_oil = seed_valve().oil, jnp.asarray(0.5 * (SUPPLY + BACK)), jnp.asarray(TS)
-    stiff = warm_oil * bulk_modulus(oil, p, warm_oil) / (density(oil, p, warm_oil) * specific_heat(oil, warm_oil))
-    kept = expansion(oil, p, warm_oil) ** 2 * stiff
+    inside = compressed(oil, p, warm_oil)
+    stiff = warm_oil * inside.bulk_modulus / (inside.density * specific_heat(oil, warm_oil))
+    kept = inside.expansion**2 * stiff
     assert low == pytest.approx(float(1.0 / jnp.sqrt(1.0 + kept)) - 1.0, rel=0.05)
     assert abs(apart) < 1e-4
     assert abs(aside) == pytest.approx(0.046, abs=1e-3)

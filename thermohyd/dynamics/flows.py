@@ -17,12 +17,12 @@ from jaxtyping import Array, Bool, Float
 from thermohyd.edge import OpenEdge, at_opening, mass_flow
 from thermohyd.flow_balance import falling_root
 from thermohyd.oil import (
+    CompressedOil,
     OilAtTemperature,
     at_temperature,
-    bulk_modulus,
+    compressed,
     density,
     density_at,
-    expansion,
     specific_heat,
     throttling_rise,
 )
@@ -190,13 +190,13 @@ class Sources(eqx.Module):
     """What changes the chambers' state; all of it is zero in a steady state, where the pressures and temperatures rest.
 
     squeeze: relative surplus of oil over room [1/s]; heating: of the oil at constant pressure [K/s], renewal: how fast inflow
-    and walls bring that about [1/s], both None where the oil stays at T_s. density [kg/m3], temperature [K].
+    and walls bring that about [1/s], both None where the oil stays at T_s. oil: what is in the chambers; temperature [K].
     """
 
     squeeze: Float[Array, "2"]
     heating: Float[Array, "2"] | None
     renewal: Float[Array, "2"] | None
-    density: Float[Array, "2"]
+    oil: CompressedOil
     temperature: Float[Array, "2"]
 
 
@@ -205,11 +205,12 @@ def chamber_sources(plant: Plant, around: Surroundings, state: State, flows: Flo
     oil, p = plant.oil, state.pressure
     t = jnp.broadcast_to(around.temperature, (2,)) if state.temperature is None else state.temperature
     volume = chamber_volumes(plant, state.position)
-    rho = density(oil, p, t)
+    inside = compressed(oil, p, t)
+    rho = inside.density
     growth = plant.actuator.areas * SIDES * state.velocity
     squeeze = (flows.net / rho - growth) / volume
     if state.temperature is None:
-        return Sources(squeeze, None, None, rho, t)
+        return Sources(squeeze, None, None, inside, t)
     assert flows.warming is not None
     mass = rho * volume
     heating, renewal = flows.warming / mass, flows.inflow / mass
@@ -218,19 +219,20 @@ def chamber_sources(plant: Plant, around: Surroundings, state: State, flows: Flo
         assert plant.walls.conductance is not None
         capacity = mass * specific_heat(oil, t)
         heating, renewal = heating + passed / capacity, renewal + plant.walls.conductance / capacity
-    return Sources(squeeze, heating, renewal, rho, t)
+    return Sources(squeeze, heating, renewal, inside, t)
 
 
 def chamber_rates(plant: Plant, state: State, sources: Sources) -> tuple[Float[Array, "2"], Float[Array, "2"] | None]:
     """Rates of the chambers: (dp/dt [Pa/s], dT/dt [K/s] or None where the oil stays at T_s)."""
     oil, p, t = plant.oil, state.pressure, sources.temperature
-    beta = bulk_modulus(oil, p, t) * plant.actuator.bulk_modulus_factor
+    inside = sources.oil
+    beta = inside.bulk_modulus * plant.actuator.bulk_modulus_factor
     if plant.motion.entrained_air is not None:
         beta = mixture_modulus(beta, plant.motion.entrained_air, p)
     if sources.heating is None:
         return beta * sources.squeeze, None
     # dp = beta (squeeze + alpha dT) and dT = heating + k dp are two linear equations.
-    alpha = expansion(oil, p, t)
-    k = alpha * t / (sources.density * specific_heat(oil, t))
+    alpha = inside.expansion
+    k = alpha * t / (inside.density * specific_heat(oil, t))
     dp = beta * (sources.squeeze + alpha * sources.heating) / (1.0 - beta * alpha * k)
     return dp, sources.heating + k * dp

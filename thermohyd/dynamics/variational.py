@@ -89,9 +89,8 @@ class Way(eqx.Module):
     def block(self, walk: Walk, args: tuple[Plant, Scaling]) -> tuple[Walk, Walk, Steps]:
         """The next BLOCK steps that are tried: (where they lead, where the solver stood before each, the steps)."""
         solver = Rodas5P()
-        nearly = self.last
-        for _ in range(100):  # a step that would leave this little goes to the end
-            nearly = eqxi.prevbefore(nearly)
+        # A step that would leave this little goes to the end. A loop, as the next number takes two dozen operations to find.
+        nearly = jax.lax.fori_loop(0, 100, lambda _, time: eqxi.prevbefore(time), self.last)
 
         def attempt(walk: Walk, _: None) -> tuple[Walk, tuple[Walk, Steps]]:
             going = self.going(walk)
