@@ -5,6 +5,9 @@ search share one compiled solve, and every solve returns the derivatives to all 
 """
 
 import functools
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -12,10 +15,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from thermohyd.conditions import Conditions
 from thermohyd.effects.library import EFFECTS, classes_of, effect, effect_info, factor_on, with_effects
-from thermohyd.identify.fitting.least_squares import Both
 from thermohyd.identify.fitting.parameters import PARAMETERS
 from thermohyd.identify.fitting.static_readings import (
+    FIELDS,
     STORED_GROUP,
     ChannelRows,
     StaticData,
@@ -69,8 +73,11 @@ def split(effects: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     )
 
 
-def library_program(effects: tuple[str, ...]) -> Both:
-    """Compiled (p, args) -> whitened residuals and their columns; p in the order of `order_of(effects)`.
+Program = Callable[[Any, Any], tuple[Array, Array, Array]]
+
+
+def library_program(effects: tuple[str, ...]) -> Program:
+    """Compiled (p, args) -> `residual_and_columns`; p in the order of `order_of(effects)`.
 
     Without XLA's fusion emitters the coupled valve compiles in two thirds of the time; JAX 0.12 has no others.
     """
@@ -78,7 +85,7 @@ def library_program(effects: tuple[str, ...]) -> Both:
 
 
 @functools.cache
-def _program(effects: tuple[str, ...], classes: tuple[type, ...]) -> Both:
+def _program(effects: tuple[str, ...], classes: tuple[type, ...]) -> Program:
     """classes: what stands behind the names; a user may put another effect under a name."""
     del classes
     options = known_options({"xla_cpu_use_fusion_emitters": False})
@@ -115,8 +122,23 @@ def rowwise_valve(effects: tuple[str, ...], group: str, values: Float[Array, "al
     return with_amounts(valve, rowwise, amounts)
 
 
-# Entries of a row behind its parameters and amounts: changes [Pa] of both port pressures.
-PUSHES = 2
+# Entries of a row behind its parameters and amounts: changes of both port pressures [Pa] where ports store oil, elsewhere of
+# what was read of its operating point, in the order of FIELDS (SI). A step of stored oil sees two rows' operating points.
+PUSHES, MOVES = 2, len(FIELDS)
+
+
+def moved_conditions(
+    conditions: dict[str, Conditions], tests: tuple[str, ...], moves: Float[Array, "fields rows"]
+) -> dict[str, Conditions]:
+    """The operating points of a group's tests with these changes."""
+    found, first = {}, 0
+    for test in tests:
+        before = conditions[test]
+        rows = slice(first, first + before.position.shape[0])
+        changed = {field: getattr(before, field) + moves[i, rows] for i, field in enumerate(FIELDS.values())}
+        found[test] = replace(before, **changed)
+        first = rows.stop
+    return found
 
 
 def readings_of_rows(
@@ -130,19 +152,24 @@ def readings_of_rows(
     stored = None
     for group, tests in groups_of(args.data.conditions).items():
         values = spread[group]
-        valve = rowwise_valve(effects, group, values[:-PUSHES], args)
+        behind = PUSHES if storing else MOVES
+        valve = rowwise_valve(effects, group, values[:-behind], args)
+        conditions = args.data.conditions
+        if not storing:
+            conditions = moved_conditions(conditions, tests, values[-behind:])
         if storing and group == STORED_GROUP:
-            readings, stored = predict_stored(valve, tests, args.data.conditions, values[-PUSHES:])
+            readings, stored = predict_stored(valve, tests, conditions, values[-behind:])
             found |= readings
         else:
-            found |= predict_group(valve, group, tests, args.data.conditions)
+            found |= predict_group(valve, group, tests, conditions)
     return found, stored
 
 
 def residual_and_columns(
     effects: tuple[str, ...], p: Float[Array, " all"], args: LibraryArgs
-) -> tuple[Float[Array, " residuals"], Float[Array, "all residuals"]]:
-    """Residuals and the columns of their Jacobian, one reverse pass per channel that shares its rows with others.
+) -> tuple[Float[Array, " residuals"], Float[Array, "all residuals"], Float[Array, "fields residuals"]]:
+    """Residuals, the columns of their Jacobian, and what a change of a row's own operating point, in the order of FIELDS, does
+    to its residual before whitening (NaN where ports store oil): one reverse pass per channel that shares its rows with others.
 
     Where ports store oil, two more passes say how a row's parameters move its port pressures if the row before stays, and
     a linear recursion takes that along the sweep. Filters act last: they are linear in the flow and leave constants alone,
@@ -150,8 +177,10 @@ def residual_and_columns(
     """
     data, filters = args.data, split(effects)[1]
     groups = groups_of(data.conditions)
-    entries = len(p) - len(filters)
-    whole = jnp.concatenate([p[:entries], jnp.zeros(PUSHES)])
+    given = len(p) - len(filters)
+    storing = any(effect_info(name).stores for name in effects)
+    entries = given if storing else given + MOVES
+    whole = jnp.concatenate([p[:given], jnp.zeros(PUSHES if storing else MOVES)])
     spread = spread_over_rows(whole, data)
 
     def of_rows(spread: dict[str, Float[Array, "all rows"]]) -> tuple[tuple[Array, ...], Array | None, Array | None]:
@@ -176,19 +205,20 @@ def residual_and_columns(
         ]
         along = jax.vmap(lambda sources: along_rows(carried, sources), in_axes=1)(jnp.stack(by_port))
         moved = [{STORED_GROUP: along[:, port]} for port in range(PUSHES)]
-    parts, columns = [], []
+    parts, columns, by_row = [], [], []
     for i, channel in enumerate(data.channels):
         reading, column = readings[i], slopes[i][:entries]
         if moved and channel.test in groups[STORED_GROUP]:
             for port in range(PUSHES):
                 own = rows_of_test(moved[port], channel.test, {STORED_GROUP: groups[STORED_GROUP]}, data)
                 column = column + slopes[i][entries + port] * own
-        for name, amount in zip(filters, p[entries:], strict=True):
+        for name, amount in zip(filters, p[given:], strict=True):
             reading, column = filtered(name, amount, channel, reading, column, args)
-        reading, column = data.means(channel.test, reading), data.means(channel.test, column)
+        reading, column = data.means(channel.test, reading), data.means(channel.test, column) * channel.weight
         parts.append(whiten(args.whitening[i], (reading - channel.value) * channel.weight))
-        columns.append(whiten(args.whitening[i], column * channel.weight))
-    return jnp.concatenate(parts), jnp.concatenate(columns, axis=1)
+        columns.append(whiten(args.whitening[i], jnp.concatenate([column[:given], column[entries:]])))
+        by_row.append(jnp.full((MOVES, len(column.T)), jnp.nan) if storing else column[given:entries])
+    return jnp.concatenate(parts), jnp.concatenate(columns, axis=1), jnp.concatenate(by_row, axis=1)
 
 
 def filtered(

@@ -15,19 +15,19 @@ from thermohyd.identify.bench.record import BenchRecord, TestRecord
 from thermohyd.identify.model.learned_terms import ABSOLUTE, LearnedTerm, term_values
 from thermohyd.identify.noise.correlation import NoiseCorrelation
 from thermohyd.identify.noise.level import ChannelNoise
-from thermohyd.identify.noise.whitening import whiten_on_host, whitening_of
+from thermohyd.identify.noise.whitening import Whitening, whiten_on_host, whitening_of
 from thermohyd.identify.reduction.monotone_pieces import run_ids
 
 from .bench_faults import BenchFault, corrected
 from .library import Library, coupled, stores, with_heat
 from .library_program import LibraryArgs, RowTerms, library_program, order_of
 from .parameters import PARAMETERS, ParameterPlan
-from .static_readings import StaticData, base_valve, coarse_size, conditions_of, groups_of, pad, static_data
+from .static_readings import FIELDS, StaticData, base_valve, coarse_size, groups_of, pad, static_data, with_columns
 from .storage_columns import storage_columns
 from .uncertainty import Key
 
 
-STEP = 1e-3  # of a fault's scale: its column is a difference, whose error moves no optimum by a thousandth of a standard error
+STEP = 1e-3  # of a fault's scale: for a difference, whose error is far below a standard error
 
 # residual (rows,) and its columns (entries, rows) at a point (entries,), readings only
 Evaluation = Callable[[np.ndarray], tuple[Any, Any]]
@@ -119,26 +119,53 @@ class StaticReadings:
     def evaluation(self, program: tuple[str, ...], faults: tuple[BenchFault, ...] = ()) -> Evaluation:
         both, args = library_program(program), self._arguments(program)
         if not faults:
-            return lambda p: both(jnp.asarray(p), args)
+            return lambda p: both(jnp.asarray(p), args)[:2]
+        place = {column: i for i, column in enumerate(FIELDS)}
+        steps = [STEP * fault.info.scale for fault in faults]
+        white = {key: self._whitening(key, self.tests[key[0]].rows) for key in self.noise.std if key[0] in self.tests}
 
         def evaluate(p: np.ndarray) -> tuple[Any, Any]:
             own, amounts = jnp.asarray(p[: -len(faults)]), p[-len(faults) :]
-            at = lambda amounts: both(own, self._moved(args, dict(zip(faults, amounts.tolist(), strict=True))))
-            residual, columns = at(amounts)
-            slopes = []
-            for i, fault in enumerate(faults):
-                step = STEP * fault.info.scale
-                slopes.append((at(amounts + step * np.eye(len(faults))[i])[0] - residual) / step)
-            return residual, jnp.concatenate([columns, jnp.stack(slopes)])
+            moved = self._moved(args, dict(zip(faults, amounts.tolist(), strict=True)))
+            residual, columns, by_row = both(own, moved)
+            if any(stores(name) for name in program):  # a row's readings are of the rows before it, too
+                more = (amounts + steps[i] * np.eye(len(faults))[i] for i in range(len(faults)))
+                further = (self._moved(args, dict(zip(faults, these.tolist(), strict=True))) for these in more)
+                slopes = [(both(own, there)[0] - residual) / step for there, step in zip(further, steps, strict=True)]
+            else:
+                by_row = np.asarray(by_row)
+                slopes = [self._of_rows(fault, by_row[place[fault.info.moves]], white) for fault in faults]
+            return residual, jnp.concatenate([columns, np.stack(slopes)])
 
         return evaluate
 
+    def _of_rows(self, fault: BenchFault, slope: np.ndarray, white: Mapping[Key, Whitening]) -> np.ndarray:
+        """A fault's column: what was read is too large in its rows. slope: of each row's weighted residual to what was read."""
+        found, first = np.zeros_like(slope), 0
+        for name, test in self.tests.items():
+            for channel in test.channels:
+                own = slice(first, first + test.rows)
+                if name in fault.shapes:
+                    found[own] = whiten_on_host(white[name, channel.name], -slope[own] * fault.shapes[name])
+                first += coarse_size(test.rows)
+        return found
+
+    def _whitening(self, key: Key, size: int) -> Whitening:
+        used = None if self.used is None else self.used[key]
+        return whitening_of(self.noise.correlation[key], run_ids(self.tests[key[0]]), size, used)
+
     def _moved(self, args: LibraryArgs, amounts: Mapping[BenchFault, float]) -> LibraryArgs:
         """The data with positions and labels as they would have been read without these faults."""
-        touched = {test for fault in amounts for test in fault.shapes}
+        touched: dict[str, set[str]] = {}
+        for fault in amounts:
+            for test in fault.shapes:
+                touched.setdefault(test, set()).add(fault.info.moves)
         tests = corrected({name: self.tests[name] for name in touched}, amounts)
-        conditions = args.data.conditions | {name: conditions_of(test, coarse_size) for name, test in tests.items()}
-        return replace(args, data=replace(args.data, conditions=conditions))
+        before = args.data.conditions
+        moved = {
+            name: with_columns(before[name], tests[name], columns, coarse_size) for name, columns in touched.items()
+        }
+        return replace(args, data=replace(args.data, conditions=before | moved))
 
     def storage(
         self, vector: Callable[[tuple[str, ...]], np.ndarray], present: tuple[str, ...], amounts: Mapping[str, float]
@@ -166,10 +193,7 @@ class StaticReadings:
         whitening, channels = [], []
         for channel in data.channels:
             key = (channel.test, channel.name)
-            test = self.tests[channel.test]
-            used = None if self.used is None else self.used[key]
-            size = coarse_size(test.rows)
-            whitening.append(whitening_of(self.noise.correlation[key], run_ids(test), size, used))
+            whitening.append(self._whitening(key, coarse_size(self.tests[channel.test].rows)))
             weight = channel.weight
             if self.used is not None:
                 weight = weight * pad(self.used[key].astype(float), fill=0.0, size=coarse_size)

@@ -6,7 +6,8 @@ channel come first, then the priors.
 """
 
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 
 import equinox as eqx
 import jax
@@ -119,30 +120,41 @@ def pad(values: np.ndarray, fill: float | None = None, size: Size = padded_size)
     return jnp.asarray(np.concatenate([np.asarray(values, dtype=float), tail]))
 
 
+# Columns that a bench may read wrong, and what `Conditions` calls them.
+FIELDS = {"spool_position": "position", "supply_pressure": "supply_pressure", "temperature": "temperature"}
+
+
+def _column(test: TestRecord, name: str, size: Size) -> Array:
+    """A test's column, padded; of a reduced log at the nodes of every point behind one another."""
+    values, nodes = getattr(test, name), test.nodes
+    if nodes is None:
+        return pad(values, size=size)
+    spread = np.repeat(np.asarray(values, dtype=float)[:, None], nodes.count, axis=1)
+    offset = nodes.time if name == "time" else nodes.offset if name == nodes.axis else None
+    spread = spread if offset is None else spread + offset
+    missing = size(len(values)) - len(values)
+    return jnp.asarray(np.concatenate([spread, np.repeat(spread[-1:], missing, axis=0)]).ravel())
+
+
 def conditions_of(test: TestRecord, size: Size = padded_size) -> Conditions:
-    """A test's operating points, padded; of a reduced log the nodes of every point behind one another."""
-    nodes = test.nodes
-
-    def column(values: np.ndarray, offset: np.ndarray | None = None) -> Array:
-        if nodes is None:
-            return pad(values, size=size)
-        spread = np.repeat(np.asarray(values, dtype=float)[:, None], nodes.count, axis=1)
-        spread = spread if offset is None else spread + offset
-        missing = size(len(values)) - len(values)
-        return jnp.asarray(np.concatenate([spread, np.repeat(spread[-1:], missing, axis=0)]).ravel())
-
-    along = {} if nodes is None else {nodes.axis: nodes.offset}
+    """A test's operating points."""
+    column = lambda name: None if getattr(test, name) is None else _column(test, name, size)
     return Conditions(
-        position=column(test.spool_position, along.get("spool_position")),
-        supply_pressure=column(test.supply_pressure),
-        return_pressure=column(test.return_pressure),
-        temperature=column(test.temperature),
-        load_pressure=None if test.load_pressure is None else column(test.load_pressure, along.get("load_pressure")),
-        time=None if test.time is None else column(test.time, None if nodes is None else nodes.time),
-        direction=column(test.direction),
-        run=column(test.run),
-        rate=None if test.rate is None else column(test.rate),
+        position=_column(test, "spool_position", size),
+        supply_pressure=_column(test, "supply_pressure", size),
+        temperature=_column(test, "temperature", size),
+        return_pressure=_column(test, "return_pressure", size),
+        load_pressure=column("load_pressure"),
+        time=column("time"),
+        direction=_column(test, "direction", size),
+        run=_column(test, "run", size),
+        rate=column("rate"),
     )
+
+
+def with_columns(conditions: Conditions, test: TestRecord, names: Iterable[str], size: Size) -> Conditions:
+    """A test's operating points with these columns, of FIELDS, read anew; the others stay."""
+    return replace(conditions, **{FIELDS[name]: _column(test, name, size) for name in names})
 
 
 def row_weights(test: TestRecord, size: Size = padded_size) -> Array | None:

@@ -128,6 +128,25 @@ def test_columns_of_faults_are_those_of_the_model():
         np.testing.assert_allclose(fitted.column(name), slope, atol=1e-2 * np.abs(slope).max(), rtol=0.0)
 
 
+def test_columns_of_many_faults_beside_each_other():
+    """Several runs' zeros and a label in one model, noise with a memory."""
+    case = small_case("correlated")
+    problem = case.problem
+    zeros = [name for name, fault in problem.faults.items() if fault.kind == "position_zero" and fault.place][:4]
+    label = next(name for name, fault in problem.faults.items() if fault.kind == "wrong_temperature")
+    values = case.base.values | {name: 0.5 * problem.faults[name].info.scale for name in (*zeros, label)}
+    together = problem.evaluate(values, (*zeros, label))
+    for name in (*zeros, label):
+        others = {other: value for other, value in values.items() if other != name}
+        step = 0.01 * problem.faults[name].info.scale
+        more, less = (
+            problem.evaluate({**others, name: values[name] + sign * step}, (*zeros, label)).residual
+            for sign in (1.0, -1.0)
+        )
+        slope = (more - less) / (2.0 * step)
+        np.testing.assert_allclose(together.column(name), slope, atol=1e-4 * np.abs(slope).max(), rtol=0.0)
+
+
 def test_every_fault_is_of_rows_of_its_own():
     """Of a level that one run alone has, the level, the test and the run are one fault."""
     faults = faults_of(labelled_wrong(small_record()).tests)

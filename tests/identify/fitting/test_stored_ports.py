@@ -70,8 +70,8 @@ def test_columns_against_forward_mode():
     neutral = point.at[-2:].set(0.0)
     with quick_compile():
         program = jax.jit(lambda p: residual_and_columns(EFFECTS, p, args))
-        residual, columns = program(point)
-        before, of_none = program(neutral)
+        residual, columns, _ = program(point)
+        before, of_none, _ = program(neutral)
         look = jax.jit(lambda c: columns_of_stored(EFFECTS[:1], EFFECTS[1:], point[:-2], c, args))
         seen, of_amounts = look(point[-2:])
         seen_before, of_neutral = look(jnp.zeros(2))
