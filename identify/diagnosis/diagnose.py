@@ -49,10 +49,12 @@ def open_motion(
     moving = record.dynamic_tests
     known = None if static is None else {name: estimate.value for name, estimate in static.parameters.items()}
     known = None if known is None else {name: v for name, v in known.items() if name not in (effects or {})}
-    also = () if static is None else static.free
+    null_shows = any(test.time is not None for test in moving.values())
+    # With the null in its vector from the start the plain fit runs the program of all that follow.
+    also = (*(() if static is None else static.free), *(("null_bias",) if null_shows else ()))
     fitted = run_fit_motion(record, say, known, also)
     own = {name: fitted.plans[name] for name in (*IN_MOTION, *(n for n in fitted.free if n not in IN_MOTION))}
-    if any(test.time is not None for test in moving.values()) and "null_bias" not in own:
+    if null_shows and "null_bias" not in own:
         own |= _null(record, fitted.plans["null_bias"], static)
     fitted = replace(fitted, plans={**fitted.plans, **own})
     tests = fitted.tests
