@@ -1,6 +1,7 @@
 """The actuator in time in plain NumPy: docs/physics.md section 9 written out once more, one right-hand side for SciPy's solvers."""
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -100,7 +101,7 @@ class Machine:
     dynamic: Dynamic = field(default_factory=Dynamic)
     static: Effects = IDEAL
 
-    @property
+    @cached_property
     def true_oil(self) -> Oil:
         e, oil = self.static, self.oil
         return replace(
@@ -109,12 +110,17 @@ class Machine:
             pressure_viscosity=oil.pressure_viscosity + e.pressure_viscosity,
         )
 
+    @cached_property
+    def _around(self) -> list[tuple[float | None, np.ndarray]]:
+        """(value where it never changes, column) of P_s, P_t, T_s, F_e."""
+        r = self.run
+        columns = [np.asarray(c) for c in (r.supply_pressure, r.return_pressure, r.temperature, r.external_force)]
+        return [(float(c.flat[0]) if np.all(c == c.flat[0]) else None, c) for c in columns]
+
     def surroundings(self, t: float) -> tuple[float, float, float, float]:
         """P_s, P_t, true T_s, F_e."""
-        r = self.run
         ps, pt, ts, fe = (
-            float(np.interp(t, r.time, c))
-            for c in (r.supply_pressure, r.return_pressure, r.temperature, r.external_force)
+            held if held is not None else float(np.interp(t, self.run.time, c)) for held, c in self._around
         )
         return ps, pt, ts + float(self.static.temperature_offset), fe
 
