@@ -15,8 +15,8 @@ from jaxtyping import Array, Float
 
 
 # Without the newer emitter of fused loops, which takes half the time of compiling a program of many small ones. JAX 0.12
-# has no other and does not know that option: the programs that fit data/seed_actuator take 37 s of a core to compile
-# there, 24 s with 0.10, and a fit with programs compiled before takes 0.8 s of a core instead of 1.3 s.
+# has no other and does not know that option: a run's program with derivatives takes 25 s of a core to compile there, 12 s with 0.10.0,
+# and runs as fast.
 OPTIONS: dict[str, Any] = {
     "xla_backend_optimization_level": 1,
     "xla_llvm_disable_expensive_passes": True,

@@ -30,7 +30,7 @@ from .found_faults import alternative, with_evidence, with_faults_apart
 from .held_out import Split
 from .left_over import lack_of_fit, learn as learn_term, smooth_block, variations_of
 from .model_average import with_rivals
-from .next_test import next_test
+from .next_test import check_of, next_test
 from .other_law import ANOTHER_LAW, OtherLawSays, what_the_other_law_says
 from .record_noise import NoiseEstimate, first_noise
 from .result import (
@@ -137,6 +137,12 @@ def conclude(
     elif any(find_effect(rival) is not None for fault in at_fault for rival in fault.alternatives):
         verdict = "ambiguous"
     where = regions(before.channels, case.fitted.tests) if verdict != "consistent" else ()
+    where_after = regions(after.channels, case.fitted.tests) if model.disagrees else ()
+    further = None
+    if verdict == "ambiguous":
+        further = next_test(case.problem, fit, model.rivals, model.scale, say, says)
+    elif verdict == "unexplained":
+        further = check_of(problem, fit, where_after, smooth, model.rivals, model.scale)
     shifts = parameter_shifts(before, after) if effects or term else ()
     # A search that began from effects of an earlier one refitted its candidates beside them: not what one does alone.
     singles = {name: single for name, single in selection.steps[0].singles.items() if single.effects == (name,)}
@@ -171,16 +177,14 @@ def conclude(
             *doubts(after.channels, after.parameters),
         ),
         where=where,
-        where_after=regions(after.channels, case.fitted.tests) if model.disagrees else (),
+        where_after=where_after,
         effects=effects,
         candidates=table,
         absorbed=tuple(c.name for c in table if c.state == "absorbed"),
         gap_before=gaps[0],
         gap_after=gaps[1],
         held_out=held,
-        next_test=next_test(case.problem, fit, model.rivals, model.scale, say, says)
-        if verdict == "ambiguous"
-        else None,
+        next_test=further,
         before=before,
         after=after,
         shifts=shifts,

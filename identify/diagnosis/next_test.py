@@ -1,6 +1,7 @@
 """The measurement that separates what a record cannot: the rivals' predictions elsewhere, after each adapts itself.
 
-T-optimal design (Atkinson and Fedorov, Biometrika 62, 1975) over a small menu of changes to the tests that were run.
+T-optimal design (Atkinson and Fedorov, Biometrika 62, 1975) over a small menu of changes to the tests that were run. Where
+nothing explains the record there are no rivals to separate: the run that shows most of the gap is read once more.
 """
 
 from collections.abc import Callable
@@ -9,12 +10,12 @@ from dataclasses import replace
 import numpy as np
 
 from thermohyd.identify.bench.record import TestRecord
-from thermohyd.identify.fitting.bench_faults import is_fault
+from thermohyd.identify.fitting.bench_faults import TEMPERATURE_STEP, is_fault
 from thermohyd.identify.fitting.problem import Fit, Problem
 
 from .found_faults import where
 from .other_law import ANOTHER_LAW, OtherLawSays
-from .result import NextTest
+from .result import NextTest, Region, Variation
 from .rivals import Rivals
 from .screening import BOTH_PORTS, Projection, can_measure_ports, ports_apart
 
@@ -101,6 +102,90 @@ def _repeat(problem: Problem, final: Fit, rivals: dict[str, Rivals], scale: floa
         evidence,
         ((words, evidence),),
     )
+
+
+WITH_THE_RATE = ("rate", "direction", "elapsed")  # variables of a curve that stored oil or a lag makes
+WITH_THE_ORDER = ("temperature", "time")  # those that go together where a bench warms up once
+MOST = 0.5  # of the gap: a curve over a variable that closes this share says what to change
+
+
+def check_of(
+    problem: Problem,
+    fit: Fit,
+    worst: tuple[Region, ...],
+    smooth: tuple[Variation, ...],
+    rivals: dict[str, Rivals],
+    scale: float,
+) -> NextTest | None:
+    """Where nothing explains the gap: what was read once, read again, so that one kind of cause is ruled out.
+
+    worst: where the final model misses most. Of its test the run that shows most is repeated: as it was, at half the rate, or with the
+    temperatures in another order, whichever the curve that closes most of the gap asks for; where several runs have a fault of their
+    own, these. Evidence is the chi-square beyond noise of the rows to be read again, or what the change takes from it: half of a
+    misfit is a quarter of its chi-square.
+    """
+    variable = smooth[0].variable if smooth and smooth[0].gap_closed > MOST else ""
+    options = _runs_again(problem, fit, worst[0], variable) if worst and worst[0].test in problem.tests else []
+    places: dict[str, list[str]] = {}
+    for name in fit.faults:
+        fault = problem.faults[name]
+        if fault.test and fault.place:
+            places.setdefault(fault.test, []).append(fault.place)
+    if places:
+        named = " and ".join(f"{_spoken(test)} ({', '.join(dict.fromkeys(own))})" for test, own in places.items())
+        evidence = min(rivals[name].without.chi2 - fit.chi2 for name in fit.faults) / scale
+        words = f"zero the instruments, check the labels and repeat {named}"
+        meaning = "a fault of the bench would not come back, an effect of the valve would"
+        options.insert(0 if not variable else len(options), (words, meaning, evidence))
+    if not options:
+        return None
+    words, meaning, evidence = options[0]
+    return NextTest(f"{words}: {meaning}", evidence, tuple((words, evidence) for words, _, evidence in options))
+
+
+def _runs_again(problem: Problem, fit: Fit, worst: Region, variable: str) -> list[tuple[str, str, float]]:
+    """(words, what it tells, evidence) of each way to repeat the run that misses most, what a curve over `variable` asks for first."""
+    test = problem.tests[worst.test]
+    runs = {name: _excess(problem, fit, test.name, name) for name in _names(test)}
+    run = max(runs, key=lambda name: runs[name])
+    excess, own = runs[run], _rows_of(test, run)
+    seconds = "" if test.time is None else f", {float(np.ptp(test.time[own])):.3g} s"
+    spoken = f"{_spoken(test.name)}{f', run {run}' if len(runs) > 1 else ''} ({int(own.sum())} rows{seconds})"
+    found = [(f"repeat {spoken} as it was", "a misfit of the valve comes back, one of the bench does not", excess)]
+    if test.time is not None and not test.in_motion:
+        halved = "a misfit that goes with the rate (oil stored, a lag) halves, one of the position does not"
+        found.append((f"repeat {spoken} at half the rate", halved, 0.25 * excess))
+        if variable in WITH_THE_RATE:
+            found.reverse()
+    if variable in WITH_THE_ORDER and float(np.ptp(test.temperature)) > TEMPERATURE_STEP:
+        order = "what comes with the temperature comes with it again, what comes with the hour does not"
+        words = f"repeat {_spoken(test.name)} with the temperatures in the opposite order"
+        found.insert(0, (words, order, sum(runs.values())))
+    return found
+
+
+def _spoken(test: str) -> str:
+    return test.replace("_", " ")
+
+
+def _names(test: TestRecord) -> list[str]:
+    return [_name_of(test, int(code)) for code in np.unique(test.run)]
+
+
+def _name_of(test: TestRecord, code: int) -> str:
+    return test.run_names[code] if test.run_names else str(code + 1)
+
+
+def _rows_of(test: TestRecord, run: str) -> np.ndarray:
+    return np.array([_name_of(test, int(code)) == run for code in test.run], dtype=bool)
+
+
+def _excess(problem: Problem, fit: Fit, name: str, run: str) -> float:
+    """Chi-square of a run's rows beyond one per row."""
+    test = problem.tests[name]
+    own = _rows_of(test, run)
+    rows = (problem.rows()[name, channel.name] for channel in test.channels)
+    return float(sum(np.sum(np.square(fit.residual[place][own]) - 1.0) for place in rows))
 
 
 def menu(tests: dict[str, TestRecord]) -> list[tuple[str, dict[str, TestRecord]]]:

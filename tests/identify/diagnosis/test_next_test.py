@@ -7,7 +7,8 @@ import pytest
 from helpers.small_bench import REACH, conditions_only
 from helpers.small_diagnosis import small_case
 
-from thermohyd.identify.diagnosis.next_test import menu, next_test
+from thermohyd.identify.diagnosis.next_test import check_of, menu, next_test
+from thermohyd.identify.diagnosis.result import Region, Variation
 from thermohyd.identify.diagnosis.rivals import Rival, Rivals
 from thermohyd.identify.fitting.problem import Fit
 
@@ -90,3 +91,56 @@ def test_without_rivals_there_is_nothing_to_separate(rivals):
     assert next_test(small_case("two").problem, final, {}, 1.0) is None
     far = Rival("position_lag", "hysteresis", other, 100.0)
     assert next_test(small_case("two").problem, final, {"hysteresis": Rivals("hysteresis", other, (far,))}, 1.0) is None
+
+
+WORST = Region("leakage", "leakage_flow", {}, excess_chi2=50.0, share=0.9, rows=32, mean=1e-7)
+
+
+def varying(variable, gap_closed=0.9):
+    none = np.zeros(3)
+    return Variation("null_bias", variable, "m", none, none, none, 100.0, 1e-9, gap_closed, (0.0,), 0.0, 1.0)
+
+
+def unexplained(misses=4.0, **columns):
+    """A case whose run 3 of the leakage misses by so many standard deviations, and whether it knows time."""
+    case = small_case("nothing")
+    tests = {name: replace(test, **columns) for name, test in case.problem.tests.items()}
+    problem, fit = replace(case.problem, tests=tests), case.base
+    rows = np.arange(len(fit.residual))
+    first = problem.rows()["leakage", "leakage_flow"].start
+    off = np.isin(rows - first, np.flatnonzero(problem.tests["leakage"].run == 2))
+    return problem, replace(fit, residual=np.where(off, misses, fit.residual)), int(off.sum())
+
+
+def test_where_nothing_explains_the_run_that_misses_most_is_repeated():
+    problem, fit, rows = unexplained()
+    found = check_of(problem, fit, (WORST,), (), {}, 1.0)
+    assert found is not None
+    assert f"repeat leakage, run {problem.tests['leakage'].run_names[2]} ({rows} rows" in found.sentence
+    assert "as it was" in found.sentence
+    assert found.evidence == pytest.approx(rows * (16.0 - 1.0))
+    (_, whole), (halved, quarter) = found.options
+    assert "at half the rate" in halved
+    assert quarter == pytest.approx(0.25 * whole)
+
+
+@pytest.mark.parametrize(
+    ("variable", "words"),
+    [("rate", "at half the rate"), ("temperature", "in the opposite order"), ("spool_position", "as it was")],
+)
+def test_a_curve_that_closes_the_gap_says_what_to_change(variable, words):
+    problem, fit, _ = unexplained()
+    found = check_of(problem, fit, (WORST,), (varying(variable),), {}, 1.0)
+    assert found is not None
+    assert words in found.sentence
+    weak = check_of(problem, fit, (WORST,), (varying(variable, gap_closed=0.2),), {}, 1.0)
+    assert weak is not None
+    assert "as it was" in weak.sentence
+
+
+def test_no_half_rate_without_time_and_nothing_without_a_region():
+    problem, fit, _ = unexplained(time=None, rate=None)
+    found = check_of(problem, fit, (WORST,), (), {}, 1.0)
+    assert found is not None
+    assert not any("rate" in words for words, _ in found.options)
+    assert check_of(problem, fit, (), (), {}, 1.0) is None

@@ -129,6 +129,9 @@ def test_what_the_library_lacks_stays_unexplained_and_what_would_have_to_vary_is
     assert not best.learned
     np.testing.assert_allclose(best.curve - best.curve.mean(), DRIFT * (best.variable_values - MIDDLE), atol=0.3e-6)
     assert "null bias varying smoothly with temperature" in result.headline
+    assert result.next_test is not None
+    assert "temperatures in the opposite order" in result.next_test.sentence
+    assert any("check the labels" in words for words, _ in result.next_test.options)
 
 
 def test_learning_closes_the_gap_and_says_that_it_learned():
