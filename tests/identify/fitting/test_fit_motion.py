@@ -6,11 +6,25 @@ import numpy as np
 import pytest
 from reference.sample_actuator import SEED
 
+from thermohyd.data import sample_record
+from thermohyd.identify.bench.errors import BenchInputError
+from thermohyd.identify.bench.read import read_record
+from thermohyd.identify.fitting.fit import fit
 from thermohyd.identify.fitting.fit_motion import within
 from thermohyd.identify.fitting.parameters import IN_MOTION
 from thermohyd.identify.model.model_file import load_model, model_json, nominal_model
 from thermohyd.identify.model.predict import simulate_record
 from thermohyd.identify.report.fit_json import fit_json, json_text
+
+
+@pytest.fixture(scope="module")
+def seed_record():
+    return read_record(sample_record("seed_actuator"))
+
+
+@pytest.fixture(scope="module")
+def seed_fit(seed_record):
+    return fit(seed_record)
 
 
 def test_the_truth_lies_inside_honest_intervals(seed_fit):
@@ -65,3 +79,24 @@ def test_the_horizon_is_a_share_of_every_run(seed_record):
     for code in range(3):
         assert np.mean(inside[test.run == code]) == pytest.approx(0.3, abs=0.01)
     assert within(seed_record.dynamic_tests["frequency"], 0.3).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"actuator": {"piston_aera": 1e-3}}, '"actuator" has the unknown key "piston_aera"'),
+        ({"actuator": {"piston_area": -1e-3}}, '"actuator" "piston_area" must be positive'),
+        ({"actuator": {"amplifier_gain": 0.01}}, 'needs both "amplifier_gain" and "sensor_gain"'),
+        ({"actuator": {"heat": "warm"}}, '"adiabatic" or "isothermal"'),
+        ({"dynamics": {"spool_frequency": 0.0}}, '"dynamics" "spool_frequency" must be positive'),
+        ({"dynamics": {"spool_frequncy": 80.0}}, '"dynamics" has the unknown key'),
+        ({"dynamics": {"spool_frequency": {"value": 80.0, "unit": "kHz"}}}, "SI units, here Hz"),
+    ],
+)
+def test_a_spoiled_model_gets_one_line(seed_fit, tmp_path, change, words):
+    path = tmp_path / "model.json"
+    content = json.loads(json_text(model_json(seed_fit)))
+    path.write_text(json.dumps({**content, **change}), encoding="utf-8")
+    with pytest.raises(BenchInputError, match=r".") as raised:
+        load_model(path)
+    assert words in str(raised.value)

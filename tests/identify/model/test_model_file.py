@@ -145,3 +145,13 @@ def said(content, tmp_path) -> str:
         load(content, tmp_path)
     assert "\n" not in str(caught.value)
     return str(caught.value)
+
+
+def test_a_model_of_static_tests_reads_as_before(tmp_path):
+    path = tmp_path / "model.json"
+    content = model_json(fake_fit())
+    assert "actuator" not in content
+    path.write_text(json_text(content), encoding="utf-8")
+    model = load_model(path)
+    assert model.actuator is None
+    assert model.dynamics == {}
