@@ -4,6 +4,7 @@ import contextlib
 import ctypes
 import gc
 import os
+from importlib.metadata import version
 from pathlib import Path
 
 
@@ -11,6 +12,8 @@ from pathlib import Path
 # The algebraic simplifier alone takes two fifths of the time of a large derivative. Set before JAX is imported, here and in the
 # processes that tests start; the pinned jaxlib knows these flags.
 FLAGS = "--xla_backend_optimization_level=1 --xla_llvm_disable_expensive_passes=true --xla_disable_hlo_passes=algsimp"
+if version("jaxlib").startswith("0.10."):  # a flag that XLA does not know ends the process
+    FLAGS += " --xla_cpu_use_fusion_emitters=false"
 os.environ["XLA_FLAGS"] = f"{FLAGS} {os.environ.get('XLA_FLAGS', '')}"
 
 import jax  # noqa: E402
