@@ -113,17 +113,11 @@ def walther_viscosity(oil: Oil, temperature: Float[Array, "..."]) -> Float[Array
     return nu if oil.viscosity_factor is None else nu * oil.viscosity_factor
 
 
-def _above_reference(oil: Oil, temperature: Float[Array, "..."]) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
-    """Kelvins above 15 degC that the density sees, and the bulk modulus."""
-    above = temperature - REFERENCE_TEMPERATURE
-    if oil.shifts is None:
-        return above, above
-    return above + oil.shifts.density, above + oil.shifts.bulk_modulus
-
-
 def _without_pressure(oil: Oil, temperature: Float[Array, "..."]) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
     """(rho(0, T) [kg/m3], K0(T) [Pa])."""
-    for_density, for_modulus = _above_reference(oil, temperature)
+    for_density = for_modulus = temperature - REFERENCE_TEMPERATURE
+    if oil.shifts is not None:
+        for_density, for_modulus = for_density + oil.shifts.density, for_modulus + oil.shifts.bulk_modulus
     rho = oil.density_15degC * (1.0 - oil.expansion_15degC * for_density)
     return rho, oil.bulk_modulus_15degC * jnp.exp(-oil.bulk_modulus_decay * for_modulus)
 

@@ -191,6 +191,12 @@ class TestRecord:
         return len(self.spool_position)
 
     @property
+    def runs(self) -> dict[str, np.ndarray]:
+        """{what a run is called, its number where it has no name: its rows (rows,), True or False}."""
+        codes = np.unique(self.run).tolist()
+        return {self.run_names[code] if self.run_names else str(code + 1): self.run == code for code in codes}
+
+    @property
     def axis(self) -> str:
         """What the readings run along: spool_position, or of a dynamic test time or frequency."""
         return "spool_position"

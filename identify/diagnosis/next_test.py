@@ -95,13 +95,21 @@ def _repeat(problem: Problem, final: Fit, rivals: dict[str, Rivals], scale: floa
         return None
     faults = dict.fromkeys(n for name, r in open_.items() for n in (name, *(a.name for a in r.alike)) if is_fault(n))
     evidence = min(rival.without.chi2 - final.chi2 for rival in open_.values()) / scale
-    places = ", ".join(dict.fromkeys(where(problem.faults[name]) for name in faults))
+    return _proposed([_zeroed(", ".join(dict.fromkeys(where(problem.faults[name]) for name in faults)), evidence)])
+
+
+Option = tuple[str, str, float]  # what to do, what it tells, evidence
+
+
+def _zeroed(places: str, evidence: float) -> Option:
     words = f"zero the instruments, check the labels and repeat {places}"
-    return NextTest(
-        f"{words}: a fault of the bench would not come back, an effect of the valve would",
-        evidence,
-        ((words, evidence),),
-    )
+    return words, "a fault of the bench would not come back, an effect of the valve would", evidence
+
+
+def _proposed(options: list[Option]) -> NextTest:
+    """The first of them, the others beside it."""
+    words, meaning, evidence = options[0]
+    return NextTest(f"{words}: {meaning}", evidence, tuple((words, evidence) for words, _, evidence in options))
 
 
 WITH_THE_RATE = ("rate", "direction", "elapsed")  # variables of a curve that stored oil or a lag makes
@@ -126,31 +134,26 @@ def check_of(
     """
     variable = smooth[0].variable if smooth and smooth[0].gap_closed > MOST else ""
     options = _runs_again(problem, fit, worst[0], variable) if worst and worst[0].test in problem.tests else []
-    places: dict[str, list[str]] = {}
-    for name in fit.faults:
-        fault = problem.faults[name]
-        if fault.test and fault.place:
-            places.setdefault(fault.test, []).append(fault.place)
-    if places:
-        named = " and ".join(f"{_spoken(test)} ({', '.join(dict.fromkeys(own))})" for test, own in places.items())
-        evidence = min(rivals[name].without.chi2 - fit.chi2 for name in fit.faults) / scale
-        words = f"zero the instruments, check the labels and repeat {named}"
-        meaning = "a fault of the bench would not come back, an effect of the valve would"
-        options.insert(0 if not variable else len(options), (words, meaning, evidence))
-    if not options:
-        return None
-    words, meaning, evidence = options[0]
-    return NextTest(f"{words}: {meaning}", evidence, tuple((words, evidence) for words, _, evidence in options))
+    placed = {name: fault for name in fit.faults if (fault := problem.faults[name]).test and fault.place}
+    if placed:
+        places: dict[str, dict[str, None]] = {}
+        for fault in placed.values():
+            places.setdefault(fault.test.replace("_", " "), {})[fault.place] = None
+        evidence = min(rivals[name].without.chi2 - fit.chi2 for name in placed) / scale
+        again = _zeroed(" and ".join(f"{test} ({', '.join(own)})" for test, own in places.items()), evidence)
+        options.insert(0 if not variable else len(options), again)
+    return _proposed(options) if options else None
 
 
-def _runs_again(problem: Problem, fit: Fit, worst: Region, variable: str) -> list[tuple[str, str, float]]:
-    """(words, what it tells, evidence) of each way to repeat the run that misses most, what a curve over `variable` asks for first."""
+def _runs_again(problem: Problem, fit: Fit, worst: Region, variable: str) -> list[Option]:
+    """Each way to repeat the run that misses most, what a curve over `variable` asks for first."""
     test = problem.tests[worst.test]
-    runs = {name: _excess(problem, fit, test.name, name) for name in _names(test)}
+    words = test.name.replace("_", " ")
+    runs = {name: _excess(problem, fit, test, own) for name, own in test.runs.items()}
     run = max(runs, key=lambda name: runs[name])
-    excess, own = runs[run], _rows_of(test, run)
+    excess, own = runs[run], test.runs[run]
     seconds = "" if test.time is None else f", {float(np.ptp(test.time[own])):.3g} s"
-    spoken = f"{_spoken(test.name)}{f', run {run}' if len(runs) > 1 else ''} ({int(own.sum())} rows{seconds})"
+    spoken = f"{words}{f', run {run}' if len(runs) > 1 else ''} ({int(own.sum())} rows{seconds})"
     found = [(f"repeat {spoken} as it was", "a misfit of the valve comes back, one of the bench does not", excess)]
     if test.time is not None and not test.in_motion:
         halved = "a misfit that goes with the rate (oil stored, a lag) halves, one of the position does not"
@@ -159,32 +162,14 @@ def _runs_again(problem: Problem, fit: Fit, worst: Region, variable: str) -> lis
             found.reverse()
     if variable in WITH_THE_ORDER and float(np.ptp(test.temperature)) > TEMPERATURE_STEP:
         order = "what comes with the temperature comes with it again, what comes with the hour does not"
-        words = f"repeat {_spoken(test.name)} with the temperatures in the opposite order"
-        found.insert(0, (words, order, sum(runs.values())))
+        again = f"repeat {words} with the temperatures in the opposite order"
+        found.insert(0, (again, order, sum(runs.values())))
     return found
 
 
-def _spoken(test: str) -> str:
-    return test.replace("_", " ")
-
-
-def _names(test: TestRecord) -> list[str]:
-    return [_name_of(test, int(code)) for code in np.unique(test.run)]
-
-
-def _name_of(test: TestRecord, code: int) -> str:
-    return test.run_names[code] if test.run_names else str(code + 1)
-
-
-def _rows_of(test: TestRecord, run: str) -> np.ndarray:
-    return np.array([_name_of(test, int(code)) == run for code in test.run], dtype=bool)
-
-
-def _excess(problem: Problem, fit: Fit, name: str, run: str) -> float:
-    """Chi-square of a run's rows beyond one per row."""
-    test = problem.tests[name]
-    own = _rows_of(test, run)
-    rows = (problem.rows()[name, channel.name] for channel in test.channels)
+def _excess(problem: Problem, fit: Fit, test: TestRecord, own: np.ndarray) -> float:
+    """Chi-square of a test's own rows beyond one per row."""
+    rows = (problem.rows()[test.name, channel.name] for channel in test.channels)
     return float(sum(np.sum(np.square(fit.residual[place][own]) - 1.0) for place in rows))
 
 

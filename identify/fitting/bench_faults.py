@@ -216,10 +216,8 @@ def _parts(levels: Mapping[str, np.ndarray]) -> Iterator[dict[str, np.ndarray]]:
 
 def _runs(test: TestRecord) -> Iterator[tuple[str, np.ndarray]]:
     """(name, rows) of each run of a test that has a few."""
-    codes = np.unique(test.run)
-    if 1 < len(codes) <= MOST_RUNS:
-        for code in codes:
-            yield test.run_names[int(code)] if test.run_names else str(int(code) + 1), test.run == code
+    if 1 < len(np.unique(test.run)) <= MOST_RUNS:
+        yield from test.runs.items()
 
 
 def _sizes(test: TestRecord) -> Iterator[tuple[str, float]]:

@@ -16,7 +16,7 @@ import numpy as np
 from thermohyd.identify.bench.record import BenchRecord, TestRecord, dynamic_among
 from thermohyd.identify.model.learned_terms import LearnedTerm
 from thermohyd.identify.noise.level import ChannelNoise
-from thermohyd.identify.noise.whitening import Whitening, whiten_on_host, whitening_of
+from thermohyd.identify.noise.whitening import Whitening, whiten_on_host
 from thermohyd.identify.reduction.monotone_pieces import run_ids
 
 from .bench_faults import BenchFault, allowance_of, info_of, is_fault
@@ -124,19 +124,17 @@ class Problem:
         """Static tests first, then dynamic ones, as far as there are any."""
         moving = dynamic_among(self.tests)
         still = {name: test for name, test in self.tests.items() if name not in moving}
-        rows = self.rows()
-        used = None if self.used is None else {key: self.used[place] for key, place in rows.items()}
         found: list[Readings] = []
         if still:
             library = library_for(still.values()) if moving else self.library
-            found.append(StaticReadings(self.record, still, self.plans, library, self.noise, used, self.terms))
+            found.append(StaticReadings(self.record, still, self.plans, library, self.noise, self._used, self.terms))
         if moving:
             from .motion_readings import simulator_of
 
             simulator = replace(simulator_of(self.record, self.plans, self.known_effects), tests=moving)
             names = tuple(name for name in (*IN_MOTION, *PARAMETERS) if name in self.plans and self._in_vector(name))
             names += tuple(name for name in traced(moving, self.record) if name in self.plans)
-            found.append(MotionReadings(simulator, names, None if still else self.library, self.noise, used))
+            found.append(MotionReadings(simulator, names, None if still else self.library, self.noise, self._used))
         return tuple(found)
 
     def _in_vector(self, name: str) -> bool:
@@ -164,22 +162,14 @@ class Problem:
     def _signals(self) -> list[list[SignalRows]]:
         """Of each kind of readings the channels behind a sensor, whitened as the residuals are."""
         found = []
-        rows = self.rows()
         for part in self.readings:
-            own, first = [], 0
-            for test in part.tests.values():
-                for channel in test.channels:
-                    key, size = (test.name, channel.name), part.size(test.rows)
-                    if key in self._sensed:
-                        behind = self._sensed[key]
-                        weight = 1.0 / self.noise.std[key]
-                        if self.used is not None:
-                            weight = weight * self.used[rows[key]]
-                        values = np.stack([channel.value, *behind.rows]) * weight
-                        white = self.whitening(key)
-                        values = np.pad(whiten_on_host(white, values.T).T, ((0, 0), (0, size - test.rows)))
-                        own.append(SignalRows(slice(first, first + size), behind, values[0], values[1:]))
-                    first += size
+            own = []
+            for key, place in channel_slices(part.tests, part.size).items():
+                if key in self._sensed:
+                    behind = self._sensed[key]
+                    read = next(c.value for c in part.tests[key[0]].channels if c.name == key[1])
+                    values = self._whitened(key, np.stack([read, *behind.rows], axis=1)).T
+                    own.append(SignalRows(place, behind, values[0], values[1:]))
             found.append(own)
         return found
 
@@ -203,9 +193,18 @@ class Problem:
 
     def whitening(self, key: Key) -> Whitening:
         """The filter of a channel's rows, as the readings' own."""
-        rows = self.rows()[key]
-        used = None if self.used is None else self.used[rows]
-        return whitening_of(self.noise.correlation[key], self.sweeps(key[0]), rows.stop - rows.start, used)
+        test = self.tests[key[0]]
+        return self.noise.whitening(key, test, self._used, test.rows)
+
+    @cached_property
+    def _used(self) -> dict[Key, np.ndarray] | None:
+        return None if self.used is None else {key: self.used[place] for key, place in self.rows().items()}
+
+    def _whitened(self, key: Key, values: np.ndarray) -> np.ndarray:
+        """What (rows,) or (rows, columns) in a channel's SI unit is among the residuals."""
+        weight = 1.0 / self.noise.std[key]
+        weight = weight if self._used is None else weight * self._used[key]
+        return whiten_on_host(self.whitening(key), (values.T * weight).T)
 
     def rows(self) -> dict[Key, slice]:
         """Where each channel's rows lie in a `Fit`'s residual."""
@@ -363,17 +362,10 @@ class Problem:
 
     def _of_readings(self, fault: BenchFault, part: Readings) -> np.ndarray:
         """What a fault of readings adds to the whitened residuals of these tests, padded, per amount: model - what was read + fault."""
-        column, first = np.zeros(sum(part.size(t.rows) * len(t.channels) for t in part.tests.values())), 0
-        rows = self.rows()
-        for test in part.tests.values():
-            for channel in test.channels:
-                if test.name in fault.shapes and channel.name == fault.channel:
-                    key = (test.name, channel.name)
-                    shape = fault.shapes[test.name] / self.noise.std[key]
-                    shape = shape if self.used is None else shape * self.used[rows[key]]
-                    white = self.whitening(key)
-                    column[first : first + test.rows] = whiten_on_host(white, shape)
-                first += part.size(test.rows)
+        column = np.zeros(_padded(part))
+        for key, place in channel_slices(part.tests, part.size).items():
+            if key[0] in fault.shapes and key[1] == fault.channel:
+                column[place] = self._whitened(key, fault.shapes[key[0]])
         return column
 
     def _start(self, order: tuple[str, ...], chosen: tuple[str, ...], start: Mapping[str, float]) -> list[float]:
@@ -412,10 +404,9 @@ class Problem:
         """Of `count` residuals, the priors the last, those that are no pads."""
         places, first = [], 0
         for part in self.readings:
-            for test in part.tests.values():
-                for _ in test.channels:
-                    places.append(np.arange(first, first + test.rows))
-                    first += part.size(test.rows)
+            own = channel_slices(part.tests, part.size).values()
+            places += [first + np.arange(place.start, place.stop) for place in own]
+            first += _padded(part)
         return np.concatenate([*places, np.arange(count - len(self.parameters), count)])
 
     def _result(
@@ -432,6 +423,11 @@ class Problem:
             chosen, order, free, values, result.cost, result.residual[real], result.jacobian[real], used, pressed,
             result.converged, result.message, result, allowance_of(chosen, self.faults),
         )  # fmt: skip
+
+
+def _padded(part: Readings) -> int:
+    """Rows of all channels of one kind of tests, pads and all."""
+    return sum(part.size(test.rows) * len(test.channels) for test in part.tests.values())
 
 
 def solution_of(problem: Problem, fit: Fit, seen: Fit | None = None) -> LeastSquaresResult:

@@ -22,7 +22,17 @@ from .bench_faults import BenchFault, corrected
 from .library import Library, coupled, stores, with_heat
 from .library_program import LibraryArgs, RowTerms, library_program, order_of
 from .parameters import PARAMETERS, ParameterPlan
-from .static_readings import FIELDS, StaticData, base_valve, coarse_size, groups_of, pad, static_data, with_columns
+from .static_readings import (
+    FIELDS,
+    StaticData,
+    base_valve,
+    channel_slices,
+    coarse_size,
+    groups_of,
+    pad,
+    static_data,
+    with_columns,
+)
 from .storage_columns import storage_columns
 from .uncertainty import Key
 
@@ -44,6 +54,10 @@ class Noise:
     def white(self) -> "Noise":
         """The same without memory: residuals and columns are then weighted, not whitened."""
         return Noise(self.std, dict.fromkeys(self.correlation, NoiseCorrelation()))
+
+    def whitening(self, key: Key, test: TestRecord, used: Mapping[Key, np.ndarray] | None, padded: int) -> Whitening:
+        """The filter of a channel's rows; used: of each channel, None where all are."""
+        return whitening_of(self.correlation[key], run_ids(test), padded, None if used is None else used[key])
 
 
 def white_noise(noise: Mapping[Key, ChannelNoise]) -> Noise:
@@ -121,17 +135,19 @@ class StaticReadings:
         if not faults:
             return lambda p: both(jnp.asarray(p), args)[:2]
         place = {column: i for i, column in enumerate(FIELDS)}
-        steps = [STEP * fault.info.scale for fault in faults]
-        white = {key: self._whitening(key, self.tests[key[0]].rows) for key in self.noise.std if key[0] in self.tests}
+        steps = np.diag([STEP * fault.info.scale for fault in faults])
+        white = {
+            (name, c.name): self.noise.whitening((name, c.name), test, self.used, test.rows)
+            for name, test in self.tests.items()
+            for c in test.channels
+        }
 
         def evaluate(p: np.ndarray) -> tuple[Any, Any]:
             own, amounts = jnp.asarray(p[: -len(faults)]), p[-len(faults) :]
-            moved = self._moved(args, dict(zip(faults, amounts.tolist(), strict=True)))
-            residual, columns, by_row = both(own, moved)
+            moved = lambda by: self._moved(args, dict(zip(faults, (amounts + by).tolist(), strict=True)))
+            residual, columns, by_row = both(own, moved(0.0))
             if any(stores(name) for name in program):  # a row's readings are of the rows before it, too
-                more = (amounts + steps[i] * np.eye(len(faults))[i] for i in range(len(faults)))
-                further = (self._moved(args, dict(zip(faults, these.tolist(), strict=True))) for these in more)
-                slopes = [(both(own, there)[0] - residual) / step for there, step in zip(further, steps, strict=True)]
+                slopes = [(both(own, moved(step))[0] - residual) / step.sum() for step in steps]
             else:
                 by_row = np.asarray(by_row)
                 slopes = [self._of_rows(fault, by_row[place[fault.info.moves]], white) for fault in faults]
@@ -141,18 +157,11 @@ class StaticReadings:
 
     def _of_rows(self, fault: BenchFault, slope: np.ndarray, white: Mapping[Key, Whitening]) -> np.ndarray:
         """A fault's column: what was read is too large in its rows. slope: of each row's weighted residual to what was read."""
-        found, first = np.zeros_like(slope), 0
-        for name, test in self.tests.items():
-            for channel in test.channels:
-                own = slice(first, first + test.rows)
-                if name in fault.shapes:
-                    found[own] = whiten_on_host(white[name, channel.name], -slope[own] * fault.shapes[name])
-                first += coarse_size(test.rows)
+        found = np.zeros_like(slope)
+        for key, place in channel_slices(self.tests, coarse_size).items():
+            if key[0] in fault.shapes:
+                found[place] = whiten_on_host(white[key], -slope[place] * fault.shapes[key[0]])
         return found
-
-    def _whitening(self, key: Key, size: int) -> Whitening:
-        used = None if self.used is None else self.used[key]
-        return whitening_of(self.noise.correlation[key], run_ids(self.tests[key[0]]), size, used)
 
     def _moved(self, args: LibraryArgs, amounts: Mapping[BenchFault, float]) -> LibraryArgs:
         """The data with positions and labels as they would have been read without these faults."""
@@ -193,7 +202,8 @@ class StaticReadings:
         whitening, channels = [], []
         for channel in data.channels:
             key = (channel.test, channel.name)
-            whitening.append(self._whitening(key, coarse_size(self.tests[channel.test].rows)))
+            test = self.tests[channel.test]
+            whitening.append(self.noise.whitening(key, test, self.used, coarse_size(test.rows)))
             weight = channel.weight
             if self.used is not None:
                 weight = weight * pad(self.used[key].astype(float), fill=0.0, size=coarse_size)
@@ -270,5 +280,4 @@ class MotionReadings:
         if correlation == NoiseCorrelation():
             return values
         test = self.tests[key[0]]
-        used = None if self.used is None else self.used[key]
-        return whiten_on_host(whitening_of(correlation, run_ids(test), test.rows, used), values.T).T
+        return whiten_on_host(self.noise.whitening(key, test, self.used, test.rows), values.T).T

@@ -327,7 +327,7 @@ def read_by(test: TestRecord, channel: str) -> str:
     return "supply_flow" if channel == "leakage_flow" and test.meter == "supply" else channel
 
 
-def channel_slices(tests: dict[str, TestRecord], size: Size = padded_size) -> dict[tuple[str, str], slice]:
+def channel_slices(tests: Mapping[str, TestRecord], size: Size = padded_size) -> dict[tuple[str, str], slice]:
     """Where each channel's rows lie in the residual vector, pads left out."""
     slices: dict[tuple[str, str], slice] = {}
     first = 0

@@ -5,15 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from thermohyd.data import sample_record
+from thermohyd.identify.bench.read import read_record
 from thermohyd.identify.fitting.motion_readings import simulator_of
 from thermohyd.identify.fitting.parameters import IN_MOTION, plan_motion
 
 
 @pytest.fixture(scope="module")
-def simulator(seed_record):
-    plans = plan_motion(seed_record.valve, seed_record.actuator, seed_record.start)
+def simulator():
+    record = read_record(sample_record("seed_actuator"))
+    plans = plan_motion(record.valve, record.actuator, record.start)
     # Tight: what two runs differ by is known to the tolerance of their steps.
-    return replace(simulator_of(seed_record, plans), tolerance=1e-9)
+    return replace(simulator_of(record, plans), tolerance=1e-9)
 
 
 def test_slopes_are_those_of_the_readings(simulator):
