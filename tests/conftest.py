@@ -5,6 +5,7 @@ import ctypes
 import gc
 import os
 from importlib.metadata import version
+from importlib.util import find_spec
 from pathlib import Path
 
 
@@ -18,8 +19,22 @@ os.environ["XLA_FLAGS"] = f"{FLAGS} {os.environ.get('XLA_FLAGS', '')}"
 
 import jax  # noqa: E402
 import pytest  # noqa: E402
+from beartype import BeartypeConf  # noqa: E402
+from beartype.claw import beartype_package  # noqa: E402
 from hypothesis import settings  # noqa: E402
+from jaxtyping import install_import_hook  # noqa: E402
 
+
+# Every call is checked: for shapes where a module writes any, which takes ten times as long, for types alone elsewhere. Names that
+# only a type checker imports do not stop the first of the two.
+package = Path(str(find_spec("thermohyd").origin)).parent  # pyright: ignore[reportOptionalMemberAccess]
+with_shapes = [
+    "thermohyd." + ".".join(file.relative_to(package).with_suffix("").parts)
+    for file in package.rglob("*.py")
+    if any(words in file.read_text(encoding="utf-8") for words in ("from jaxtyping import", "if TYPE_CHECKING"))
+]
+install_import_hook(with_shapes, "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))")
+beartype_package("thermohyd", conf=BeartypeConf(is_pep484_tower=True, claw_is_pep526=False))
 
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_dtype_promotion", "strict")

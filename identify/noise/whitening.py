@@ -8,6 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
+from scipy.linalg import solve_banded
 
 from thermohyd.numerics import linear_recursion
 
@@ -75,9 +76,12 @@ def whiten(filter_: Whitening, values: Float[Array, "*columns rows"]) -> Float[A
 
 def whiten_on_host(filter_: Whitening, values: np.ndarray) -> np.ndarray:
     """The same in NumPy, (rows,) or (rows, columns), for what never enters a compiled fit."""
-    out = np.empty_like(values, dtype=float)
-    predicted = np.zeros(values.shape[1:])
-    for i in range(len(values)):
-        out[i] = (values[i] - predicted) * filter_.weight[i]
-        predicted = filter_.keep[i] * predicted + filter_.learn[i] * values[i]
-    return out
+    weight = filter_.weight.reshape(-1, *[1] * (values.ndim - 1))
+    if not np.any(filter_.learn):
+        return values * weight
+    # predicted_(t+1) - keep_t predicted_t = learn_t y_t: one forward substitution, as no entry of the band exceeds the diagonal.
+    ahead = np.zeros_like(values, dtype=float)
+    ahead[1:] = (values.T * filter_.learn).T[:-1]
+    band = np.stack([np.ones(len(values)), -np.asarray(filter_.keep)])
+    predicted = solve_banded((1, 0), band, ahead, check_finite=False)
+    return (values - predicted) * weight

@@ -14,6 +14,7 @@ from thermohyd.identify.fitting.parameters import IN_MOTION, plan_motion
 @pytest.fixture(scope="module")
 def simulator():
     record = read_record(sample_record("seed_actuator"))
+    assert record.actuator is not None
     plans = plan_motion(record.valve, record.actuator, record.start)
     # Tight: what two runs differ by is known to the tolerance of their steps.
     return replace(simulator_of(record, plans), tolerance=1e-9)
