@@ -119,6 +119,9 @@ def linearise(fn: Any, z: Array, args: Any) -> tuple[Array, Array, Any]:
     return jax.vmap(push, out_axes=(None, 0, None))(jnp.eye(z.size, dtype=z.dtype))
 
 
+NEAR = 5.0  # times the offset at which a search stops: from there on it ends with the first trial that fails
+
+
 class State(eqx.Module):
     """What `BoxedLevenbergMarquardt` carries from one evaluation to the next."""
 
@@ -215,6 +218,8 @@ class BoxedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         # Once the costs are blind, an offset that no longer falls is all that rounding allows.
         stuck = accept & blind & ~state.first & (offset >= state.offset)
         lost = radius <= 1e-14 * reach
+        # So near the optimum a trial that fails says that the model is not known any better: no shorter step will do.
+        settled = ~accept & (offset <= NEAR * options["tolerance"])
         step = boxed_step(z, linearised, used, radius, lower, upper, held)
         after = linearised.triangle @ step + linearised.projection
         failed = state.first & ~finite
@@ -227,7 +232,7 @@ class BoxedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
             radius=radius,
             offset=offset,
             evaluations=state.evaluations + 1,
-            done=failed | (accept & ((offset <= options["tolerance"]) | small | stuck)) | lost,
+            done=failed | (accept & ((offset <= options["tolerance"]) | small | stuck)) | lost | settled,
             result=optx.RESULTS.successful,
         )
         return z, new

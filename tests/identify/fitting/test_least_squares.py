@@ -150,6 +150,21 @@ def test_exact_data_give_the_exact_parameters() -> None:
     assert "to rounding" in result.message
 
 
+def test_a_search_does_not_grope_in_what_a_model_is_known_to() -> None:
+    """Readings that jump a little from one point to the next, as steps chosen by need make them: the optimum is near, and that is all."""
+    data = decay_data(3, 2.0, 0.7, 0.3)
+
+    def both(p: Any, args: Any) -> tuple[Any, Any]:
+        rough = 5e-5 * jnp.sin(1e7 * jnp.sum(p) + TIME)
+        return decay(p, args) + rough, jax.jacfwd(decay)(p, args).T
+
+    result = solve(None, decay_boxes(), data, both=both, tolerance=1e-3, believe=0.05)
+    smooth = solve(decay, decay_boxes(), data)
+    assert result.converged, result.message
+    assert result.steps < smooth.steps + 6
+    np.testing.assert_allclose(result.p, smooth.p, rtol=1e-3)
+
+
 def test_single_precision_is_refused_in_one_sentence() -> None:
     jax.config.update("jax_enable_x64", False)
     try:
