@@ -18,9 +18,9 @@ from .case import LEVEL_OF_ALL_ROWS, Case, Progress
 from .confirmation import Confirmation, confirmation, unproven
 from .held_out import Split
 from .left_over import LackOfFit, lack_of_fit, smooth_block
-from .result import HeldOut, Suspect
+from .result import MOST_USUAL, HeldOut, Suspect
 from .rivals import Rivals, all_rivals, settle_rivals
-from .search import Selection, search
+from .search import Selection, search, times_usual
 
 
 SEED = 20110913
@@ -144,17 +144,19 @@ def _channel_shares(problem: Problem, base: Fit, without: Fit, fit: Fit) -> list
 def proven(
     case: Case, fit: Fit, rivals: dict[str, Rivals], scale: Callable[[Fit], float]
 ) -> tuple[Fit, dict[str, Rivals], Confirmation | None, tuple[Suspect, ...]]:
-    """The model without effects that do not predict what they were not fitted to: the fit, its rivals, the proof, and what went."""
+    """The model without effects that do not predict what they were not fitted to, or that nobody would believe in such an amount:
+    the fit, its rivals, the proof, and what went."""
     problem, suspects = case.problem, []
     while fit.physics:
         without = {name: rivals[name].without for name in fit.physics}
         alone = len(fit.physics) == 1
         bare = without[fit.physics[0]] if alone else problem.fit(fit.faults, {n: fit.values[n] for n in fit.order})
         proof = confirmation(problem, fit, bare, without, scale(fit))
-        gone = unproven(proof, fit.physics)
+        times = times_usual(fit)
+        gone = unproven(proof, fit.physics) or next((n for n in fit.physics if times[n] > MOST_USUAL), None)
         if gone is None:
             return fit, rivals, proof, tuple(suspects)
-        suspects.append(Suspect(gone, fit.values[gone], effect_info(gone).unit, proof.each[gone]))
+        suspects.append(Suspect(gone, fit.values[gone], effect_info(gone).unit, proof.each[gone], times[gone]))
         fit = problem.fit(without[gone].effects, without[gone].values, hop_basins=True)
         rivals = all_rivals(problem, fit, case.steps, scale(fit))
     return fit, rivals, None, tuple(suspects)

@@ -51,14 +51,14 @@ class Selection:
     steps: tuple[Step, ...]
 
 
+def times_usual(fit: Fit) -> dict[str, float]:
+    """The amount of each effect over the largest that is usual."""
+    return {name: abs(fit.values[name]) / info_of(name).typical[1] for name in fit.effects}
+
+
 def implausible(fit: Fit) -> float:
     """Penalty in chi-square for amounts beyond what is usual: it decides between effects that fit alike."""
-    total = 0.0
-    for name in fit.effects:
-        excess = abs(fit.values[name]) / info_of(name).typical[1]
-        if excess > 1.0:
-            total += BEYOND_TYPICAL * float(np.log(excess)) ** 2
-    return total
+    return sum(BEYOND_TYPICAL * float(np.log(times)) ** 2 for times in times_usual(fit).values() if times > 1.0)
 
 
 def merit(fit: Fit) -> float:

@@ -38,7 +38,9 @@ def diagnosis_json(result: DiagnosisResult) -> dict[str, Any]:
         "where_after": [_region(region) for region in result.where_after],
         "effects": [_effect(effect) for effect in result.effects],
         "rejected": [fields_of(c, "name", "p_value", "gap_closed") for c in result.rejected if c.name not in rivals],
-        "suspects": [fields_of(suspect, "name", "value", "unit", "evidence") for suspect in result.suspects],
+        "suspects": [
+            fields_of(suspect, "name", "value", "unit", "evidence", "times_usual") for suspect in result.suspects
+        ],
         "proof": result.proof,
         **fields_of(result, "absorbed", "gap_before", "gap_after"),
         "held_out": None if result.held_out is None else fields_of(result.held_out, *HELD_OUT),

@@ -96,10 +96,14 @@ def headline(
 
 
 def suspect_sentences(suspects: tuple[Suspect, ...]) -> tuple[str, ...]:
-    """What was found and did not prove itself."""
+    """What was found and did not prove itself, or in an amount that it cannot have."""
+    but = lambda s: (
+        f"takes {s.times_usual:.0f} times its largest usual amount for that: something else that looks like it is more likely."
+        if s.implausible
+        else f"does not predict conditions that are left out of its fit (2 ln E = {s.evidence:.1f}; 10.6 would prove it)."
+    )
     return tuple(
-        f"Suspected, not named: {s.name} ({amount(s.name, s.value, s.unit)}) lowers the misfit of the rows it is fitted to, but "
-        f"does not predict conditions that are left out of its fit (2 ln E = {s.evidence:.1f}; 10.6 would prove it)."
+        f"Suspected, not named: {s.name} ({amount(s.name, s.value, s.unit)}) lowers the misfit of the rows it is fitted to, but {but(s)}"
         for s in suspects
     )
 

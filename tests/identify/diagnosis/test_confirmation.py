@@ -16,6 +16,7 @@ from thermohyd.identify.diagnosis.confirmation import (
     unproven,
 )
 from thermohyd.identify.noise.correlation import NoiseCorrelation
+from thermohyd.identify.report.diagnosis_report import suspect_sentences
 
 
 PROBLEM = linear_problem(NoiseCorrelation())
@@ -115,3 +116,16 @@ def test_what_is_named_says_how_it_did():
     assert result.suspects == ()
     assert result.to_dict()["proof"] == pytest.approx(result.proof)
     assert result.to_dict()["suspects"] == []
+
+
+def test_an_amount_that_no_valve_has_is_no_name():
+    """The record is explained to its noise by eight times the largest usual pilot leakage: that is said, and it stays a suspicion."""
+    result = small_diagnosis("too much")
+    assert result.verdict == "unexplained"
+    assert result.effects == ()
+    [suspect] = result.suspects
+    assert suspect.name == "pilot_leakage"
+    assert suspect.value == pytest.approx(4e-8, rel=0.05)
+    assert suspect.times_usual == pytest.approx(8.0, rel=0.05)
+    assert suspect.evidence > PROVEN
+    assert "takes 8 times its largest usual amount" in " ".join(suspect_sentences(result.suspects))
