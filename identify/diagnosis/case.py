@@ -17,6 +17,7 @@ from thermohyd.identify.fitting.outcome import Fitted, Key
 from thermohyd.identify.fitting.problem import Fit, Problem
 
 from .held_out import Split, split_rows
+from .max_t import NoiseFreedom
 from .record_noise import NoiseEstimate, Repeats, estimated_noise, first_noise, noise_of, repeats_of
 from .screening import finite_steps
 from .search import FAR, LEVEL, Selection, prune, search
@@ -37,9 +38,13 @@ class Case:
     steps: dict[str, np.ndarray]  # finite-step signatures of every effect beside `base`
 
     @property
-    def degrees_of_freedom(self) -> float:
-        """Of the channel whose noise is known worst: scores in its units follow Student's law, not the normal one."""
-        return min((n.degrees_of_freedom for n in self.noise.values()), default=np.inf)
+    def freedom(self) -> NoiseFreedom:
+        """Of every channel's noise; priors, which come last, are stated."""
+        rows = self.problem.rows()
+        channel = np.full(len(self.base.residual), len(rows))
+        for number, place in enumerate(rows.values()):
+            channel[place] = number
+        return NoiseFreedom(channel, np.array([*(self.noise[key].degrees_of_freedom for key in rows), np.inf]))
 
 
 def open_case(record: BenchRecord, say: Progress = lambda _: None) -> Case:
@@ -105,7 +110,7 @@ def choose(case: Case, say: Progress = lambda _: None) -> tuple[Case, Selection,
             case.steps,
             begin=begin,
             level=LEVEL_OF_CHOICE,
-            degrees_of_freedom=case.degrees_of_freedom,
+            freedom=case.freedom,
             say=say,
         )
         selection = replace(

@@ -105,7 +105,7 @@ def conclude(
     """Confirm on the rows held out, ask the other law of an edge (`model_form`), and put everything into figures and words."""
     case = replace(case, base=model.base)
     problem, base = case.problem, case.base
-    first = screen(problem.with_all_columns(base), problem.library.names, case.steps, level=LEVEL)
+    first = screen(problem.with_all_columns(base), problem.library.names, case.steps, level=LEVEL, freedom=case.freedom)
     smooth = variations_of(problem, model.fit) if model.disagrees and not problem.in_motion else ()
     fit, term, left = model.fit, None, model.left
     if learn and smooth:

@@ -158,7 +158,7 @@ def proven(
             return fit, rivals, proof, tuple(suspects)
         suspects.append(Suspect(gone, fit.values[gone], effect_info(gone).unit, proof.each[gone], times[gone]))
         fit = problem.fit(without[gone].effects, without[gone].values, hop_basins=True)
-        rivals = all_rivals(problem, fit, case.steps, scale(fit))
+        rivals = all_rivals(problem, fit, case.steps, scale(fit), case.freedom)
     return fit, rivals, None, tuple(suspects)
 
 
@@ -210,13 +210,13 @@ def final_model(case: Case, selection: Selection, split: Split, say: Progress = 
         case.steps,
         begin=begin,
         level=LEVEL_OF_ALL_ROWS,
-        degrees_of_freedom=case.degrees_of_freedom,
+        freedom=case.freedom,
         say=say,
     )
     rows = len(base.residual) - len(problem.plans)
     degrees_of_freedom = max(rows - len(base.free), 1)
     scale = lambda fit: max(fit.chi2 / max(rows - len(fit.free), 1), 1.0)
-    fit, rivals = settle_rivals(problem, whole.final, case.steps, scale=scale(whole.final))
+    fit, rivals = settle_rivals(problem, whole.final, case.steps, scale=scale(whole.final), freedom=case.freedom)
 
     # The way back from a model that fits may lead to a better ideal valve than any first search found.
     base = min([base, *(r.without for r in rivals.values() if not r.without.effects)], key=lambda f: f.chi2)
@@ -239,13 +239,15 @@ def final_model(case: Case, selection: Selection, split: Split, say: Progress = 
     if misfit and not (_enough_together(problem, base, fit) and _holds_up(problem, base, fit, split)):
         fit, dropped = base, True
     if dropped:
-        fit, rivals = settle_rivals(problem, fit, case.steps, scale=scale(fit))
+        fit, rivals = settle_rivals(problem, fit, case.steps, scale=scale(fit), freedom=case.freedom)
         left = lack_of_fit(problem, fit, block)
     fit, rivals, proof, suspects = proven(case, fit, rivals, scale)
     if suspects:
         left = lack_of_fit(problem, fit, block)
     known = all(n.known for n in case.noise.values())
-    rough = known and scale(fit) > MISFIT and (scale(fit) - 1.0) * np.sqrt(degrees_of_freedom / 2.0) > MISFIT_SCORE
+    # A reduced chi-square scatters by chance, and by what the noise itself is known to.
+    scatter = np.sqrt(2.0 / degrees_of_freedom + 2.0 / case.freedom.of_all)
+    rough = known and scale(fit) > MISFIT and scale(fit) - 1.0 > MISFIT_SCORE * scatter
     return FinalModel(
         base=base,
         fit=fit,

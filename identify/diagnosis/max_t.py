@@ -55,6 +55,34 @@ class MaxT:
         return float(self.draws[min(max(place, 0), len(self.draws) - 1)])
 
 
+@dataclass(frozen=True)
+class NoiseFreedom:
+    """From how many readings the noise is known that scores are counted in: what was estimated is not known.
+
+    channel (rows,): number of each row's channel. degrees_of_freedom (channels,): of its noise, infinite where it was stated.
+    """
+
+    channel: np.ndarray
+    degrees_of_freedom: np.ndarray
+
+    def along(self, direction: np.ndarray, used: np.ndarray) -> float:
+        """Degrees of freedom of the noise that a score along a unit direction (rows used,) is counted in.
+
+        Satterthwaite, Biometrics Bulletin 2, 1946: every channel by its share of the direction.
+        """
+        share = np.bincount(self.channel[used], weights=direction**2, minlength=len(self.degrees_of_freedom))
+        return self._of(share)
+
+    @property
+    def of_all(self) -> float:
+        """The same of the chi-square of all rows."""
+        return self._of(np.bincount(self.channel, minlength=len(self.degrees_of_freedom)) / len(self.channel))
+
+    def _of(self, share: np.ndarray) -> float:
+        spread = float(np.sum(share**2 / self.degrees_of_freedom))
+        return 1.0 / spread if spread > 0.0 else np.inf
+
+
 def normal_score(t: float, degrees_of_freedom: float) -> float:
     """The normal score as rare as Student's t of some degrees of freedom: noise that was estimated is not known."""
     if not np.isfinite(degrees_of_freedom) or degrees_of_freedom > 1e4:

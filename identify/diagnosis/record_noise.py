@@ -116,7 +116,7 @@ def _channel(
 ) -> NoiseEstimate:
     if repeats is not None:
         correlation, source = repeats.correlation, f"differences between repeated sweeps ({repeats.rows} pairs of rows)"
-        variance, degrees_of_freedom = repeats.variance, float(repeats.rows)
+        variance, degrees_of_freedom = repeats.variance, correlation.independent(repeats.rows)
     else:
         correlation, source = left.correlation, "what neither effects nor smooth curves explain"
     if not stated.known:
@@ -124,12 +124,14 @@ def _channel(
         std = stated.std * np.sqrt(size)
         return NoiseEstimate(std, correlation, source, source, repeats is not None, "", degrees_of_freedom)
     warning = ""
-    std = stated.std
+    std, freedom = stated.std, stated.degrees_of_freedom
+    if repeats is not None and np.isfinite(freedom):
+        freedom = min(freedom, correlation.independent(repeats.rows))
     if _excessive(variance, degrees_of_freedom):
-        std = stated.std * np.sqrt(variance)
+        std, freedom = stated.std * np.sqrt(variance), degrees_of_freedom
         what = "repeated sweeps differ" if repeats is not None else "the readings scatter beyond any smooth curve"
         warning = f"{what} by {np.sqrt(variance):.2f} times the stated noise; tests allow for that"
-    return NoiseEstimate(std, correlation, stated.source, source, True, warning)
+    return NoiseEstimate(std, correlation, stated.source, source, True, warning, freedom)
 
 
 def noise_of(estimates: dict[Key, NoiseEstimate]) -> Noise:

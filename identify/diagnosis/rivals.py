@@ -8,6 +8,7 @@ from thermohyd.identify.fitting.bench_faults import info_of, is_fault
 from thermohyd.identify.fitting.library import asks_for_more, expensive_to_compile, stores
 from thermohyd.identify.fitting.problem import Fit, Problem
 
+from .max_t import NoiseFreedom, normal_score
 from .screening import screen
 from .screening_faults import SHARE, screen_of_faults
 from .search import FAULTS, LEVEL, penalty
@@ -50,10 +51,12 @@ class Rivals:
         return tuple(r for r in self.tried if r.chi2_more < ALIKE)
 
 
-def rivals_of(problem: Problem, final: Fit, name: str, steps: dict, *, scale: float = 1.0) -> Rivals:
+def rivals_of(
+    problem: Problem, final: Fit, name: str, steps: dict, *, scale: float = 1.0, freedom: NoiseFreedom | None = None
+) -> Rivals:
     """Effects that explain what the named one explains, each refitted in its place beside the other effects of `final`.
 
-    scale: of chi-square (1: noise known).
+    scale: of chi-square (1: noise known). freedom: of the noise, for the p-value; None where it is stated.
     """
     others = tuple(n for n in final.effects if n != name)
     without = problem.fit(others, {**final.values, name: 0.0})
@@ -99,7 +102,9 @@ def rivals_of(problem: Problem, final: Fit, name: str, steps: dict, *, scale: fl
             continue
         tried.append(Rival(s.name, name, fit, _more(fit, final, scale)))
     law, share = (scores.law, 1.0) if own or faults is None else (faults.law, SHARE)
-    p = law.p_value(float(np.sqrt(max(gain / scale, 0.0))), two_sided=info_of(name).lower < 0.0)
+    known = np.inf if named is None or freedom is None else freedom.along(named.direction, without.used)
+    strength = normal_score(float(np.sqrt(max(gain / scale, 0.0))), known)
+    p = law.p_value(strength, two_sided=info_of(name).lower < 0.0)
     return Rivals(name, without, tuple(sorted(tried, key=lambda r: r.chi2_more)), min(1.0, p / share))
 
 
@@ -110,19 +115,23 @@ def _more(fit: Fit, final: Fit, scale: float) -> float:
     return (fit.chi2 - final.chi2) / scale + penalty(fit) - penalty(final)
 
 
-def settle_rivals(problem: Problem, final: Fit, steps: dict, *, scale: float = 1.0) -> tuple[Fit, dict[str, Rivals]]:
+def settle_rivals(
+    problem: Problem, final: Fit, steps: dict, *, scale: float = 1.0, freedom: NoiseFreedom | None = None
+) -> tuple[Fit, dict[str, Rivals]]:
     """The rivals of every effect of `final`; where one does better on all rows, it takes the place and all is asked again.
 
     Among equals the data of all rows decide who is named first; that they are equals is said either way.
     """
     for _ in range(MOST_SWAPS):
-        rivals = all_rivals(problem, final, steps, scale)
+        rivals = all_rivals(problem, final, steps, scale, freedom)
         best = min((r for rival in rivals.values() for r in rival.tried), key=lambda r: r.chi2_more, default=None)
         if best is None or best.chi2_more >= -BETTER:
             return final, rivals
         final = problem.fit(best.fit.effects, best.fit.values, hop_basins=True)
-    return final, all_rivals(problem, final, steps, scale)
+    return final, all_rivals(problem, final, steps, scale, freedom)
 
 
-def all_rivals(problem: Problem, final: Fit, steps: dict, scale: float) -> dict[str, Rivals]:
-    return {name: rivals_of(problem, final, name, steps, scale=scale) for name in final.effects}
+def all_rivals(
+    problem: Problem, final: Fit, steps: dict, scale: float, freedom: NoiseFreedom | None = None
+) -> dict[str, Rivals]:
+    return {name: rivals_of(problem, final, name, steps, scale=scale, freedom=freedom) for name in final.effects}

@@ -25,7 +25,7 @@ from thermohyd.identify.fitting.sensed import sensed
 from thermohyd.identify.fitting.static_readings import base_valve, conditions_of, mean_over_nodes, row_weights
 from thermohyd.static_tests import blocked_port_readings
 
-from .max_t import MaxT, normal_score
+from .max_t import MaxT, NoiseFreedom, normal_score
 from .result import Candidate
 
 
@@ -84,6 +84,7 @@ class Signature:
     """One effect beside a model. direction (rows,): unit, projected. size: projected length per unit of amount.
 
     score: signed so that a positive one asks for a positive amount. kept: share of the length left by the projection.
+    freedom: degrees of freedom of the noise that the score is counted in.
     """
 
     name: str
@@ -91,6 +92,7 @@ class Signature:
     size: float
     score: float
     kept: float
+    freedom: float = np.inf
 
     @property
     def one_sided(self) -> bool:
@@ -98,8 +100,8 @@ class Signature:
 
     @property
     def strength(self) -> float:
-        """The score where its sign is possible."""
-        return self.score if self.one_sided else abs(self.score)
+        """The normal score as rare as the score, where its sign is possible."""
+        return normal_score(self.score if self.one_sided else abs(self.score), self.freedom)
 
     @property
     def estimate(self) -> float:
@@ -139,12 +141,13 @@ def screen(
     steps: dict[str, np.ndarray],
     *,
     level: float,
-    degrees_of_freedom: float = np.inf,
+    freedom: NoiseFreedom | None = None,
     scale: float = 1.0,
     columns: Mapping[str, np.ndarray] | None = None,
 ) -> Screen:
     """Score the named effects beside `fit`. steps: finite-step signatures per unit amount, {name: (rows,)}.
 
+    freedom: of the noise; None where it is stated.
     scale: standard deviation of the whitened noise where it is not 1. columns {name: (rows,)}: where they are not the fit's own,
     else every name must be in its program.
     """
@@ -168,8 +171,9 @@ def screen(
             unit = left / size
             if mine and abs(float(unit @ mine[0].direction)) > SAME_DIRECTION:
                 continue
-            score = normal_score(-float(unit @ residual) / scale, degrees_of_freedom)
-            mine.append(Signature(name, unit, size / scale, score, size / length))
+            score = -float(unit @ residual) / scale
+            known = np.inf if freedom is None else freedom.along(unit, used)
+            mine.append(Signature(name, unit, size / scale, score, size / length, known))
         signatures += mine
     directions = np.stack([s.direction for s in signatures], axis=1) if signatures else np.zeros((len(residual), 0))
     law = MaxT.of(directions, np.array([s.one_sided for s in signatures], dtype=bool))

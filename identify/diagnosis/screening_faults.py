@@ -14,19 +14,20 @@ from thermohyd.identify.fitting.problem import Fit, Problem
 from thermohyd.identify.fitting.readings import STEP
 from thermohyd.identify.noise.whitening import whiten_on_host
 
+from .max_t import NoiseFreedom
 from .screening import Screen, screen
 
 
 SHARE = 0.3  # of the level of a search
 
 
-def screen_of_faults(problem: Problem, fit: Fit, *, level: float, degrees_of_freedom: float = np.inf) -> Screen | None:
+def screen_of_faults(problem: Problem, fit: Fit, *, level: float, freedom: NoiseFreedom | None = None) -> Screen | None:
     """Scores of all faults that `fit` does not have; None where the tests can have none."""
     names = [name for name in problem.faults if name not in fit.effects]
     if not names:
         return None
     columns = fault_columns(problem, fit, names)
-    return screen(fit, names, {}, level=SHARE * level, columns=columns, degrees_of_freedom=degrees_of_freedom)
+    return screen(fit, names, {}, level=SHARE * level, columns=columns, freedom=freedom)
 
 
 def p_of_fault(faults: Screen | None) -> float:

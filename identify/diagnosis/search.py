@@ -6,13 +6,14 @@ from itertools import combinations
 
 import numpy as np
 from scipy.optimize import nnls
-from scipy.special import chdtrc
+from scipy.special import chdtrc, fdtrc
 
 from thermohyd.effects.library import effect_info
 from thermohyd.identify.fitting.bench_faults import info_of, is_fault
 from thermohyd.identify.fitting.library import expensive_to_compile, stores
 from thermohyd.identify.fitting.problem import Fit, Problem
 
+from .max_t import NoiseFreedom
 from .screening import Screen, Signature, screen
 from .screening_faults import p_of_fault, screen_of_faults
 from .stored_oil import could_explain, within_reach
@@ -88,12 +89,13 @@ def search(
     begin: Fit | None = None,
     level: float = LEVEL,
     most: int = MOST_EFFECTS,
-    degrees_of_freedom: float = np.inf,
+    freedom: NoiseFreedom | None = None,
     say: Callable[[str], None] = lambda _: None,
 ) -> Selection:
     """Add effects to the ideal valve `base` while the strongest score is beyond what chance gives the whole library.
 
-    steps_of: finite-step signatures (see `screening`). begin: a fit of effects to start from instead of none.
+    steps_of: finite-step signatures (see `screening`). freedom: of the noise, None where it is stated.
+    begin: a fit of effects to start from instead of none.
     """
     names = problem.library.names
     current, chosen, p_values, steps = begin or base, begin.effects if begin else (), {}, []
@@ -101,12 +103,12 @@ def search(
     while True:
         screened = problem.with_all_columns(current)
         candidates = [name for name in names if name not in chosen]
-        scores = screen(screened, candidates, steps_of, level=level, degrees_of_freedom=degrees_of_freedom)
+        scores = screen(screened, candidates, steps_of, level=level, freedom=freedom)
         ranked = scores.ranked
         pairs = best_pairs(scores, ranked)
-        faults = screen_of_faults(problem, current, level=level, degrees_of_freedom=degrees_of_freedom)
+        faults = screen_of_faults(problem, current, level=level, freedom=freedom)
         p_single = scores.p_value(ranked[0]) if ranked else 1.0
-        p_pair = _p_of_pair(pairs[0][1], len(ranked)) if pairs else 1.0
+        p_pair = _p_of_pair(*pairs[0], len(ranked)) if pairs else 1.0
         p_fault = p_of_fault(faults)
         p_step = min(p_single, p_pair, p_fault)
         if len(chosen) >= most or p_step > level:
@@ -224,8 +226,11 @@ def pair_gain(a: Signature, b: Signature, residual: np.ndarray) -> float:
     return float(residual @ residual - norm**2)
 
 
-def _p_of_pair(gain: float, candidates: int) -> float:
-    return min(1.0, candidates * (candidates - 1) / 2.0 * float(chdtrc(2, gain)))
+def _p_of_pair(pair: tuple[Signature, Signature], gain: float, candidates: int) -> float:
+    """By Bonferroni's bound over all pairs; where the noise was estimated gain/2 follows Fisher's F, not chi-square."""
+    freedom = min(s.freedom for s in pair)
+    p = float(chdtrc(2, gain)) if np.isinf(freedom) else float(fdtrc(2.0, freedom, gain / 2.0))
+    return min(1.0, candidates * (candidates - 1) / 2.0 * p)
 
 
 def _best_pair(

@@ -33,6 +33,10 @@ class NoiseCorrelation:
         """1 + 2 sum rho: how many correlated readings are worth one independent reading."""
         return 1.0 + 2.0 * self.share * self.phi / (1.0 - self.phi)
 
+    def independent(self, rows: float) -> float:
+        """How many independent readings say as much of the variance as so many of these: rows over 1 + 2 sum rho^2."""
+        return rows / (1.0 + 2.0 * (self.share * self.phi) ** 2 / (1.0 - self.phi**2))
+
 
 def noise_correlation(residual: np.ndarray, sweeps: np.ndarray, parameters: float) -> NoiseCorrelation:
     """Fit (share, phi) to the autocorrelation of residuals (n,) pooled over the sweeps (n,), an id per row in sweep order.

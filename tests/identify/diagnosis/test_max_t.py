@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import kstest, norm, t as student
 
-from thermohyd.identify.diagnosis.max_t import MaxT, normal_score
+from thermohyd.identify.diagnosis.max_t import MaxT, NoiseFreedom, normal_score
 
 
 def directions(correlation: float, count: int, rows: int = 200) -> np.ndarray:
@@ -72,3 +72,21 @@ def test_normal_score_is_as_rare_as_students_t(score):
     assert normal_score(score, np.inf) == score
     assert norm.sf(normal_score(score, 9.0)) == pytest.approx(student.sf(score, 9.0))
     assert abs(normal_score(score, 9.0)) <= abs(score)
+
+
+def test_noise_counts_by_its_share_of_a_direction():
+    """Satterthwaite: the variance of a mean of independent variance estimates."""
+    freedom = NoiseFreedom(np.repeat([0, 1, 2], [40, 50, 10]), np.array([12.0, 60.0, np.inf]))
+    every = np.ones(100, bool)
+    unit = np.zeros(100)
+    unit[3] = 1.0
+    assert freedom.along(unit, every) == 12.0
+    unit[3], unit[95] = 0.0, 1.0
+    assert freedom.along(unit, every) == np.inf
+    unit[95], unit[60] = 0.6, 0.8
+    assert freedom.along(unit, every) == pytest.approx(60.0 / 0.64**2)
+    held = every.copy()
+    held[:40] = False
+    assert freedom.along(unit[40:], held) == freedom.along(unit, every)
+    draws = np.random.default_rng(0).chisquare([12.0, 60.0], (100_000, 2)) / [12.0, 60.0] @ [0.4, 0.5]
+    assert 2.0 * 0.9**2 / np.var(draws) == pytest.approx(0.9**2 * freedom.of_all, rel=0.02)
