@@ -9,7 +9,13 @@ import numpy as np
 from thermohyd.identify.bench.errors import BenchInputError
 from thermohyd.identify.bench.record import BenchRecord, TestRecord
 from thermohyd.identify.noise.level import ChannelNoise, initial_noises
-from thermohyd.identify.reduction.bad_rows import noise_about, outliers, without_limits, without_outliers
+from thermohyd.identify.reduction.bad_rows import (
+    noise_about,
+    outliers,
+    room_for_a_shift,
+    without_limits,
+    without_outliers,
+)
 from thermohyd.identify.reduction.monotone_pieces import monotone_pieces
 from thermohyd.identify.reduction.reduce import reduce_test
 from thermohyd.numerics import require_float64
@@ -186,6 +192,10 @@ def _without_outliers(
         size = np.maximum(noise_about(misfit, pieces), 0.0 if channel.std is None else channel.std)
         left = outliers(test, misfit, size, pieces)
         suspects = outliers(test, channel.value, size, pieces) if left else {}
+        if left:
+            # On a steep rise of a table neighbours leave room for anything: there the curve says how far the model lies aside.
+            room = room_for_a_shift(test, channel.value + misfit, misfit, pieces)
+            suspects |= outliers(test, misfit, size, pieces, room)
         found.setdefault(name, {})[reading] = {row: sigma for row, sigma in left.items() if row in suspects}
     if not any(rows for by_channel in found.values() for rows in by_channel.values()):
         return problem.tests

@@ -30,10 +30,16 @@ WORTH = 0.25
 SHARE, IN_A_ROW, NEAREST = 0.02, 3, 0.2
 LEFT = 8  # rows that must remain: a reading that never changes has a sentence of its own
 APART = 8  # rows between two outliers that are found at once
+# The steepest share of a piece says how far a model's curve lies aside; of so many times that a good row is not suspected.
+STEEPEST, SHIFTS = 0.25, 3.0
 
 
 def outliers(
-    test: TestRecord, values: np.ndarray, noise: np.ndarray | None = None, pieces: np.ndarray | None = None
+    test: TestRecord,
+    values: np.ndarray,
+    noise: np.ndarray | None = None,
+    pieces: np.ndarray | None = None,
+    room: np.ndarray | float = 0.0,
 ) -> dict[int, float]:
     """{row: standard deviations} of `values` (rows,) beyond all that their neighbours allow: readings, or what a model leaves.
 
@@ -42,8 +48,9 @@ def outliers(
     compared with the `noise` (rows,), by default what third differences show about there, by Student's law with Bonferroni's
     allowance for all rows. The worst go first, then their neighbours are looked at anew. The three rows at either
     end of a sweep are not judged. More than `MOST` of the rows: all that were found, for the caller to say so.
-    pieces: the test's monotone ones, for who has them.
+    pieces: the test's monotone ones, for who has them. room (rows,): what a row may lie beyond them besides.
     """
+    room = np.broadcast_to(room, np.shape(values))
     pieces = monotone_pieces(test)[0] if pieces is None else pieces
     noise = noise_about(values, pieces) if noise is None else noise
     level = float(student.isf(CHANCE / (2 * LONGEST * max(test.rows, 1)), max(WORTH * test.rows, 3.0)))
@@ -52,7 +59,7 @@ def outliers(
     for a, b in piece_bounds(pieces):
         rows = np.arange(a, b)
         while len(found) <= MOST * test.rows + LONGEST:
-            blocks = _beyond(_along(axis[rows]), values[rows], noise[rows], level)
+            blocks = _beyond(_along(axis[rows]), values[rows], noise[rows], room[rows], level)
             if not blocks:
                 break
             for first, count, sigma in blocks:
@@ -76,13 +83,33 @@ def noise_about(values: np.ndarray, pieces: np.ndarray) -> np.ndarray:
     return np.maximum(np.maximum(np.sqrt(around / MEDIAN_OF_CHI2), least), 1e-300)
 
 
+def room_for_a_shift(test: TestRecord, modelled: np.ndarray, misfit: np.ndarray, pieces: np.ndarray) -> np.ndarray:
+    """What a model whose curve lies aside may miss each row by (rows,): its slope there times `SHIFTS` of its own piece's shift.
+
+    The shift is the median of misfit over slope where the piece is steepest: what the model lacks moves all of these rows, bad ones
+    are few. modelled, misfit (rows,): readings as the model has them, and less what was read.
+    """
+    room = np.zeros(test.rows)
+    axis = sweep_axis(test)
+    for a, b in piece_bounds(pieces):
+        steps = np.diff(axis[a:b])
+        rise = np.divide(np.diff(modelled[a:b]), steps, out=np.zeros(b - a - 1), where=steps != 0.0)
+        slope = np.maximum(np.abs(np.append(rise, 0.0)), np.abs(np.append(0.0, rise)))
+        steep = slope > np.quantile(slope, 1.0 - STEEPEST)
+        if steep.any():
+            room[a:b] = SHIFTS * slope * np.median(np.abs(misfit[a:b][steep]) / slope[steep])
+    return room
+
+
 def _along(axis: np.ndarray) -> np.ndarray:
     """What neighbours are compared along: the position where it goes one way, else (a dithered log's) the rows' order."""
     steps = np.diff(axis)
     return axis if np.all(steps > 0.0) or np.all(steps < 0.0) else np.arange(float(len(axis)))
 
 
-def _beyond(x: np.ndarray, y: np.ndarray, noise: np.ndarray, level: float) -> list[tuple[int, int, float]]:
+def _beyond(
+    x: np.ndarray, y: np.ndarray, noise: np.ndarray, room: np.ndarray, level: float
+) -> list[tuple[int, int, float]]:
     """(first row, rows, standard deviations) of the blocks beyond their neighbours, the worst first, none near another."""
     blocks = []
     for count in range(1, LONGEST + 1):
@@ -95,7 +122,7 @@ def _beyond(x: np.ndarray, y: np.ndarray, noise: np.ndarray, level: float) -> li
         for row in (at + k for k in range(count)):
             place, own = x[row], y[row]
             near = np.stack([_through([left[0], right[0]], place), *_ahead(left, place), *_ahead(right, place)])
-            excess = np.minimum(excess, np.maximum(own - near.max(axis=0), near.min(axis=0) - own))
+            excess = np.minimum(excess, np.maximum(own - near.max(axis=0), near.min(axis=0) - own) - room[row])
         sigma = excess / (np.sqrt(1.5) * noise[at])  # noise of a row about the line across
         blocks += [(int(at[i]), count, float(sigma[i])) for i in np.flatnonzero(sigma > level)]
     apart: list[tuple[int, int, float]] = []

@@ -27,6 +27,8 @@ ROUNDED = 3.0
 # Gain in log-likelihood from which on the readings say that the spool did move as its positions scatter. Rows share their
 # third differences with three others, so that 9 is a likelihood ratio of about e^3.
 MOVED = 9.0
+# Below this share of it positions are no rounded ones: an even grid, which is commanded, scatters by nothing at all.
+COMMANDED = 0.3
 HEAVY = 3.0  # standard deviations beyond which a third difference is the curve's bend rather than noise
 
 
@@ -53,7 +55,8 @@ def as_measured(test: TestRecord) -> TestRecord:
     pieces, direction = _ways(test)
     if test.time is None:
         return _with_parts(test, stated, test.spool_position, pieces)
-    noise = _scatter(test, pieces) if stated is None else stated
+    beyond, rounding = (stated, 0.0) if stated is not None else _scatter(test, pieces)
+    noise = float(np.hypot(beyond, rounding))
     if noise <= SMALLEST * float(np.ptp(test.spool_position)):
         return test
     lines = _lines(test.time, test.spool_position, pieces, noise)
@@ -62,9 +65,9 @@ def as_measured(test: TestRecord) -> TestRecord:
     direction = np.where(lines.found, direction, test.direction).astype(test.direction.dtype)
     rate = lines.slope if test.rate is None else np.where(lines.found, lines.slope, test.rate)
     swept = replace(test, direction=direction, rate=rate)
-    if stated is None:
+    if beyond > 0.0 and stated is None:
         if _spool_followed(test, lines, pieces):
-            return swept
+            return _with_parts(swept, rounding, test.spool_position, pieces)
         note = (
             f"{test.name}: positions scatter by {significant(noise * 1e6, 2)} um about a smooth sweep in time, and the readings "
             "do not follow: this is taken for noise of the position and adds to the readings' by the slope of their curves"
@@ -85,14 +88,15 @@ def _ways(test: TestRecord) -> tuple[np.ndarray, np.ndarray]:
 
 def _with_parts(test: TestRecord, noise: float | None, along: np.ndarray, pieces: np.ndarray) -> TestRecord:
     """What noise of the positions adds to each reading's, by its curve's slope over the smoother positions `along` (rows,)."""
-    if noise is None:
+    if not noise:
         return test
     part = lambda channel: noise * np.abs(local_slopes(along, channel.value, pieces))
     return replace(test, channels=tuple(replace(channel, position_part=part(channel)) for channel in test.channels))
 
 
-def _scatter(test: TestRecord, pieces: np.ndarray) -> float:
-    """Standard deviation of a position about any parabola in time [m], beyond what rounding makes; 0 where that may be all.
+def _scatter(test: TestRecord, pieces: np.ndarray) -> tuple[float, float]:
+    """Standard deviation of a position about any parabola in time [m] beyond what rounding makes, 0 where that may be all; and of the
+    rounding, 0 where the positions scatter by less: they are then what was commanded.
 
     A time rounded to 10 ms moves a sweep of 20 um/s by 0.06 um and one of 4 um/s by 0.01 um: each piece has its own.
     """
@@ -107,15 +111,17 @@ def _scatter(test: TestRecord, pieces: np.ndarray) -> float:
         pace = abs(position[-1] - position[0]) / (time[-1] - time[0])
         rounding.append(np.full(len(seen[-1]), (steps[0] ** 2 + (pace * steps[1]) ** 2) / 12.0))
     if not seen:
-        return 0.0
+        return 0.0, 0.0
     square, rounded = np.concatenate(seen) / MEDIAN_OF_CHI2, np.concatenate(rounding)
     low, high = 0.0, float(np.median(square))
-    if high == 0.0 or float(np.median(square / np.maximum(rounded, 1e-9 * high))) < ROUNDED:
-        return 0.0
+    share = float(np.median(square / np.maximum(rounded, 1e-9 * high))) if high > 0.0 else 0.0
+    own = steps[0] / np.sqrt(12.0) if share > COMMANDED else 0.0
+    if share < ROUNDED:
+        return 0.0, own
     for _ in range(40):  # the variance beside which the median of all is what it should be
         middle = 0.5 * (low + high)
         low, high = (middle, high) if np.median(square / (middle + rounded)) > 1.0 else (low, middle)
-    return float(np.sqrt(high))
+    return float(np.sqrt(high)), own
 
 
 def _lines(time: np.ndarray, position: np.ndarray, pieces: np.ndarray, noise: float) -> _Lines:

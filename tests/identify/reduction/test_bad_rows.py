@@ -8,7 +8,8 @@ from helpers.raw_logs import raw_log
 from helpers.records import NOISE
 from helpers.small_bench import rows_of, small_record
 
-from thermohyd.identify.reduction.bad_rows import outliers, without_limits, without_outliers
+from thermohyd.identify.reduction.bad_rows import outliers, room_for_a_shift, without_limits, without_outliers
+from thermohyd.identify.reduction.monotone_pieces import monotone_pieces
 from thermohyd.identify.reduction.reduce import reduce_test
 
 
@@ -51,6 +52,24 @@ def test_an_outlier_is_found_with_its_line_and_left_out():
     assert all(row.sigma is not None and row.sigma > 5.0 for row in fault.rows)
     assert "flow_gain.csv, line" in fault.sentence
     assert without_outliers(test, {channel.name: {}}) is test
+
+
+def test_a_shifted_curve_makes_no_outliers_and_a_bad_row_on_its_rise_is_one():
+    """Beside a model whose curve lies 0.3 um aside its steepest rows miss most; what is beyond three times that shift is no shift."""
+    test = small_record().tests["pressure_gain"]
+    [channel] = test.channels
+    pieces = monotone_pieces(test)[0]
+    rise, step = np.diff(channel.value), np.diff(test.spool_position)
+    slope = np.append(np.divide(rise, step, out=np.zeros_like(rise), where=step != 0.0), 0.0)
+    for shift in (0.3e-6, 1e-6):
+        misfit = shift * slope
+        room = room_for_a_shift(test, channel.value, misfit, pieces)
+        size = np.full(test.rows, NOISE["pressure_gain"])
+        assert not outliers(test, misfit, size, pieces, room)
+        row = int(np.argmax(np.abs(slope[8:56]))) + 8
+        bad = misfit.copy()
+        bad[row] += 4.0 * shift * slope[row] + 30.0 * size[row]
+        assert set(outliers(test, bad, size, pieces, room)) == {row}
 
 
 def test_many_outliers_are_noise_of_another_kind():

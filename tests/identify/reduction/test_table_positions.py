@@ -89,6 +89,20 @@ def test_rounded_times_are_no_noise_of_the_position():
     assert reduce_test(exact) is exact
 
 
+def test_rounded_positions_are_known_to_their_rounding():
+    """A smooth sweep logged to 0.2 um: each reading lies up to 0.1 um of its curve aside, and that is no noise of its own."""
+    exact, _ = measured("pressure_gain")
+    step = 0.2e-6
+    rounded = replace(exact, spool_position=np.round(exact.spool_position / step) * step)
+    found = reduce_test(rounded)
+    [channel] = found.channels
+    assert channel.position_part is not None
+    rise, distance = np.diff(exact.channels[0].value), np.diff(exact.spool_position)
+    slope = np.max(np.abs(rise[distance != 0.0] / distance[distance != 0.0]))
+    assert np.max(channel.position_part) == pytest.approx(step / np.sqrt(12.0) * slope, rel=0.3)
+    assert found.notes == rounded.notes
+
+
 def test_stated_noise_counts_without_a_time():
     _, noisy = measured()
     timeless = replace(noisy, time=None, rate=None)
