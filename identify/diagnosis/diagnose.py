@@ -69,7 +69,14 @@ def open_motion(
             size = float(np.sqrt(np.mean(fitted.noise[name, channel.name].std ** 2)))
             repeats[name, channel.name] = repeats_in([piece / size for piece in pieces])
     noise = {
-        key: NoiseEstimate(n.std, problem.noise.correlation[key], n.source, "taken for white", n.known)
+        key: NoiseEstimate(
+            n.std,
+            problem.noise.correlation[key],
+            n.source,
+            "taken for white",
+            n.known,
+            degrees_of_freedom=n.degrees_of_freedom,
+        )
         for key, n in fitted.noise.items()
     }
     correlation = {key: r.correlation for key, r in repeats.items() if r is not None}

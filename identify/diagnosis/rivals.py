@@ -69,7 +69,7 @@ def rivals_of(
     ranked = [s for s in scores.ranked if s.name != name]
     within = within_reach(gain, scale)
     twin = lambda s: named is not None and abs(float(s.direction @ named.direction)) > SAME_SHAPE
-    likely = sorted([s for s in ranked if s.strength**2 > within or twin(s)], key=lambda s: not twin(s))
+    likely = sorted([s for s in ranked if s.gain > within or twin(s)], key=lambda s: not twin(s))
     if len(likely) < 2:
         likely = [s for s in ranked if not stores(s.name) or asks_for_more(final.effects)][:2]
     if info_of(name).of_sweeps:
@@ -80,15 +80,11 @@ def rivals_of(
     likely = [
         s
         for s in likely
-        if not expensive_to_compile((*others, s.name))
-        or expensive_to_compile(final.effects)
-        or s.strength**2 > gain - ALIKE
+        if not expensive_to_compile((*others, s.name)) or expensive_to_compile(final.effects) or s.gain > gain - ALIKE
     ]
     # A fault whose column is the effect's own is that effect by another name: a gauge's zero is in the library.
     alias = lambda s: s.name == name or (named is not None and abs(float(s.direction @ named.direction)) > SAME_THING)
-    at_fault = [
-        s for s in ([] if faults is None else faults.ranked) if not alias(s) and (s.strength**2 > within or twin(s))
-    ]
+    at_fault = [s for s in ([] if faults is None else faults.ranked) if not alias(s) and (s.gain > within or twin(s))]
     tried = []
     for s in (*likely[:MOST_REFITS], *at_fault[:FAULTS]):
         start = {**without.values, s.name: s.estimate}

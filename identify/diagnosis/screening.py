@@ -104,6 +104,11 @@ class Signature:
         return normal_score(self.score if self.one_sided else abs(self.score), self.freedom)
 
     @property
+    def gain(self) -> float:
+        """Chi-square that it takes off on paper, where its sign is possible."""
+        return (max(self.score, 0.0) if self.one_sided else self.score) ** 2
+
+    @property
     def estimate(self) -> float:
         """Amount by one linear step, 0 where the sign forbids it."""
         return max(self.score, 0.0) / self.size if self.one_sided else self.score / self.size
@@ -243,7 +248,7 @@ def _refit(name: str, base: Fit, singles: Mapping[str, Fit], best: Signature, ex
     if name in singles:
         fit = singles[name]
         return _share(base.chi2 - fit.chi2, excess), fit.values[name]
-    return _share(best.strength**2 if best.strength > 0.0 else 0.0, excess), best.estimate
+    return _share(best.gain, excess), best.estimate
 
 
 def _share(gain: float, excess: float) -> float:

@@ -213,7 +213,7 @@ def best_pairs(scores: Screen, ranked: list[Signature]) -> list[tuple[tuple[Sign
     pairs = []
     for a, b in combinations(ranked, 2):
         gain = pair_gain(a, b, scores.residual)
-        if gain > max(a.strength, b.strength) ** 2 + PAIR_PENALTY:
+        if gain > max(a.gain, b.gain) + PAIR_PENALTY:
             pairs.append(((a, b), gain))
     return sorted(pairs, key=lambda pair: -pair[1])
 

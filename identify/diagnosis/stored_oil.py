@@ -43,7 +43,7 @@ def could_explain(problem: Problem, fit: Fit, scores: Screen, least: float) -> l
     for name in names:
         best = scores.best(name)
         gains = [gain(name, share * effect_info(name).scale) for share in AMOUNTS]
-        gains.append(best.strength**2 if best is not None and best.strength > 0.0 else 0.0)
+        gains.append(0.0 if best is None else best.gain)
         if np.nanmax(gains) >= least:
             found.append(name)
     return found
