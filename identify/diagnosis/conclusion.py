@@ -30,7 +30,7 @@ from .found_faults import alternative, with_evidence, with_faults_apart
 from .held_out import Split
 from .left_over import lack_of_fit, learn as learn_term, smooth_block, variations_of
 from .model_average import with_rivals
-from .next_test import check_of, next_test
+from .next_test import check_of, next_test, what_shows
 from .other_law import ANOTHER_LAW, OtherLawSays, what_the_other_law_says
 from .record_noise import NoiseEstimate, first_noise
 from .result import (
@@ -138,16 +138,18 @@ def conclude(
         verdict = "ambiguous"
     where = regions(before.channels, case.fitted.tests) if verdict != "consistent" else ()
     where_after = regions(after.channels, case.fitted.tests) if model.disagrees else ()
+    # A search that began from effects of an earlier one refitted its candidates beside them: not what one does alone.
+    singles = {name: single for name, single in selection.steps[0].singles.items() if single.effects == (name,)}
+    excess = selection.base.chi2 - int(selection.base.used.sum())
+    table = candidates(case.problem.library, first, selection.base, singles, excess)
     further = None
     if verdict == "ambiguous":
         further = next_test(case.problem, fit, model.rivals, model.scale, say, says)
     elif verdict == "unexplained":
         further = check_of(problem, fit, where_after, smooth, model.rivals, model.scale)
+    elif not problem.in_motion:
+        further = what_shows(problem, fit, (c.name for c in table if c.state == "absorbed"), first.critical, say)
     shifts = parameter_shifts(before, after) if effects or term else ()
-    # A search that began from effects of an earlier one refitted its candidates beside them: not what one does alone.
-    singles = {name: single for name, single in selection.steps[0].singles.items() if single.effects == (name,)}
-    excess = selection.base.chi2 - int(selection.base.used.sum())
-    table = candidates(case.problem.library, first, selection.base, singles, excess)
     gaps = (before.reduced_chi2, after.reduced_chi2)
     return DiagnosisResult(
         record=case.fitted.record,

@@ -1,23 +1,27 @@
 """The measurement that separates what a record cannot: the rivals' predictions elsewhere, after each adapts itself.
 
 T-optimal design (Atkinson and Fedorov, Biometrika 62, 1975) over a small menu of changes to the tests that were run. Where
-nothing explains the record there are no rivals to separate: the run that shows most of the gap is read once more.
+nothing explains the record there are no rivals to separate: the run that shows most of the gap is read once more. Where everything
+is explained the same menu says what would show the effects that this record cannot.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 import numpy as np
+from scipy.special import ndtri
 
+from thermohyd.effects.library import effect_info
 from thermohyd.identify.bench.record import TestRecord
 from thermohyd.identify.fitting.bench_faults import TEMPERATURE_STEP, is_fault
+from thermohyd.identify.fitting.library import stores
 from thermohyd.identify.fitting.problem import Fit, Problem
 
 from .found_faults import where
 from .other_law import ANOTHER_LAW, OtherLawSays
 from .result import NextTest, Region, Variation
 from .rivals import Rivals
-from .screening import BOTH_PORTS, Projection, can_measure_ports, ports_apart
+from .screening import BOTH_PORTS, POWER, Projection, can_measure_ports, ports_apart
 
 
 ENOUGH = 12.0  # chi-square that settles a choice: odds of 400 to 1
@@ -171,6 +175,48 @@ def _excess(problem: Problem, fit: Fit, test: TestRecord, own: np.ndarray) -> fl
     """Chi-square of a test's own rows beyond one per row."""
     rows = (problem.rows()[test.name, channel.name] for channel in test.channels)
     return float(sum(np.sum(np.square(fit.residual[place][own]) - 1.0) for place in rows))
+
+
+def what_shows(
+    problem: Problem,
+    fit: Fit,
+    absorbed: Iterable[str],
+    critical: float,
+    say: Callable[[str], None] = lambda _: None,
+) -> NextTest | None:
+    """Where parameters absorb effects: the change of conditions under which most of them would show in their largest usual amounts.
+
+    critical: the score that names an effect. None where no change shows any. Evidence: the chi-square of the one that shows least.
+    """
+    names = [name for name in absorbed if not stores(name)]
+    if not names:
+        return None
+    say("designing the next test")
+    least = (critical + float(ndtri(POWER))) ** 2
+    here, found = problem.with_all_columns(fit), []
+    for words, tests in menu(problem.tests):
+        anew = replace(problem, tests=tests, used=None)
+        there = anew.with_all_columns(anew.evaluate(fit.values, fit.effects))
+        both = lambda name, there=there: np.concatenate(
+            [here.column(name), there.column(name)[: -len(problem.parameters)]]
+        )
+        nuisance = np.stack([both(name) for name in fit.free if name not in fit.active], axis=1)
+        if not np.isfinite(nuisance).all():
+            continue
+        beside = Projection.beside(nuisance)
+        size = {name: float(np.linalg.norm(beside(both(name)))) * effect_info(name).typical[1] for name in names}
+        shown = {name: length**2 for name, length in size.items() if length**2 >= least}
+        if shown:
+            found.append((words, shown))
+    if not found:
+        return None
+    found.sort(key=lambda option: (-len(option[1]), -min(option[1].values())))
+    words, shown = found[0]
+    whose = "its largest usual amount" if len(shown) == 1 else "their largest usual amounts"
+    sentence = (
+        f"repeat the tests {words}: {', '.join(shown)} would then show in {whose}, as this record alone cannot tell"
+    )
+    return NextTest(sentence, min(shown.values()), tuple((words, min(shown.values())) for words, shown in found))
 
 
 def menu(tests: dict[str, TestRecord]) -> list[tuple[str, dict[str, TestRecord]]]:

@@ -7,7 +7,7 @@ import pytest
 from helpers.small_bench import REACH, conditions_only
 from helpers.small_diagnosis import small_case
 
-from thermohyd.identify.diagnosis.next_test import check_of, menu, next_test
+from thermohyd.identify.diagnosis.next_test import check_of, menu, next_test, what_shows
 from thermohyd.identify.diagnosis.result import Region, Variation
 from thermohyd.identify.diagnosis.rivals import Rival, Rivals
 from thermohyd.identify.fitting.problem import Fit
@@ -144,3 +144,21 @@ def test_no_half_rate_without_time_and_nothing_without_a_region():
     assert found is not None
     assert not any("rate" in words for words, _ in found.options)
     assert check_of(problem, fit, (), (), {}, 1.0) is None
+
+
+def test_what_parameters_absorb_would_show_elsewhere():
+    """The change under which most effects would show comes first; what none shows is not promised."""
+    case = small_case("nothing")
+    names = ("viscosity_shift", "temperature_offset", "position_scale")
+    assert what_shows(case.problem, case.base, names, critical=1e6) is None
+    assert what_shows(case.problem, case.base, (), critical=3.5) is None
+    proposed = what_shows(case.problem, case.base, names, critical=3.5)
+    assert proposed is not None
+    assert proposed.evidence >= (3.5 + 0.84) ** 2
+    first, evidence = proposed.options[0]
+    assert evidence == proposed.evidence
+    assert proposed.sentence.startswith(f"repeat the tests {first}: ")
+    assert all(name in proposed.sentence for name in names)
+    dear = what_shows(case.problem, case.base, names, critical=0.99 * np.sqrt(proposed.evidence) - 0.84)
+    assert dear is not None
+    assert first in [words for words, _ in dear.options]
