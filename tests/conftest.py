@@ -34,7 +34,7 @@ with_shapes = [
     if any(words in file.read_text(encoding="utf-8") for words in ("from jaxtyping import", "if TYPE_CHECKING"))
 ]
 install_import_hook(with_shapes, "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))")
-beartype_package("thermohyd", conf=BeartypeConf(is_pep484_tower=True, claw_is_pep526=False))
+beartype_package("thermohyd", conf=BeartypeConf(is_pep484_tower=True, claw_is_pep526=False, violation_type=TypeError))
 
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_dtype_promotion", "strict")
