@@ -24,11 +24,11 @@ STRAIGHT = 1.5
 # A variance up to so many times of what the rounding of positions and times makes is no noise of the transducer: rounding
 # errors have a median of up to 0.75 of their variance where normal ones have 0.45, and 200 rows tell it to some 30 %.
 ROUNDED = 3.0
+# Below this share of it positions are no rounded ones: an even grid, which is commanded, scatters by nothing at all.
+COMMANDED = 0.3
 # Gain in log-likelihood from which on the readings say that the spool did move as its positions scatter. Rows share their
 # third differences with three others, so that 9 is a likelihood ratio of about e^3.
 MOVED = 9.0
-# Below this share of it positions are no rounded ones: an even grid, which is commanded, scatters by nothing at all.
-COMMANDED = 0.3
 HEAVY = 3.0  # standard deviations beyond which a third difference is the curve's bend rather than noise
 
 
@@ -46,8 +46,9 @@ def as_measured(test: TestRecord) -> TestRecord:
 
     Positions stay as read: the errors of a smoothed sweep's are shared by all its rows, and a fit would take them for a
     shift of that sweep. Their noise is stated (`position_std`) or the scatter that third differences in time show, unless
-    the readings follow it: then the spool moved so. It adds to a reading's by the slope of the curve (effective variance;
-    Fuller, Measurement Error Models, 1987, sec. 3.1): `Channel.position_part`.
+    the readings follow it: then the spool moved so; and their rounding, where they scatter as rounded ones do. It adds to
+    a reading's by the slope of the curve (effective variance; Fuller, Measurement Error Models, 1987, sec. 3.1):
+    `Channel.position_part`.
     """
     stated = test.position_std
     if test.in_motion or sweep_axis(test) is not test.spool_position:

@@ -27,7 +27,7 @@ def test_nothing_is_named_where_nothing_is_missing(name):
     assert result.effects == ()
     assert result.where == ()
     assert result.variations == ()
-    assert result.next_test is None or result.absorbed
+    assert (result.next_test is None) == (not result.absorbed)
     assert result.left_over_p > 1e-3
     assert result.gap_before == pytest.approx(1.0, abs=0.25)
 
