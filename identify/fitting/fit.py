@@ -10,14 +10,12 @@ from thermohyd.identify.bench.errors import BenchInputError
 from thermohyd.identify.bench.record import BenchRecord, TestRecord
 from thermohyd.identify.noise.level import ChannelNoise, initial_noises
 from thermohyd.identify.reduction.bad_rows import (
-    noise_about,
-    outliers,
-    room_for_a_shift,
+    outliers_beside,
     without_limits,
     without_outliers,
+    without_outliers_in_log,
 )
-from thermohyd.identify.reduction.monotone_pieces import monotone_pieces
-from thermohyd.identify.reduction.reduce import reduce_test
+from thermohyd.identify.reduction.reduce import along_log, is_raw_log, reduce_test, smooth_sweep
 from thermohyd.numerics import require_float64
 
 from .boxes import Box
@@ -123,6 +121,7 @@ def run_fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | N
     """Fit a record's static tests: reduce raw logs, search from several starts, settle the noise. `fit_result` says it in words."""
     say = progress or (lambda _: None)
     tests: dict[str, TestRecord] = {}
+    whole: dict[str, TestRecord] = {}
     warnings = list(record.warnings)
     plans = plan_parameters(record.valve, record.start) | sensor_plans(record.static_tests, record)
     plans = with_relatives(plans, record.static_tests, record)
@@ -132,7 +131,10 @@ def run_fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | N
             say(f"reducing {name}: {test.rows:,} rows")
         turned = reversed_channels(test)
         warnings += [warning_of(test, channel) for channel in turned]
-        tests[name] = reduce_test(without_limits(with_signs_turned(test, turned)))
+        whole[name] = without_limits(with_signs_turned(test, turned))
+        if is_raw_log(whole[name]):
+            whole[name] = without_outliers_in_log(whole[name])
+        tests[name] = reduce_test(whole[name])
     free_parameters(record, plans, tests)  # once more: a raw log has fewer points than rows
     noise = initial_noises(tests.values())
     if sensed_channels(tests):
@@ -158,7 +160,7 @@ def run_fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | N
         problem.outcome(solution, restart=lower),
         *map(problem.outcome, outcomes if lower else outcomes[1:]),
     ]
-    if (kept := _without_outliers(problem, solution, noise)) is not tests:
+    if (kept := _without_outliers(problem, whole, solution, noise)) is not tests:
         say("left out rows beyond what their neighbours allow; fitting again")
         tests = kept
         noise = initial_noises(tests.values())
@@ -178,28 +180,34 @@ def run_fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | N
 
 
 def _without_outliers(
-    problem: "StaticSearch", solution: LeastSquaresResult, noise: dict[Key, ChannelNoise]
+    problem: "StaticSearch", whole: dict[str, TestRecord], solution: LeastSquaresResult, noise: dict[Key, ChannelNoise]
 ) -> dict[str, TestRecord]:
-    """The tests without rows that neither their neighbours nor the fitted valve allow; the same object where there are none."""
+    """The tests without rows that neither their neighbours nor the fitted valve allow; the same object where there are none.
+
+    whole: the tests before raw logs were reduced; of these the rows are looked at, not the points.
+    """
     found: dict[str, dict[str, dict[int, float]]] = {}
     for (name, reading), rows in channel_slices(problem.tests).items():
         test = problem.tests[name]
         channel = next(c for c in test.channels if c.name == reading)
+        modelled = channel.value + solution.residual[rows] * noise[name, reading].used
         if test.rows_of_log is not None:
-            continue
-        misfit = solution.residual[rows] * noise[name, reading].used
-        pieces = monotone_pieces(test)[0]
-        size = np.maximum(noise_about(misfit, pieces), 0.0 if channel.std is None else channel.std)
-        left = outliers(test, misfit, size, pieces)
-        suspects = outliers(test, channel.value, size, pieces) if left else {}
-        if left:
-            # On a steep rise of a table neighbours leave room for anything: there the curve says how far the model lies aside.
-            room = room_for_a_shift(test, channel.value + misfit, misfit, pieces)
-            suspects |= outliers(test, misfit, size, pieces, room)
-        found.setdefault(name, {})[reading] = {row: sigma for row, sigma in left.items() if row in suspects}
-    if not any(rows for by_channel in found.values() for rows in by_channel.values()):
+            log = smooth_sweep(whole[name])
+            modelled = along_log(log, test, modelled)
+            test, channel = log, next(c for c in log.channels if c.name == reading)
+        if bad := outliers_beside(test, channel, modelled):
+            found.setdefault(name, {})[reading] = bad
+    if not found:
         return problem.tests
-    return {name: without_outliers(test, found.get(name, {})) for name, test in problem.tests.items()}
+    kept = dict(problem.tests)
+    for name, by_channel in found.items():
+        logged = kept[name].rows_of_log is not None
+        kept[name] = (
+            reduce_test(without_outliers(whole[name], by_channel))
+            if logged
+            else without_outliers(kept[name], by_channel)
+        )
+    return kept
 
 
 def _sensors_started(

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.stats import binom, t as student
 
 from thermohyd.identify.bench.columns import reading_unit
-from thermohyd.identify.bench.record import Fault, FaultyRow, TestRecord
+from thermohyd.identify.bench.record import Channel, Fault, FaultyRow, TestRecord
 from thermohyd.identify.bench.shown_units import significant
 from thermohyd.identify.noise.level import MEDIAN_OF_CHI2, divided_third
 
@@ -30,8 +30,10 @@ WORTH = 0.25
 SHARE, IN_A_ROW, NEAREST = 0.02, 3, 0.2
 LEFT = 8  # rows that must remain: a reading that never changes has a sentence of its own
 APART = 8  # rows between two outliers that are found at once
-# The steepest share of a piece says how far a model's curve lies aside; of so many times that a good row is not suspected.
-STEEPEST, SHIFTS = 0.25, 3.0
+# The steepest share of a piece says how far a model's curve, or a row's position by its noise, lies aside. So many times that a
+# good row may lie beyond all that its neighbours allow; or from the line across, as half of the rows of normal noise lie within
+# 0.67 standard deviations, and one in some thousands seven times as far.
+STEEPEST, SHIFTS, FROM_THE_LINE = 0.25, 3.0, 7.0
 
 
 def outliers(
@@ -39,7 +41,7 @@ def outliers(
     values: np.ndarray,
     noise: np.ndarray | None = None,
     pieces: np.ndarray | None = None,
-    room: np.ndarray | float = 0.0,
+    room: np.ndarray | None = None,
 ) -> dict[int, float]:
     """{row: standard deviations} of `values` (rows,) beyond all that their neighbours allow: readings, or what a model leaves.
 
@@ -48,9 +50,9 @@ def outliers(
     compared with the `noise` (rows,), by default what third differences show about there, by Student's law with Bonferroni's
     allowance for all rows. The worst go first, then their neighbours are looked at anew. The three rows at either
     end of a sweep are not judged. More than `MOST` of the rows: all that were found, for the caller to say so.
-    pieces: the test's monotone ones, for who has them. room (rows,): what a row may lie beyond them besides.
+    pieces: the test's monotone ones, for who has them. room (rows,): what a row may lie beyond them besides, where `values` are what
+    a model leaves; or it may lie so far and more from the line across.
     """
-    room = np.broadcast_to(room, np.shape(values))
     pieces = monotone_pieces(test)[0] if pieces is None else pieces
     noise = noise_about(values, pieces) if noise is None else noise
     level = float(student.isf(CHANCE / (2 * LONGEST * max(test.rows, 1)), max(WORTH * test.rows, 3.0)))
@@ -59,7 +61,7 @@ def outliers(
     for a, b in piece_bounds(pieces):
         rows = np.arange(a, b)
         while len(found) <= MOST * test.rows + LONGEST:
-            blocks = _beyond(_along(axis[rows]), values[rows], noise[rows], room[rows], level)
+            blocks = _beyond(_along(axis[rows]), values[rows], noise[rows], level, None if room is None else room[rows])
             if not blocks:
                 break
             for first, count, sigma in blocks:
@@ -86,8 +88,9 @@ def noise_about(values: np.ndarray, pieces: np.ndarray) -> np.ndarray:
 def room_for_a_shift(test: TestRecord, modelled: np.ndarray, misfit: np.ndarray, pieces: np.ndarray) -> np.ndarray:
     """What a model whose curve lies aside may miss each row by (rows,): its slope there times `SHIFTS` of its own piece's shift.
 
-    The shift is the median of misfit over slope where the piece is steepest: what the model lacks moves all of these rows, bad ones
-    are few. modelled, misfit (rows,): readings as the model has them, and less what was read.
+    The shift is the median of misfit over slope where the piece is steepest, rows weighted by their slope squared, as noise
+    shifts them less there: what the model lacks moves all of these rows, bad ones are few. modelled, misfit (rows,): readings
+    as the model has them, and less what was read.
     """
     room = np.zeros(test.rows)
     axis = sweep_axis(test)
@@ -97,8 +100,29 @@ def room_for_a_shift(test: TestRecord, modelled: np.ndarray, misfit: np.ndarray,
         slope = np.maximum(np.abs(np.append(rise, 0.0)), np.abs(np.append(0.0, rise)))
         steep = slope > np.quantile(slope, 1.0 - STEEPEST)
         if steep.any():
-            room[a:b] = SHIFTS * slope * np.median(np.abs(misfit[a:b][steep]) / slope[steep])
+            shift, weight = np.abs(misfit[a:b][steep]) / slope[steep], slope[steep] ** 2
+            order = np.argsort(shift)
+            middle = np.searchsorted(np.cumsum(weight[order]), 0.5 * weight.sum())
+            room[a:b] = SHIFTS * slope * shift[order][middle]
     return room
+
+
+def outliers_beside(test: TestRecord, channel: Channel, modelled: np.ndarray) -> dict[int, float]:
+    """{row: standard deviations} of a channel's rows that neither their neighbours nor the fitted valve allow.
+
+    modelled (rows,): the readings as the fitted valve has them.
+    """
+    pieces = monotone_pieces(test)[0]
+    misfit = modelled - channel.value
+    size = np.maximum(noise_about(misfit, pieces), 0.0 if channel.std is None else channel.std)
+    size = size if channel.position_part is None else np.hypot(size, channel.position_part)
+    left = outliers(test, misfit, size, pieces)
+    if not left:
+        return {}
+    suspects = outliers(test, channel.value, size, pieces)
+    # On a steep rise neighbours leave room for anything: there the curve says how far the model lies aside.
+    suspects |= outliers(test, misfit, size, pieces, room_for_a_shift(test, modelled, misfit, pieces))
+    return {row: sigma for row, sigma in left.items() if row in suspects}
 
 
 def _along(axis: np.ndarray) -> np.ndarray:
@@ -108,7 +132,7 @@ def _along(axis: np.ndarray) -> np.ndarray:
 
 
 def _beyond(
-    x: np.ndarray, y: np.ndarray, noise: np.ndarray, room: np.ndarray, level: float
+    x: np.ndarray, y: np.ndarray, noise: np.ndarray, level: float, room: np.ndarray | None
 ) -> list[tuple[int, int, float]]:
     """(first row, rows, standard deviations) of the blocks beyond their neighbours, the worst first, none near another."""
     blocks = []
@@ -121,8 +145,13 @@ def _beyond(
         excess = np.full(len(at), np.inf)
         for row in (at + k for k in range(count)):
             place, own = x[row], y[row]
-            near = np.stack([_through([left[0], right[0]], place), *_ahead(left, place), *_ahead(right, place)])
-            excess = np.minimum(excess, np.maximum(own - near.max(axis=0), near.min(axis=0) - own) - room[row])
+            across = _through([left[0], right[0]], place)
+            near = np.stack([across, *_ahead(left, place), *_ahead(right, place)])
+            beyond = np.maximum(own - near.max(axis=0), near.min(axis=0) - own)
+            if room is not None:
+                far = np.abs(own - across) - FROM_THE_LINE / SHIFTS * room[row]
+                beyond = np.minimum(beyond, np.maximum(beyond - room[row], far))
+            excess = np.minimum(excess, beyond)
         sigma = excess / (np.sqrt(1.5) * noise[at])  # noise of a row about the line across
         blocks += [(int(at[i]), count, float(sigma[i])) for i in np.flatnonzero(sigma > level)]
     apart: list[tuple[int, int, float]] = []

@@ -12,12 +12,12 @@ row to the next the position steps back and forth, and effects of direction and 
 from dataclasses import replace
 
 import numpy as np
+from scipy.interpolate import PchipInterpolator
 
 from thermohyd.identify.bench.columns import reading_unit
 from thermohyd.identify.bench.record import Channel, Nodes, TestRecord
 from thermohyd.identify.bench.shown_units import significant
 
-from .bad_rows import without_outliers_in_log
 from .monotone_pieces import monotone_pieces, piece_bounds, sweep_axis
 from .noise_of_points import Points, points_of
 from .sweep_position import STEPS_ACROSS, Abscissa, local_line, smooth_abscissa
@@ -174,7 +174,6 @@ def reduce_test(test: TestRecord, *, max_points: int = 600, log_rows: int = LOG_
     """
     if not is_raw_log(test, max_points=max_points, log_rows=log_rows):
         return as_measured(test)
-    test = without_outliers_in_log(test)
     pieces, direction = monotone_pieces(test)
     axis = sweep_axis(test)
     readings = [channel.value for channel in test.channels]
@@ -332,6 +331,20 @@ def _memory(test: TestRecord, points: Points) -> str:
     if test.time is not None and (pace := float(np.median(np.diff(test.time)))) > 0:
         return f"{significant(rows * pace, 2)} s"
     return f"{rows:.0f} rows"
+
+
+def along_log(log: TestRecord, points: TestRecord, modelled: np.ndarray) -> np.ndarray:
+    """A model's readings at every row of a log (rows,), from those at its points (points,): a smooth curve through each piece."""
+    assert points.rows_of_log is not None
+    last = np.cumsum(points.rows_of_log)
+    middle = last - 0.5 * (points.rows_of_log + 1.0)
+    pieces = monotone_pieces(log)[0]
+    found = np.empty(log.rows)
+    for start, stop in piece_bounds(pieces):
+        own = (middle >= start) & (middle < stop)
+        curve = PchipInterpolator(middle[own], modelled[own]) if own.sum() > 1 else modelled[own][0]
+        found[start:stop] = curve(np.arange(start, stop)) if callable(curve) else curve
+    return found
 
 
 SHARE_OF_PIECE = 100  # rates are slopes over twice this share of a piece's rows, about as wide as a fit's bins
