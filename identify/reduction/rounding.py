@@ -44,7 +44,10 @@ def local_steps(values: np.ndarray) -> np.ndarray:
 
 
 def column_step(values: np.ndarray) -> float:
-    """One step for a whole column: that of its grid, or the largest power of ten that all values are multiples of; 0: none."""
+    """One step for a whole column: the largest that all distances, or power of ten that all values, are multiples of; 0: none.
+
+    Not a local one: where several sweeps repeat each other's rows, neighbouring values lie a row apart, not a step.
+    """
     size = float(np.max(np.abs(values), initial=0.0))
     decimal = 0.0
     if size > 0.0:
@@ -52,7 +55,8 @@ def column_step(values: np.ndarray) -> float:
             if np.all(np.abs(values / step - np.round(values / step)) < 1e-4):
                 decimal = float(step)
                 break
-    return max(decimal, float(np.median(local_steps(values))))
+    distinct = _distinct(np.asarray(values, float))[0]
+    return max(decimal, _common_step(distinct, np.diff(distinct)))
 
 
 def rounding_error(step: Values, scatter: Values, span: Values) -> np.ndarray:

@@ -7,7 +7,13 @@ import pytest
 from helpers.raw_logs import READING, raw_log
 from hypothesis import given, strategies as st
 
-from thermohyd.identify.reduction.rounding import local_steps, rounding_error, rounding_floor, scatter_before_rounding
+from thermohyd.identify.reduction.rounding import (
+    column_step,
+    local_steps,
+    rounding_error,
+    rounding_floor,
+    scatter_before_rounding,
+)
 
 
 def test_one_step_whatever_the_unit():
@@ -20,6 +26,15 @@ def test_decimals_of_a_small_table():
     """Distances between values are many steps long; the step still divides them all."""
     values = np.round(np.random.default_rng(1).uniform(0, 1, 60), 3)
     assert local_steps(values * 1e5) == pytest.approx(np.full(60, 100.0), rel=1e-6)
+
+
+def test_sweeps_that_repeat_their_rows_are_rounded_to_a_step_and_not_to_a_row():
+    """Six sweeps with a row every 1.45 um, logged to 0.2 um: equal distances that come again and again are those of the rows."""
+    rows = np.concatenate([np.linspace(-64.0, 64.0, 89), np.linspace(64.0, -64.0, 89)])
+    noise = np.random.default_rng(5).normal(scale=0.02, size=(6, len(rows)))
+    logged = 1e-6 * np.round((rows + noise) / 0.2).ravel() * 0.2
+    assert np.median(local_steps(logged)) > 0.3e-6
+    assert column_step(logged) == pytest.approx(0.2e-6, rel=1e-6)
 
 
 def test_unrounded_values_have_no_step():
