@@ -196,9 +196,11 @@ def conclude(
         left_over_p=left.p_value,
         critical_level=first.critical,
         seconds=0.0,
+        evaluations=problem.work.evaluations,
         notes=after.notes,
         warnings=(
             *unconverged(after),
+            *(() if model.complete else (stopped(problem.work.evaluations),)),
             *after.warnings,
             *(f"{k[0]}, {k[1]}: {n.warning}" for k, n in case.noise.items() if n.warning),
         ),
@@ -211,6 +213,14 @@ def conclude(
 def unconverged(after: FitResult) -> tuple[str, ...]:
     """The warning that a diagnosis gives of a final fit that did not converge."""
     return () if after.converged else (f"the final fit did not converge: {after.message}",)
+
+
+def stopped(evaluations: int) -> str:
+    """The warning that a diagnosis gives of a search that had taken all its evaluations."""
+    return (
+        f"the search was ended after {evaluations:,} evaluations of the model, with something left to find: it names what it "
+        "had found by then, and the record counts as unexplained"
+    )
 
 
 def _held_out(

@@ -178,6 +178,7 @@ def in_one(record: BenchRecord, static: Stage, motion: Stage, say: Progress = la
         evidence=(*s.evidence, *m.evidence),
         noise=(*s.noise, *m.noise),
         left_over_p=min(s.left_over_p, m.left_over_p),
+        evaluations=s.evaluations + m.evaluations,
         suspects=(*s.suspects, *m.suspects),
         proof=min((p for p in (s.proof, m.proof) if p is not None), default=None),
         notes=tuple(dict.fromkeys((*s.notes, *m.notes))),

@@ -175,7 +175,7 @@ class FinalModel:
     excess: chi-square of the ideal valve beyond noise. scale: reduced chi-square of `fit`, at least 1.
     left: what smooth curves still find beside `fit`. disagrees: a misfit beyond noise remains.
     seen_apart: every effect was found without the rows held out. proof: how the effects do where they were not fitted; None without
-    any. suspects: what the search found and that did not prove itself, taken out again.
+    any. suspects: what the search found and that did not prove itself, taken out again. complete: see `Selection`.
     """
 
     base: Fit  # the ideal valve, in the deepest valley that was seen
@@ -189,6 +189,7 @@ class FinalModel:
     seen_apart: bool
     proof: Confirmation | None = None
     suspects: tuple[Suspect, ...] = ()
+    complete: bool = True
 
     def gap_closed(self, without: Fit) -> float:
         """Share of the gap that opens again in the model `without` something."""
@@ -261,9 +262,14 @@ def final_model(case: Case, selection: Selection, split: Split, say: Progress = 
         scale=scale(fit),
         # Beside effects that are proven a suspect is a doubt; alone it is a misfit that nothing explains.
         disagrees=bool(
-            left.p_value < LEVEL_OF_LEFT_OVER or rough or (suspects and not fit.physics) or _scattered(case, fit)
+            left.p_value < LEVEL_OF_LEFT_OVER
+            or rough
+            or (suspects and not fit.physics)
+            or _scattered(case, fit)
+            or not whole.complete
         ),
         seen_apart=len(fit.effects) <= len(selection.effects),
         proof=proof,
         suspects=suspects,
+        complete=whole.complete,
     )

@@ -234,8 +234,9 @@ class DiagnosisResult(Result):
     """Everything that `diagnose` found. gap_before, gap_after: reduced chi-square of the ideal and of the final model.
 
     before, after: the fits without and with the effects, row by row. left_over_p: of the smooth lack-of-fit test of the
-    final model. seconds: wall time of this record. critical_level: |z| that a candidate must reach to be named, corrected
-    for the size of the library; None where no search was made. suspects: found, but not proven on rows left out.
+    final model. seconds: wall time of this record; evaluations: of the model, in all refits. critical_level: |z| that a
+    candidate must reach to be named, corrected for the size of the library; None where no search was made. suspects: found, but
+    not proven on rows left out.
     """
 
     _command: ClassVar[str] = "diagnose"
@@ -261,6 +262,7 @@ class DiagnosisResult(Result):
     noise: tuple[ChannelNoiseFound, ...]
     left_over_p: float
     seconds: float
+    evaluations: int
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     learned: tuple[LearnedTerm, ...] = ()  # smooth terms that the model of `after` holds: empirical

@@ -25,6 +25,9 @@ SINGLES, PAIRS, FAULTS = 10, 6, 4  # refits of each step
 FAR = 3.0  # reduced chi-square from which a model counts as bent by what it misses
 EXPLAINED = 1.1  # reduced chi-square of a refit that leaves nothing to look for elsewhere
 MOST_HOPPING = 3  # refits that go on by basin hopping
+# Evaluations of the model, of static tests and in motion, after which a search adds nothing more. Four effects take about a
+# thousand: an answer without the last ones beats none.
+MOST_EVALUATIONS, MOST_IN_MOTION = 8000, 1500
 GLANCE = 15  # steps of a refit that only has to show which candidate is worth more
 # A pair must beat the best single effect by this much chi-square beyond the search's own critical value.
 PAIR_PENALTY = 4.0
@@ -43,13 +46,17 @@ class Step:
 
 @dataclass(frozen=True)
 class Selection:
-    """The effects that a forward selection added, in that order. `base`: the ideal valve; `final`: with these effects."""
+    """The effects that a forward selection added, in that order. `base`: the ideal valve; `final`: with these effects.
+
+    complete: False where the search had taken all its evaluations before it was at its end.
+    """
 
     base: Fit
     final: Fit
     effects: tuple[str, ...]
     p_values: dict[str, float]
     steps: tuple[Step, ...]
+    complete: bool = True
 
 
 def times_usual(fit: Fit) -> dict[str, float]:
@@ -100,6 +107,7 @@ def search(
     names = problem.library.names
     current, chosen, p_values, steps = begin or base, begin.effects if begin else (), {}, []
     seen = {frozenset(chosen)}
+    complete, most_evaluations = True, MOST_IN_MOTION if problem.in_motion else MOST_EVALUATIONS
     while True:
         screened = problem.with_all_columns(current)
         candidates = [name for name in names if name not in chosen]
@@ -113,6 +121,10 @@ def search(
         p_step = min(p_single, p_pair, p_fault)
         if len(chosen) >= most or p_step > level:
             steps.append(Step(scores, {}, (), p_step))
+            break
+        if problem.work.evaluations >= most_evaluations:
+            steps.append(Step(scores, {}, (), p_step))
+            complete = False
             break
         say(f"effect {len(chosen) + 1}: refitting the leading candidates")
         singles = _singles(problem, current, chosen, scores, ranked)
@@ -142,7 +154,8 @@ def search(
         if frozenset(chosen) in seen:  # what was added replaced what was pruned before: going round in a circle
             break
         seen.add(frozenset(chosen))
-    return Selection(base, current, chosen, {name: p_values[name] for name in chosen if name in p_values}, tuple(steps))
+    kept = {name: p_values[name] for name in chosen if name in p_values}
+    return Selection(base, current, chosen, kept, tuple(steps), complete)
 
 
 def _singles(

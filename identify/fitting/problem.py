@@ -89,12 +89,20 @@ class Fit:
         return self.columns[:, [self.order.index(name) for name in names]]
 
 
+@dataclass
+class Work:
+    """What the refits of a record have taken so far: evaluations of the model with its derivatives."""
+
+    evaluations: int = 0
+
+
 @dataclass(frozen=True)
 class Problem:
     """One record's refits. plans: of every parameter, held ones too. `used` (rows,) masks rows out of a fit (they still have
     residuals and columns), counted as in a fit's residual. known_effects: {name: amount}, present and held, in motion only.
     also: held parameters that stand in the vector of motion all the same, so that a later fit which frees them finds its
-    program compiled. faults: of the bench, that may be freed like effects of the library; of static tests.
+    program compiled. faults: of the bench, that may be freed like effects of the library; of static tests. work: one count for
+    the problem and all that are made from it.
     """
 
     record: BenchRecord
@@ -107,6 +115,7 @@ class Problem:
     known_effects: Mapping[str, float] = field(default_factory=dict)
     also: tuple[str, ...] = ()
     faults: Mapping[str, BenchFault] = field(default_factory=dict)
+    work: Work = field(default_factory=Work)
 
     def with_noise(self, noise: Noise) -> "Problem":
         return replace(self, noise=noise)
@@ -233,9 +242,11 @@ class Problem:
         both = self._both(programs, order)
 
         def from_point(point: np.ndarray) -> LeastSquaresResult:
-            return solve(
+            result = solve(
                 None, boxes, None, point, tolerance=self._closeness, max_steps=most_steps, both=both, believe=BELIEVE
             )
+            self.work.evaluations += result.steps + 1
+            return result
 
         best = from_point(np.array(begin))
         for _ in range(PATIENCE if patient or hop_basins else 0):

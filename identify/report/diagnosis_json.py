@@ -55,7 +55,7 @@ def diagnosis_json(result: DiagnosisResult) -> dict[str, Any]:
         "parameter_shifts": [fields_of(s, "name", "unit", "before", "after", "std_after") for s in result.shifts],
         "evidence": [_evidence(evidence) for evidence in result.evidence],
         "noise": [fields_of(noise, *NOISE) for noise in result.noise],
-        **fields_of(result, "left_over_p", "seconds", "notes", "warnings"),
+        **fields_of(result, "left_over_p", "seconds", "evaluations", "notes", "warnings"),
         "units": "SI: m, Pa (gauge), K, m3/s",
         "fit_before": {
             "parameters": {

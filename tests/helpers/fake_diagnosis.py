@@ -247,6 +247,7 @@ def fake_diagnosis(kind: str = "named", points: int = 60, **changes: Any) -> Dia
         ),
         left_over_p=1e-9 if unclear else 0.43,
         seconds=9.4,
+        evaluations=1091,
         notes=("The last sweep at 70 degC was held out.",),
         critical_level=3.1,
     )

@@ -7,6 +7,7 @@ import pytest
 from helpers.small_bench import record_of, small_record
 from helpers.small_diagnosis import CASES, DRIFT, MIDDLE, opened, small_case, small_diagnosis
 
+from thermohyd.identify.diagnosis import search
 from thermohyd.identify.diagnosis.case import choose
 from thermohyd.identify.diagnosis.diagnose import diagnose_case
 from thermohyd.identify.diagnosis.result import DiagnosisResult
@@ -204,6 +205,15 @@ def test_bad_rows_are_left_out_and_the_rest_is_as_without_them():
             found = result.after.parameters[name]
             assert found.std == pytest.approx(estimate.std, rel=0.1)
             assert abs(found.value - estimate.value) < 0.5 * estimate.std
+
+
+def test_a_search_that_may_take_no_more_ends_with_what_it_has_and_says_so(monkeypatch):
+    monkeypatch.setattr(search, "MOST_EVALUATIONS", small_case("pilot").problem.work.evaluations)
+    result = diagnose_case(small_case("pilot"))
+    assert result.verdict == "unexplained"
+    assert result.effects == ()
+    assert any("the search was ended after" in warning for warning in result.warnings)
+    assert result.to_dict()["evaluations"] == result.evaluations > 0
 
 
 def test_the_other_law_of_an_edge_is_not_asked_unless_somebody_asks():
