@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from thermohyd.identify.bench.record import BenchRecord
+from thermohyd.identify.bench.record import BenchRecord, dynamic_among
 from thermohyd.identify.fitting.library import Library, motion_library
 from thermohyd.identify.fitting.model_form import with_model_form
 from thermohyd.identify.fitting.parameters import IN_MOTION, ParameterPlan, Prior
@@ -58,12 +58,12 @@ def open_motion(
         own |= _null(record, fitted.plans["null_bias"], static)
     fitted = replace(fitted, plans={**fitted.plans, **own})
     tests = fitted.tests
-    library = motion_library(moving, record.actuator.heat)
+    library = motion_library(dynamic_among(tests), record.actuator.heat)
     problem = Problem(
         record, tests, fitted.plans, library, first_noise(fitted.noise), known_effects=dict(effects or {}), also=also
     )
     repeats = {}
-    for name, test in moving.items():
+    for name, test in fitted.tests.items():
         for channel in test.channels:
             pieces = repeat_differences(test, channel)
             size = float(np.sqrt(np.mean(fitted.noise[name, channel.name].std ** 2)))

@@ -1,6 +1,6 @@
 """Estimate how large a record's noise is and how it correlates: from repeated sweeps, else from what no effect can explain."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import chdtri
@@ -34,6 +34,7 @@ class NoiseEstimate:
     known: bool  # stated, or measured free of any model: a reduced chi-square of 1 means "all explained"
     warning: str = ""
     degrees_of_freedom: float = np.inf  # from which `std` was estimated; infinite: stated
+    memory: np.ndarray | None = None  # the part of each row's variance that the correlation is of; None: all of it
 
 
 @dataclass(frozen=True)
@@ -98,8 +99,29 @@ def estimated_noise(
         variance = float(np.sum(rest[rows] ** 2)) / degrees_of_freedom
         size = variance if _excessive(variance, degrees_of_freedom) else 1.0
         left = projected.remembered(rest, rows, size if stated[key].known else None)
-        noise[key] = _channel(stated[key], repeats[key], variance, degrees_of_freedom, left)
+        found = _channel(stated[key], repeats[key], variance, degrees_of_freedom, left)
+        noise[key] = _beside_positions(found, _channel_of(problem, key).position_part, stated[key].std, stretches[rows])
     return noise
+
+
+def _channel_of(problem: Problem, key: Key) -> Channel:
+    return next(channel for channel in problem.tests[key[0]].channels if channel.name == key[1])
+
+
+def _beside_positions(
+    found: NoiseEstimate, part: np.ndarray | None, std: np.ndarray, stretches: np.ndarray
+) -> NoiseEstimate:
+    """The noise with a memory of the readings' own part alone: what positions add to a row of steep slope, no other remembers.
+
+    part (rows,): standard deviation that positions add to `std` (rows,), SI. The correlation found is that of all rows together.
+    """
+    if part is None or found.correlation.share == 0.0:
+        return found
+    memory = np.clip(1.0 - (part / std) ** 2, 0.0, 1.0)
+    pairs = np.sqrt(memory[1:] * memory[:-1])[stretches[1:] == stretches[:-1]]
+    seen = float(np.mean(pairs)) if len(pairs) else 1.0
+    share = min(found.correlation.share / max(seen, found.correlation.share), 1.0)
+    return replace(found, correlation=replace(found.correlation, share=share), memory=memory)
 
 
 def _excessive(variance: float, degrees_of_freedom: float) -> bool:
@@ -135,4 +157,7 @@ def _channel(
 
 
 def noise_of(estimates: dict[Key, NoiseEstimate]) -> Noise:
-    return Noise({key: n.std for key, n in estimates.items()}, {key: n.correlation for key, n in estimates.items()})
+    memory = {key: n.memory for key, n in estimates.items() if n.memory is not None}
+    return Noise(
+        {key: n.std for key, n in estimates.items()}, {key: n.correlation for key, n in estimates.items()}, memory
+    )

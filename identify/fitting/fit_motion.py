@@ -5,8 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from thermohyd.identify.bench.record import BenchRecord, TestRecord
+from thermohyd.identify.bench.record import BenchRecord, TestRecord, dynamic_among
 from thermohyd.identify.noise.level import ChannelNoise, initial_noises
+from thermohyd.identify.reduction.bad_rows import at_rest, outliers_beside, without_outliers
 
 from .fit_effects import settled
 from .least_squares import LeastSquaresResult
@@ -70,8 +71,34 @@ def run_fit_motion(
             ends.append(_grown(problem, begin, lambda _: None))
     ends.sort(key=lambda end: (not np.isfinite(end.chi2), end.chi2))
     starts = tuple(_outcome(problem, end) for end in ends)
-    fitted = Fitted(record, tests, plans, free, noise, ends[0].solution, starts, record.warnings)
-    return settled(problem, ends[0], fitted, rounds=MOST_ROUNDS, enough=SETTLED)
+    best, faults = ends[0], ()
+    if (kept := _without_outliers(problem, best)) is not tests:
+        say("left out rows beyond what their neighbours allow; fitting again")
+        tests, noise = kept, initial_noises(kept.values())
+        problem = replace(problem, tests=tests, noise=white_noise(noise))
+        best = problem.fit(start=best.values)
+        faults = tuple(fault.sentence for test in tests.values() for fault in test.faults)
+    fitted = Fitted(record, tests, plans, free, noise, best.solution, starts, (*record.warnings, *faults))
+    return settled(problem, best, fitted, rounds=MOST_ROUNDS, enough=SETTLED)
+
+
+def _without_outliers(problem: Problem, fit: Fit) -> dict[str, TestRecord]:
+    """The tests without rows of a run that neither their neighbours nor the fitted machine allow; the same object without any.
+
+    A row on which the command turns stays: without it the run's command would be another.
+    """
+    kept = dict(problem.tests)
+    for name, test in dynamic_among(problem.tests).items():
+        if test.axis != "time" or not np.isfinite(fit.chi2):
+            continue
+        found = {}
+        for channel in test.channels:
+            key = (name, channel.name)
+            modelled = channel.value + fit.residual[problem.rows()[key]] * problem.noise.std[key]
+            bad = outliers_beside(test, channel, modelled)
+            found[channel.name] = {row: sigma for row, sigma in bad.items() if at_rest(test, row)}
+        kept[name] = without_outliers(test, found)
+    return kept if any(kept[name] is not test for name, test in problem.tests.items()) else problem.tests
 
 
 def fit_together(record: BenchRecord, static: Fitted, motion: Fitted, progress: Progress | None = None) -> Fitted:

@@ -4,7 +4,7 @@ The only place where the two differ for a `Problem`, which puts them behind one 
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Protocol, runtime_checkable
 
@@ -45,10 +45,14 @@ Evaluation = Callable[[np.ndarray], tuple[Any, Any]]
 
 @dataclass(frozen=True)
 class Noise:
-    """The noise of each channel as a problem weighs it: standard deviation per row (SI) and correlation."""
+    """The noise of each channel as a problem weighs it: standard deviation per row (SI) and correlation.
+
+    memory: what part of each row's variance (rows,) that correlation is of, where not of all: a position's noise has none.
+    """
 
     std: dict[Key, np.ndarray]
     correlation: dict[Key, NoiseCorrelation]
+    memory: Mapping[Key, np.ndarray] = field(default_factory=dict)
 
     @property
     def white(self) -> "Noise":
@@ -57,7 +61,8 @@ class Noise:
 
     def whitening(self, key: Key, test: TestRecord, used: Mapping[Key, np.ndarray] | None, padded: int) -> Whitening:
         """The filter of a channel's rows; used: of each channel, None where all are."""
-        return whitening_of(self.correlation[key], run_ids(test), padded, None if used is None else used[key])
+        seen = None if used is None else used[key]
+        return whitening_of(self.correlation[key], run_ids(test), padded, seen, self.memory.get(key))
 
 
 def white_noise(noise: Mapping[Key, ChannelNoise]) -> Noise:

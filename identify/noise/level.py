@@ -21,6 +21,8 @@ FEWEST_PAIRS = 8
 FEWEST_IN_MOTION = 60
 # Standard errors of its mean from which on a pair of repeated sweeps lies apart by more than noise, and rows that show it.
 OFFSET, ROWS_OF_OFFSET = 5.0, 8
+SAME_TIME = 1e-6  # s
+MOST_OF_THE_ROWS = 0.9  # that runs which repeat each other share: single bad ones may be gone
 THIRD_DIFFERENCE = np.array([1.0, -3.0, 3.0, -1.0])  # blind to any parabola; variance 20 for white noise of 1
 MEDIAN_OF_CHI2 = 0.4549  # one degree of freedom
 
@@ -137,14 +139,23 @@ def _run_differences(test: TestRecord, channel: Channel, std: np.ndarray) -> lis
     differences, used = [], set()
     for i, a in enumerate(rows):
         for j in range(i + 1, len(rows)):
-            b = rows[j]
-            if j in used or i in used or len(a) != len(b):
+            if j in used or i in used:
                 continue
-            same = np.allclose(test.time[a] - test.time[a[0]], test.time[b] - test.time[b[0]], rtol=0.0, atol=1e-6)
-            if same and all(np.allclose(c[a], c[b], rtol=1e-3, atol=1e-9) for c in columns):
-                differences.append((channel.value[a] - channel.value[b]) / np.hypot(std[a], std[b]))
+            one, other = _at_the_same_times(test.time, a, rows[j])
+            if len(one) and all(np.allclose(c[one], c[other], rtol=1e-3, atol=1e-9) for c in columns):
+                differences.append((channel.value[one] - channel.value[other]) / np.hypot(std[one], std[other]))
                 used |= {i, j}
     return differences
+
+
+def _at_the_same_times(time: np.ndarray, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The rows of two runs that were read at the same times since their starts, to a microsecond; none where many were not."""
+    of_a, of_b = time[a] - time[a[0]], time[b] - time[b[0]]
+    near = np.clip(np.searchsorted(of_b, of_a - SAME_TIME), 0, len(b) - 1)
+    same = np.abs(of_b[near] - of_a) <= SAME_TIME
+    if same.sum() < MOST_OF_THE_ROWS * max(len(a), len(b)):
+        return a[:0], b[:0]
+    return a[same], b[near[same]]
 
 
 def noise_from_neighbours(test: TestRecord, channel: Channel) -> NeighbourNoise:

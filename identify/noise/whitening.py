@@ -15,6 +15,9 @@ from thermohyd.numerics import linear_recursion
 from .correlation import NoiseCorrelation
 
 
+LEAST = 1e-12  # of a row's variance, remembered: what is predicted of it is then nothing
+
+
 class Whitening(eqx.Module):
     """Per row: prediction x_(t+1) = keep x_t + learn y_t, innovation (y_t - x_t) weight_t; a sweep starts with x = 0."""
 
@@ -24,11 +27,16 @@ class Whitening(eqx.Module):
 
 
 def whitening_of(
-    correlation: NoiseCorrelation, sweeps: np.ndarray, padded: int, used: np.ndarray | None = None
+    correlation: NoiseCorrelation,
+    sweeps: np.ndarray,
+    padded: int,
+    used: np.ndarray | None = None,
+    memory: np.ndarray | None = None,
 ) -> Whitening:
     """The filter for rows (n,) whose sweeps (n,) follow one another, with pads that pass through behind them.
 
-    used (n,): of the others nothing is learned and nothing is left, as a reading left out is no reading of 0.
+    used (n,): of the others nothing is learned and nothing is left, as a reading left out is no reading of 0. memory (n,): what
+    part of each row's variance is the noise that `correlation` speaks of; the rest is a row's own. None: all of it.
     """
     keep, learn, weight = np.zeros(padded), np.zeros(padded), np.ones(padded)
     share, phi = correlation.share, correlation.phi
@@ -36,12 +44,15 @@ def whitening_of(
         rows = len(sweeps)
         starts = np.flatnonzero(np.append(True, sweeps[1:] != sweeps[:-1]))
         place = np.arange(rows) - np.repeat(starts, np.diff(np.append(starts, rows)))
-        if used is None or used.all():
-            gain, spread = (values[place] for values in _gains(share, phi, np.ones(int(place.max()) + 1)))
+        size = np.full(rows, np.sqrt(share)) if memory is None else np.sqrt(np.maximum(share * memory, LEAST))
+        if (used is None or used.all()) and memory is None:
+            longest = int(place.max()) + 1
+            gain, spread = (values[place] for values in _gains(size[:longest], phi, np.ones(longest)))
         else:
-            gain, spread = _gains(share, phi, used, place == 0)
-        keep[:rows] = phi * (1.0 - gain)
-        learn[:rows] = phi * gain
+            gain, spread = _gains(size, phi, np.ones(rows) if used is None else used, place == 0)
+        ahead = np.append(size[1:], size[-1])
+        keep[:rows] = phi * ahead / size * (1.0 - gain * size)
+        learn[:rows] = phi * ahead * gain
         weight[:rows] = 1.0 / spread
         # What a sweep's last row has learned must not reach the next sweep.
         ends = np.append(starts[1:] - 1, rows - 1)
@@ -52,18 +63,21 @@ def whitening_of(
 
 
 def _gains(
-    share: float, phi: float, used: np.ndarray, starts: np.ndarray | None = None
+    size: np.ndarray, phi: float, used: np.ndarray, starts: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Kalman gain and standard deviation of the innovation at each row (rows,); starts (rows,): of sweeps, by default one."""
+    """Kalman gain of the remembered part, of variance 1, and standard deviation of the innovation at each row (rows,).
+
+    size (rows,): of that part in a row of variance 1; starts (rows,): of sweeps, by default one.
+    """
     length = len(used)
     gain, spread = np.empty(length), np.empty(length)
-    variance = share  # of the AR part, given the rows before
+    variance = 1.0  # of the remembered part, given the rows before
     for i in range(length):
         if starts is not None and starts[i]:
-            variance = share
-        total = variance + 1.0 - share
-        gain[i], spread[i] = (variance / total if used[i] else 0.0), np.sqrt(total)
-        variance = phi**2 * variance * (1.0 - gain[i]) + share * (1.0 - phi**2)
+            variance = 1.0
+        total = size[i] ** 2 * (variance - 1.0) + 1.0
+        gain[i], spread[i] = (size[i] * variance / total if used[i] else 0.0), np.sqrt(total)
+        variance = phi**2 * variance * (1.0 - gain[i] * size[i]) + 1.0 - phi**2
     return gain, spread
 
 

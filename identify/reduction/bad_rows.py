@@ -11,11 +11,11 @@ import numpy as np
 from scipy.stats import binom, t as student
 
 from thermohyd.identify.bench.columns import reading_unit
-from thermohyd.identify.bench.record import Channel, Fault, FaultyRow, TestRecord
+from thermohyd.identify.bench.record import Channel, DynamicTest, Fault, FaultyRow, TestRecord
 from thermohyd.identify.bench.shown_units import significant
 from thermohyd.identify.noise.level import MEDIAN_OF_CHI2, divided_third
 
-from .monotone_pieces import monotone_pieces, piece_bounds, sweep_axis
+from .monotone_pieces import monotone_pieces, piece_bounds, sweep_axis, sweep_ids
 from .rounding import local_steps
 
 
@@ -30,6 +30,7 @@ WORTH = 0.25
 SHARE, IN_A_ROW, NEAREST = 0.02, 3, 0.2
 LEFT = 8  # rows that must remain: a reading that never changes has a sentence of its own
 APART = 8  # rows between two outliers that are found at once
+AS_COMMANDED = 1e-3  # of the command's range: a row without which it is the same
 # The steepest share of a piece says how far a model's curve, or a row's position by its noise, lies aside. So many times that a
 # good row may lie beyond all that its neighbours allow; or from the line across, as half of the rows of normal noise lie within
 # 0.67 standard deviations, and one in some thousands seven times as far.
@@ -53,11 +54,11 @@ def outliers(
     pieces: the test's monotone ones, for who has them. room (rows,): what a row may lie beyond them besides, where `values` are what
     a model leaves; or it may lie so far and more from the line across.
     """
-    pieces = monotone_pieces(test)[0] if pieces is None else pieces
+    pieces = _pieces(test) if pieces is None else pieces
     noise = noise_about(values, pieces) if noise is None else noise
     level = float(student.isf(CHANCE / (2 * LONGEST * max(test.rows, 1)), max(WORTH * test.rows, 3.0)))
     found: dict[int, float] = {}
-    axis = sweep_axis(test)
+    axis = _axis(test)
     for a, b in piece_bounds(pieces):
         rows = np.arange(a, b)
         while len(found) <= MOST * test.rows + LONGEST:
@@ -93,7 +94,7 @@ def room_for_a_shift(test: TestRecord, modelled: np.ndarray, misfit: np.ndarray,
     as the model has them, and less what was read.
     """
     room = np.zeros(test.rows)
-    axis = sweep_axis(test)
+    axis = _axis(test)
     for a, b in piece_bounds(pieces):
         steps = np.diff(axis[a:b])
         rise = np.divide(np.diff(modelled[a:b]), steps, out=np.zeros(b - a - 1), where=steps != 0.0)
@@ -112,7 +113,7 @@ def outliers_beside(test: TestRecord, channel: Channel, modelled: np.ndarray) ->
 
     modelled (rows,): the readings as the fitted valve has them.
     """
-    pieces = monotone_pieces(test)[0]
+    pieces = _pieces(test)
     misfit = modelled - channel.value
     size = np.maximum(noise_about(misfit, pieces), 0.0 if channel.std is None else channel.std)
     size = size if channel.position_part is None else np.hypot(size, channel.position_part)
@@ -123,6 +124,16 @@ def outliers_beside(test: TestRecord, channel: Channel, modelled: np.ndarray) ->
     # On a steep rise neighbours leave room for anything: there the curve says how far the model lies aside.
     suspects |= outliers(test, misfit, size, pieces, room_for_a_shift(test, modelled, misfit, pieces))
     return {row: sigma for row, sigma in left.items() if row in suspects}
+
+
+def _pieces(test: TestRecord) -> np.ndarray:
+    """Stretches of rows (rows,) whose neighbours say something of each other: a run in motion, a sweep one way else."""
+    return sweep_ids(test) if test.in_motion else monotone_pieces(test)[0]
+
+
+def _axis(test: TestRecord) -> np.ndarray:
+    """What these rows follow each other along."""
+    return test.place if test.in_motion else sweep_axis(test)
 
 
 def _along(axis: np.ndarray) -> np.ndarray:
@@ -211,6 +222,14 @@ def _outliers_fault(test: TestRecord, name: str, rows: Mapping[int, float], mask
     )
     places = tuple(replace(_place(test, row), sigma=sigma) for row, sigma in rows.items())
     return Fault("outliers", test.name, name, float(len(rows)), "1", places, sentence, masked)
+
+
+def at_rest(test: DynamicTest, row: int) -> bool:
+    """Whether a row in motion may go: its command is what a line between its neighbours' has, so that the run's is the same."""
+    if not 0 < row < test.rows - 1 or not test.run[row - 1] == test.run[row] == test.run[row + 1]:
+        return False
+    (t0, t, t1), (u0, u, u1) = test.place[row - 1 : row + 2], test.command[row - 1 : row + 2]
+    return abs(u - u0 - (u1 - u0) * (t - t0) / (t1 - t0)) <= AS_COMMANDED * float(np.ptp(test.command))
 
 
 def without_outliers_in_log(test: TestRecord) -> TestRecord:
@@ -303,6 +322,10 @@ def _without(test: TestRecord, rows: list[int]) -> TestRecord:
         replace(c, value=c.value[kept], std=cut(c.std), rounding=cut(c.rounding), position_part=cut(c.position_part))
         for c in test.channels
     )
+    if isinstance(test, DynamicTest):
+        test = replace(
+            test, command=test.command[kept], external_force=cut(test.external_force), frequency=cut(test.frequency)
+        )
     return replace(
         test,
         channels=channels,

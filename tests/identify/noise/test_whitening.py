@@ -35,6 +35,22 @@ def test_is_the_inverse_cholesky_factor(correlation):
 
 
 @pytest.mark.parametrize("correlation", KINDS)
+def test_what_positions_add_to_steep_rows_is_remembered_by_no_other(correlation):
+    sweeps = np.repeat([3, 7, 8], [20, 1, 12])
+    memory = np.random.default_rng(7).uniform(size=33)
+    memory[[5, 6, 25]] = 0.0
+    shared = covariance(correlation, sweeps) * np.sqrt(np.outer(memory, memory))
+    factor = np.linalg.cholesky(shared - np.diag(np.diag(shared)) + np.eye(33))
+    filter_ = whitening_of(correlation, sweeps, 33, memory=memory)
+    np.testing.assert_allclose(whiten_on_host(filter_, np.eye(33)), np.linalg.inv(factor), atol=1e-5)
+    used = np.ones(33, bool)
+    same = whitening_of(correlation, sweeps, 33, used, np.ones(33))
+    np.testing.assert_allclose(
+        whiten_on_host(same, np.eye(33)), whiten_on_host(whitening_of(correlation, sweeps, 33), np.eye(33))
+    )
+
+
+@pytest.mark.parametrize("correlation", KINDS)
 def test_innovations_are_white(correlation):
     n = 20_000
     e = whiten_on_host(whitening_of(correlation, np.zeros(n, int), n), noise(np.random.default_rng(4), correlation, n))
