@@ -103,7 +103,7 @@ def ask(job: tuple[Path, bool]) -> dict[str, Any]:
     """One record's answer; a failure is an answer too."""
     folder, with_baselines = job
     from thermohyd.identify.bench.read import read_record
-    from thermohyd.identify.cli.jax_setup import set_up_jax
+    from thermohyd.identify.cli.jax_setup import keep_memory_flat, set_up_jax
 
     set_up_jax()
     signal.signal(signal.SIGALRM, _too_long)
@@ -123,6 +123,7 @@ def ask(job: tuple[Path, bool]) -> dict[str, Any]:
         return {"record": folder.name, "error": f"{type(error).__name__}: {error}"}
     finally:
         signal.alarm(0)
+        keep_memory_flat()
     return plain(answer)
 
 

@@ -1,7 +1,10 @@
 """How the command line sets JAX up: double precision, quiet, with the user's own compilation cache. Never at import."""
 
 import contextlib
+import ctypes
+import gc
 import os
+import sys
 import time
 import warnings
 from pathlib import Path
@@ -15,6 +18,8 @@ from thermohyd.identify.interruption import always_when_interrupted
 LARGEST_CACHE = 512 * 1024**2  # bytes
 # An entry this young may still be in the writing when the process is interrupted.
 UNFINISHED = 2.0  # s
+# A process that holds more drops its compiled programs before the next record: each shape of a record has its own.
+MOST_MEMORY = 1.0e9  # bytes
 
 
 def set_up_jax() -> None:
@@ -53,6 +58,26 @@ def compilation_cache() -> Path | None:
         return None
     _prune(folder)
     return folder
+
+
+def keep_memory_flat() -> None:
+    """Between records: let the compiled programs go once they are many. What is needed again is in the cache on disk."""
+    if "jax" not in sys.modules or resident_memory() < MOST_MEMORY:
+        return
+    import jax
+
+    jax.clear_caches()
+    gc.collect()
+    with contextlib.suppress(OSError, AttributeError):  # another C library than glibc
+        ctypes.CDLL("libc.so.6").malloc_trim(0)
+
+
+def resident_memory() -> float:
+    """Bytes of memory that this process holds; infinite where the system does not say."""
+    try:
+        return float(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+    except (OSError, ValueError, IndexError):
+        return float("inf")
 
 
 def drop_unfinished(folder: Path) -> None:

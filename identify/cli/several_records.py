@@ -19,6 +19,7 @@ from thermohyd.identify.interruption import when_interrupted
 from thermohyd.identify.report.files import checked_folder
 from thermohyd.identify.result import Result
 
+from .jax_setup import keep_memory_flat
 from .process import in_words, wants_the_whole_story
 
 
@@ -91,6 +92,8 @@ def compute_all[Found: Result](
             if len(records) == 1 or wants_the_whole_story():
                 raise
             outcome.failed[name] = in_words(error)
+        if number < len(records):
+            keep_memory_flat()
     return outcome
 
 

@@ -229,7 +229,7 @@ def at_rest(test: DynamicTest, row: int) -> bool:
     if not 0 < row < test.rows - 1 or not test.run[row - 1] == test.run[row] == test.run[row + 1]:
         return False
     (t0, t, t1), (u0, u, u1) = test.place[row - 1 : row + 2], test.command[row - 1 : row + 2]
-    return abs(u - u0 - (u1 - u0) * (t - t0) / (t1 - t0)) <= AS_COMMANDED * float(np.ptp(test.command))
+    return bool(abs(u - u0 - (u1 - u0) * (t - t0) / (t1 - t0)) <= AS_COMMANDED * np.ptp(test.command))
 
 
 def without_outliers_in_log(test: TestRecord) -> TestRecord:

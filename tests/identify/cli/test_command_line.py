@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from types import ModuleType
 
+import jax
 import pytest
 from helpers.fake_diagnosis import fake_diagnosis
 from helpers.fake_fit import fake_fit
@@ -279,6 +280,16 @@ def test_cache_is_the_users_own_and_optional(tmp_path):
     assert cache_seen_by_jax(tmp_path / "file") == ["None"]
     own = str(tmp_path / "own")
     assert cache_seen_by_jax(tmp_path / "unused", JAX_COMPILATION_CACHE_DIR=own) == [own]
+
+
+def test_programs_go_between_records_once_the_process_holds_much(monkeypatch):
+    cleared = []
+    monkeypatch.setattr(jax, "clear_caches", lambda: cleared.append(True))
+    assert 1e7 < jax_setup.resident_memory() < 1e12
+    for held in (0.5, 2.0):
+        monkeypatch.setattr(jax_setup, "resident_memory", lambda held=held: held * jax_setup.MOST_MEMORY)
+        jax_setup.keep_memory_flat()
+        assert len(cleared) == int(held > 1.0)
 
 
 def test_cache_does_not_grow_for_ever(monkeypatch, tmp_path):

@@ -1,6 +1,7 @@
 """The fit of the sample actuator: truth inside honest intervals, what is held, and the model file there and back."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,10 +11,11 @@ from thermohyd.data import sample_record
 from thermohyd.identify.bench.errors import BenchInputError
 from thermohyd.identify.bench.read import read_record
 from thermohyd.identify.fitting.fit import fit
-from thermohyd.identify.fitting.fit_motion import within
+from thermohyd.identify.fitting.fit_motion import run_fit_motion, within
 from thermohyd.identify.fitting.parameters import IN_MOTION
 from thermohyd.identify.model.model_file import load_model, model_json, nominal_model
 from thermohyd.identify.model.predict import simulate_record
+from thermohyd.identify.reduction.bad_rows import at_rest
 from thermohyd.identify.report.fit_json import fit_json, json_text
 
 
@@ -79,6 +81,29 @@ def test_the_horizon_is_a_share_of_every_run(seed_record):
     for code in range(3):
         assert np.mean(inside[test.run == code]) == pytest.approx(0.3, abs=0.01)
     assert within(seed_record.dynamic_tests["frequency"], 0.3).all()
+
+
+def test_spikes_of_a_run_are_left_out_and_named(seed_record, seed_fit):
+    """Three bad rows, of which one lies where the command steps: that one is the run's command, and stays."""
+    test = seed_record.dynamic_tests["step"]
+    channel = test.channels[0]
+    quiet = np.array([at_rest(test, row) for row in range(test.rows)])
+    inside = [row for row in range(6, test.rows - 6) if quiet[row - 6 : row + 7].all()]
+    rows = [inside[len(inside) // 3], inside[2 * len(inside) // 3]]
+    edge = next(row for row in range(6, test.rows - 6) if not quiet[row] and np.ptp(test.run[row - 6 : row + 7]) == 0)
+    value = channel.value.copy()
+    value[[*rows, edge]] += 0.3 * np.ptp(value)
+    bad = replace(test, channels=(replace(channel, value=value), *test.channels[1:]))
+    found = run_fit_motion(replace(seed_record, tests={**seed_record.tests, "step": bad}))
+    [fault] = found.tests["step"].faults
+    assert (fault.name, fault.channel, fault.masked) == ("outliers", channel.name, True)
+    assert [row.line for row in fault.rows] == [int(test.lines[row]) for row in rows]
+    assert found.tests["step"].rows == test.rows - 2 == len(found.tests["step"].command)
+    assert fault.sentence in found.warnings
+    for name in IN_MOTION:
+        estimate = seed_fit.parameters[name]
+        assert abs(found.values[name] - estimate.value) < 0.5 * estimate.std
+    assert not seed_fit.faults
 
 
 @pytest.mark.parametrize(
