@@ -344,8 +344,9 @@ def along_log(log: TestRecord, points: TestRecord, modelled: np.ndarray) -> np.n
     found = np.empty(log.rows)
     for start, stop in piece_bounds(pieces):
         own = (middle >= start) & (middle < stop)
-        curve = PchipInterpolator(middle[own], modelled[own]) if own.sum() > 1 else modelled[own][0]
-        found[start:stop] = curve(np.arange(start, stop)) if callable(curve) else curve
+        found[start:stop] = modelled[own][0]
+        if own.sum() > 1:
+            found[start:stop] = PchipInterpolator(middle[own], modelled[own])(np.arange(start, stop))
     return found
 
 

@@ -24,9 +24,11 @@ STRAIGHT = 1.5
 # A variance up to so many times of what the rounding of positions and times makes is no noise of the transducer: rounding
 # errors have a median of up to 0.75 of their variance where normal ones have 0.45, and 200 rows tell it to some 30 %.
 ROUNDED = 3.0
-# Below this share of it positions are no rounded ones: an even grid, which is commanded, scatters by nothing at all.
+# Below this share of it positions are no rounded ones, unless they step aside now and then: an even grid, which is commanded, scatters
+# by nothing at all, and of a sweep that moves on by nearly whole steps most rows are even.
 COMMANDED = 0.3
-# Gain in log-likelihood from which on the readings say that the spool did move as its positions scatter. Rows share their
+ASIDE, NOW_AND_THEN = 0.2, 0.02  # steps, of a third difference as if of noise; share of the rows
+# Gain in log-likelihood from which on the readings say that the spool did move as its positions scatter, or did not. Rows share their
 # third differences with three others, so that 9 is a likelihood ratio of about e^3.
 MOVED = 9.0
 HEAVY = 3.0  # standard deviations beyond which a third difference is the curve's bend rather than noise
@@ -34,21 +36,24 @@ HEAVY = 3.0  # standard deviations beyond which a third difference is the curve'
 
 @dataclass(frozen=True)
 class _Lines:
-    """Straight lines in time through the positions, per row (SI): `value` and `slope`; `found`: rows that have one."""
+    """Straight lines in time through the positions, per row (SI): `value` and `slope`; `found`: rows that have one; `error`: its variance
+    there, of a row's."""
 
     value: np.ndarray
     slope: np.ndarray
     found: np.ndarray
+    error: np.ndarray
 
 
 def as_measured(test: TestRecord) -> TestRecord:
     """A table with time with directions and rates [m/s] of its smooth sweep, and what noise of its positions adds to the readings.
 
-    Positions stay as read: the errors of a smoothed sweep's are shared by all its rows, and a fit would take them for a
-    shift of that sweep. Their noise is stated (`position_std`) or the scatter that third differences in time show, unless
-    the readings follow it: then the spool moved so; and their rounding, where they scatter as rounded ones do. It adds to
-    a reading's by the slope of the curve (effective variance; Fuller, Measurement Error Models, 1987, sec. 3.1):
-    `Channel.position_part`.
+    Noisy positions stay as read: the errors of a smoothed sweep's are shared by all its rows, and a fit would take them for
+    a shift of that sweep. Their noise is stated (`position_std`) or the scatter that third differences in time show, unless
+    the readings follow it: then the spool moved so. It adds to a reading's by the slope of the curve (effective variance;
+    Fuller, Measurement Error Models, 1987, sec. 3.1): `Channel.position_part`. The same with positions that scatter as rounded
+    ones do; where the readings clearly do not follow, they are those of the line: sweeps that repeat each other repeat their
+    rounding errors, which are then no noise.
     """
     stated = test.position_std
     if test.in_motion or sweep_axis(test) is not test.spool_position:
@@ -66,8 +71,13 @@ def as_measured(test: TestRecord) -> TestRecord:
     direction = np.where(lines.found, direction, test.direction).astype(test.direction.dtype)
     rate = lines.slope if test.rate is None else np.where(lines.found, lines.slope, test.rate)
     swept = replace(test, direction=direction, rate=rate)
-    if beyond > 0.0 and stated is None:
-        if _spool_followed(test, lines, pieces):
+    if beyond == 0.0:
+        gain = _followed(test, lines, pieces)
+        if abs(gain) <= MOVED:
+            return _with_parts(swept, noise, lines.value, pieces)
+        return swept if gain > 0.0 else _unrounded(swept, lines, rounding, pieces)
+    if stated is None:
+        if _followed(test, lines, pieces) > MOVED:
             return _with_parts(swept, rounding, test.spool_position, pieces)
         note = (
             f"{test.name}: positions scatter by {significant(noise * 1e6, 2)} um about a smooth sweep in time, and the readings "
@@ -75,6 +85,12 @@ def as_measured(test: TestRecord) -> TestRecord:
         )
         swept = replace(swept, notes=(*test.notes, note))
     return _with_parts(swept, noise, lines.value, pieces)
+
+
+def _unrounded(test: TestRecord, lines: _Lines, rounding: float, pieces: np.ndarray) -> TestRecord:
+    """The test at the positions of its lines, which are known better than rounded ones by the root of their rows."""
+    left = rounding * np.sqrt(lines.error)
+    return _with_parts(replace(test, spool_position=lines.value), left, lines.value, pieces)
 
 
 def _ways(test: TestRecord) -> tuple[np.ndarray, np.ndarray]:
@@ -87,9 +103,11 @@ def _ways(test: TestRecord) -> tuple[np.ndarray, np.ndarray]:
     return pieces, direction
 
 
-def _with_parts(test: TestRecord, noise: float | None, along: np.ndarray, pieces: np.ndarray) -> TestRecord:
+def _with_parts(
+    test: TestRecord, noise: np.ndarray | float | None, along: np.ndarray, pieces: np.ndarray
+) -> TestRecord:
     """What noise of the positions adds to each reading's, by its curve's slope over the smoother positions `along` (rows,)."""
-    if not noise:
+    if noise is None or not np.any(noise):
         return test
     part = lambda channel: noise * np.abs(local_slopes(along, channel.value, pieces))
     return replace(test, channels=tuple(replace(channel, position_part=part(channel)) for channel in test.channels))
@@ -116,7 +134,8 @@ def _scatter(test: TestRecord, pieces: np.ndarray) -> tuple[float, float]:
     square, rounded = np.concatenate(seen) / MEDIAN_OF_CHI2, np.concatenate(rounding)
     low, high = 0.0, float(np.median(square))
     share = float(np.median(square / np.maximum(rounded, 1e-9 * high))) if high > 0.0 else 0.0
-    own = steps[0] / np.sqrt(12.0) if share > COMMANDED else 0.0
+    aside = float(np.mean(np.sqrt(np.concatenate(seen)) > ASIDE * steps[0]))
+    own = steps[0] / np.sqrt(12.0) if steps[0] > 0.0 and (share > COMMANDED or aside > NOW_AND_THEN) else 0.0
     if share < ROUNDED:
         return 0.0, own
     for _ in range(40):  # the variance beside which the median of all is what it should be
@@ -128,7 +147,7 @@ def _scatter(test: TestRecord, pieces: np.ndarray) -> tuple[float, float]:
 def _lines(time: np.ndarray, position: np.ndarray, pieces: np.ndarray, noise: float) -> _Lines:
     """Lines over as many rows of each piece as the sweep is straight over, to within its noise."""
     rows = len(time)
-    lines = _Lines(position.copy(), np.zeros(rows), np.zeros(rows, dtype=bool))
+    lines = _Lines(position.copy(), np.zeros(rows), np.zeros(rows, dtype=bool), np.ones(rows))
     for a, b in piece_bounds(pieces):
         part, count = slice(a, b), b - a
         if count < FEWEST_ROWS or np.ptp(position[part]) == 0.0 or not np.all(np.diff(time[part]) > 0.0):
@@ -138,13 +157,15 @@ def _lines(time: np.ndarray, position: np.ndarray, pieces: np.ndarray, noise: fl
             value, slope, kept = local_line(position[part], half, time[part])
             if np.sum((position[part] - value) ** 2) <= STRAIGHT * noise**2 * max(np.sum(kept), 1.0):
                 lines.value[part], lines.slope[part], lines.found[part] = value, slope, True
+                lines.error[part] = 1.0 - kept
                 break
             half //= 2
     return lines
 
 
-def _spool_followed(test: TestRecord, lines: _Lines, pieces: np.ndarray) -> bool:
-    """Whether the readings moved with the scatter of the positions: then the spool did, and no transducer's noise made it."""
+def _followed(test: TestRecord, lines: _Lines, pieces: np.ndarray) -> float:
+    """Log-likelihood of readings that moved with the scatter of the positions over that of readings that did not: where they did,
+    the spool moved so, and no transducer's noise or rounding made it."""
     gain = 0.0
     for channel in test.channels:
         seen, expected = [], []
@@ -161,7 +182,7 @@ def _spool_followed(test: TestRecord, lines: _Lines, pieces: np.ndarray) -> bool
         size = np.sqrt(min(np.median(e**2), np.median((e - g) ** 2)) / MEDIAN_OF_CHI2)
         if size > 0.0:
             gain += _loss(e / size) - _loss((e - g) / size)
-    return gain > MOVED
+    return gain
 
 
 def _loss(r: np.ndarray) -> float:
