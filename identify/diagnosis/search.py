@@ -25,9 +25,10 @@ SINGLES, PAIRS, FAULTS = 10, 6, 4  # refits of each step
 FAR = 3.0  # reduced chi-square from which a model counts as bent by what it misses
 EXPLAINED = 1.1  # reduced chi-square of a refit that leaves nothing to look for elsewhere
 MOST_HOPPING = 3  # refits that go on by basin hopping
-# Evaluations of the model, of static tests and in motion, after which a search adds nothing more. Four effects take about a
-# thousand: an answer without the last ones beats none.
-MOST_EVALUATIONS, MOST_IN_MOTION = 8000, 1500
+# Evaluations of the model after which a search adds nothing more: of static tests so many, or fewer where these have many
+# readings, and in motion. Four effects take about a thousand: an answer without the last ones beats none.
+MOST_EVALUATIONS, LEAST_EVALUATIONS, MOST_IN_MOTION = 8000, 1500, 1500
+MOST_READINGS = 16_000_000  # evaluated
 GLANCE = 15  # steps of a refit that only has to show which candidate is worth more
 # A pair must beat the best single effect by this much chi-square beyond the search's own critical value.
 PAIR_PENALTY = 4.0
@@ -107,7 +108,7 @@ def search(
     names = problem.library.names
     current, chosen, p_values, steps = begin or base, begin.effects if begin else (), {}, []
     seen = {frozenset(chosen)}
-    complete, most_evaluations = True, MOST_IN_MOTION if problem.in_motion else MOST_EVALUATIONS
+    complete, enough = True, _budget(problem, len(base.residual))
     while True:
         screened = problem.with_all_columns(current)
         candidates = [name for name in names if name not in chosen]
@@ -122,7 +123,7 @@ def search(
         if len(chosen) >= most or p_step > level:
             steps.append(Step(scores, {}, (), p_step))
             break
-        if problem.work.evaluations >= most_evaluations:
+        if problem.work.evaluations >= enough:
             steps.append(Step(scores, {}, (), p_step))
             complete = False
             break
@@ -156,6 +157,13 @@ def search(
         seen.add(frozenset(chosen))
     kept = {name: p_values[name] for name in chosen if name in p_values}
     return Selection(base, current, chosen, kept, tuple(steps), complete)
+
+
+def _budget(problem: Problem, rows: int) -> float:
+    """Evaluations of the model that a diagnosis of so many readings may take before its search ends."""
+    if problem.in_motion:
+        return MOST_IN_MOTION
+    return min(MOST_EVALUATIONS, max(LEAST_EVALUATIONS, MOST_READINGS / rows))
 
 
 def _singles(
