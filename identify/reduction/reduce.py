@@ -163,8 +163,8 @@ FULL_LOG, LEAST_SHARE = (
 )  # rows of a log that gets all its points; fewer and more by the third root of the rows
 MEMORIES = 1.5  # rows of a bin, at least, in independent readings' worth
 # Fewer rows per piece, and they are readings that somebody took one by one; or, where the sweep goes forward from row to row, so
-# far apart that the curve's bends and a noise with a memory look alike in them: rows are then fitted one by one.
-ROWS_PER_PIECE, FORWARD_PER_PIECE = 200, 600
+# far apart that the curve's bends and a noise with a memory look alike in them: rows are then fitted one by one, up to so many.
+ROWS_PER_PIECE, FORWARD_PER_PIECE, ONE_BY_ONE = 200, 600, 6000
 FORWARD = 0.7  # of the rows move on with their sweep, where no dither and no rounding hides it
 
 
@@ -266,7 +266,7 @@ def is_raw_log(test: TestRecord, *, max_points: int = 600, log_rows: int = LOG_R
     per_piece = test.rows / (int(pieces[-1]) + 1)
     if float(np.mean(np.diff(sweep_axis(test)) * direction[1:] > 0)) < FORWARD:
         return per_piece >= ROWS_PER_PIECE
-    return test.rows >= log_rows and per_piece >= FORWARD_PER_PIECE
+    return test.rows >= log_rows and per_piece >= (FORWARD_PER_PIECE if test.rows < ONE_BY_ONE else ROWS_PER_PIECE)
 
 
 def _rates(time: np.ndarray, position: np.ndarray, pieces: np.ndarray, starts: np.ndarray) -> np.ndarray:

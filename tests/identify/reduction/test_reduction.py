@@ -151,6 +151,9 @@ def test_other_tests_come_back_as_they_are():
     assert not is_raw_log(table)
     many_sweeps = raw_log(5, rows=3000, runs=15)
     assert reduce_test(many_sweeps) is many_sweeps
+    assert not is_raw_log(raw_log(5, rows=4000, runs=4))  # 500 rows a leg: fitted one by one
+    assert is_raw_log(raw_log(5, rows=4000, runs=2))
+    assert is_raw_log(raw_log(5, rows=8000, runs=8))  # so many would take too long
     dithered = raw_log(5, rows=1800, position_step=0.01, dither=0.01)
     assert reduce_test(dithered).rows < 450
     points = reduce_test(raw_log(5))
