@@ -192,9 +192,9 @@ def _without_outliers(
         channel = next(c for c in test.channels if c.name == reading)
         modelled = channel.value + solution.residual[rows] * noise[name, reading].used
         if test.rows_of_log is not None:
-            log = smooth_sweep(whole[name])
-            modelled = along_log(log, test, modelled)
-            test, channel = log, next(c for c in log.channels if c.name == reading)
+            modelled = along_log(whole[name], test, modelled)
+            test = smooth_sweep(whole[name])
+            channel = next(c for c in test.channels if c.name == reading)
         if bad := outliers_beside(test, channel, modelled):
             found.setdefault(name, {})[reading] = bad
     if not found:

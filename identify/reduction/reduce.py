@@ -336,15 +336,12 @@ def _memory(test: TestRecord, points: Points) -> str:
 
 
 def along_log(log: TestRecord, points: TestRecord, modelled: np.ndarray) -> np.ndarray:
-    """A model's readings at every row of a log (rows,), from those at its points (points,): a smooth curve through each piece."""
+    """A model's readings at every row of a log (rows,), from those at its `points`: a smooth curve through those of each piece."""
     assert points.rows_of_log is not None
-    last = np.cumsum(points.rows_of_log)
-    middle = last - 0.5 * (points.rows_of_log + 1.0)
-    pieces = monotone_pieces(log)[0]
-    found = np.empty(log.rows)
-    for start, stop in piece_bounds(pieces):
+    middle = np.cumsum(points.rows_of_log) - 0.5 * (points.rows_of_log + 1.0)
+    found = np.interp(np.arange(log.rows), middle, modelled)
+    for start, stop in piece_bounds(monotone_pieces(log)[0]):
         own = (middle >= start) & (middle < stop)
-        found[start:stop] = modelled[own][0]
         if own.sum() > 1:
             found[start:stop] = PchipInterpolator(middle[own], modelled[own])(np.arange(start, stop))
     return found
