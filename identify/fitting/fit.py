@@ -15,7 +15,7 @@ from thermohyd.identify.reduction.bad_rows import (
     without_outliers,
     without_outliers_in_log,
 )
-from thermohyd.identify.reduction.reduce import along_log, is_raw_log, reduce_test, smooth_sweep
+from thermohyd.identify.reduction.reduce import is_raw_log, reduce_test
 from thermohyd.numerics import require_float64
 
 from .boxes import Box
@@ -121,7 +121,6 @@ def run_fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | N
     """Fit a record's static tests: reduce raw logs, search from several starts, settle the noise. `fit_result` says it in words."""
     say = progress or (lambda _: None)
     tests: dict[str, TestRecord] = {}
-    whole: dict[str, TestRecord] = {}
     warnings = list(record.warnings)
     plans = plan_parameters(record.valve, record.start) | sensor_plans(record.static_tests, record)
     plans = with_relatives(plans, record.static_tests, record)
@@ -131,10 +130,8 @@ def run_fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | N
             say(f"reducing {name}: {test.rows:,} rows")
         turned = reversed_channels(test)
         warnings += [warning_of(test, channel) for channel in turned]
-        whole[name] = without_limits(with_signs_turned(test, turned))
-        if is_raw_log(whole[name]):
-            whole[name] = without_outliers_in_log(whole[name])
-        tests[name] = reduce_test(whole[name])
+        whole = without_limits(with_signs_turned(test, turned))
+        tests[name] = reduce_test(without_outliers_in_log(whole) if is_raw_log(whole) else whole)
     free_parameters(record, plans, tests)  # once more: a raw log has fewer points than rows
     noise = initial_noises(tests.values())
     if sensed_channels(tests):
@@ -160,7 +157,7 @@ def run_fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | N
         problem.outcome(solution, restart=lower),
         *map(problem.outcome, outcomes if lower else outcomes[1:]),
     ]
-    if (kept := _without_outliers(problem, whole, solution, noise)) is not tests:
+    if (kept := _without_outliers(problem, solution, noise)) is not tests:
         say("left out rows beyond what their neighbours allow; fitting again")
         tests = kept
         noise = initial_noises(tests.values())
@@ -180,34 +177,24 @@ def run_fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | N
 
 
 def _without_outliers(
-    problem: "StaticSearch", whole: dict[str, TestRecord], solution: LeastSquaresResult, noise: dict[Key, ChannelNoise]
+    problem: "StaticSearch", solution: LeastSquaresResult, noise: dict[Key, ChannelNoise]
 ) -> dict[str, TestRecord]:
     """The tests without rows that neither their neighbours nor the fitted valve allow; the same object where there are none.
 
-    whole: the tests before raw logs were reduced; of these the rows are looked at, not the points.
+    A reduced log's rows are so dense that their neighbours alone have decided.
     """
     found: dict[str, dict[str, dict[int, float]]] = {}
     for (name, reading), rows in channel_slices(problem.tests).items():
         test = problem.tests[name]
+        if test.rows_of_log is not None:
+            continue
         channel = next(c for c in test.channels if c.name == reading)
         modelled = channel.value + solution.residual[rows] * noise[name, reading].used
-        if test.rows_of_log is not None:
-            modelled = along_log(whole[name], test, modelled)
-            test = smooth_sweep(whole[name])
-            channel = next(c for c in test.channels if c.name == reading)
         if bad := outliers_beside(test, channel, modelled):
             found.setdefault(name, {})[reading] = bad
     if not found:
         return problem.tests
-    kept = dict(problem.tests)
-    for name, by_channel in found.items():
-        logged = kept[name].rows_of_log is not None
-        kept[name] = (
-            reduce_test(without_outliers(whole[name], by_channel))
-            if logged
-            else without_outliers(kept[name], by_channel)
-        )
-    return kept
+    return {name: without_outliers(test, found.get(name, {})) for name, test in problem.tests.items()}
 
 
 def _sensors_started(

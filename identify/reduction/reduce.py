@@ -12,7 +12,6 @@ row to the next the position steps back and forth, and effects of direction and 
 from dataclasses import replace
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
 
 from thermohyd.identify.bench.columns import reading_unit
 from thermohyd.identify.bench.record import Channel, Nodes, TestRecord
@@ -333,18 +332,6 @@ def _memory(test: TestRecord, points: Points) -> str:
     if test.time is not None and (pace := float(np.median(np.diff(test.time)))) > 0:
         return f"{significant(rows * pace, 2)} s"
     return f"{rows:.0f} rows"
-
-
-def along_log(log: TestRecord, points: TestRecord, modelled: np.ndarray) -> np.ndarray:
-    """A model's readings at every row of a log (rows,), from those at its `points`: a smooth curve through those of each piece."""
-    assert points.rows_of_log is not None
-    middle = np.cumsum(points.rows_of_log) - 0.5 * (points.rows_of_log + 1.0)
-    found = np.interp(np.arange(log.rows), middle, modelled)
-    for start, stop in piece_bounds(monotone_pieces(log)[0]):
-        own = (middle >= start) & (middle < stop)
-        if own.sum() > 1:
-            found[start:stop] = PchipInterpolator(middle[own], modelled[own])(np.arange(start, stop))
-    return found
 
 
 SHARE_OF_PIECE = 100  # rates are slopes over twice this share of a piece's rows, about as wide as a fit's bins
