@@ -1,7 +1,5 @@
 """Double precision and strict promotion for every test; hypothesis without deadlines and with fixed examples."""
 
-import contextlib
-import ctypes
 import gc
 import os
 from importlib.metadata import version
@@ -35,6 +33,9 @@ with_shapes = [
 ]
 install_import_hook(with_shapes, "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))")
 beartype_package("thermohyd", conf=BeartypeConf(is_pep484_tower=True, claw_is_pep526=False, violation_type=TypeError))
+
+from thermohyd.identify.cli.jax_setup import drop_programs  # noqa: E402
+
 
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_dtype_promotion", "strict")
@@ -76,7 +77,4 @@ def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> 
     maps = Path("/proc/self/maps")
     most = MOST_WITHIN if within else MOST_MAPS
     if maps.exists() and maps.read_bytes().count(b"\n") > most:
-        jax.clear_caches()
-        gc.collect()
-        with contextlib.suppress(OSError, AttributeError):  # another C library than glibc
-            ctypes.CDLL("libc.so.6").malloc_trim(0)
+        drop_programs()

@@ -190,6 +190,10 @@ class TestRecord:
     def rows(self) -> int:
         return len(self.spool_position)
 
+    def channel(self, name: str) -> Channel:
+        """The channel of this name; StopIteration without one."""
+        return next(channel for channel in self.channels if channel.name == name)
+
     @property
     def runs(self) -> dict[str, np.ndarray]:
         """{what a run is called, its number where it has no name: its rows (rows,), True or False}."""

@@ -62,8 +62,12 @@ def compilation_cache() -> Path | None:
 
 def keep_memory_flat() -> None:
     """Between records: let the compiled programs go once they are many. What is needed again is in the cache on disk."""
-    if "jax" not in sys.modules or resident_memory() < MOST_MEMORY:
-        return
+    if "jax" in sys.modules and resident_memory() > MOST_MEMORY:
+        drop_programs()
+
+
+def drop_programs() -> None:
+    """Let JAX's compiled programs go, and give their memory back to the system."""
     import jax
 
     jax.clear_caches()

@@ -100,12 +100,10 @@ def estimated_noise(
         size = variance if _excessive(variance, degrees_of_freedom) else 1.0
         left = projected.remembered(rest, rows, size if stated[key].known else None)
         found = _channel(stated[key], repeats[key], variance, degrees_of_freedom, left)
-        noise[key] = _beside_positions(found, _channel_of(problem, key).position_part, stated[key].std, stretches[rows])
+        noise[key] = _beside_positions(
+            found, problem.tests[key[0]].channel(key[1]).position_part, stated[key].std, stretches[rows]
+        )
     return noise
-
-
-def _channel_of(problem: Problem, key: Key) -> Channel:
-    return next(channel for channel in problem.tests[key[0]].channels if channel.name == key[1])
 
 
 def _beside_positions(

@@ -9,13 +9,8 @@ import numpy as np
 from thermohyd.identify.bench.errors import BenchInputError
 from thermohyd.identify.bench.record import BenchRecord, TestRecord
 from thermohyd.identify.noise.level import ChannelNoise, initial_noises
-from thermohyd.identify.reduction.bad_rows import (
-    outliers_beside,
-    without_limits,
-    without_outliers,
-    without_outliers_in_log,
-)
-from thermohyd.identify.reduction.reduce import is_raw_log, reduce_test
+from thermohyd.identify.reduction.bad_rows import beside_the_fit, without_limits
+from thermohyd.identify.reduction.reduce import reduce_test
 from thermohyd.numerics import require_float64
 
 from .boxes import Box
@@ -130,8 +125,7 @@ def run_fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | N
             say(f"reducing {name}: {test.rows:,} rows")
         turned = reversed_channels(test)
         warnings += [warning_of(test, channel) for channel in turned]
-        whole = without_limits(with_signs_turned(test, turned))
-        tests[name] = reduce_test(without_outliers_in_log(whole) if is_raw_log(whole) else whole)
+        tests[name] = reduce_test(without_limits(with_signs_turned(test, turned)))
     free_parameters(record, plans, tests)  # once more: a raw log has fewer points than rows
     noise = initial_noises(tests.values())
     if sensed_channels(tests):
@@ -157,9 +151,9 @@ def run_fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | N
         problem.outcome(solution, restart=lower),
         *map(problem.outcome, outcomes if lower else outcomes[1:]),
     ]
-    if (kept := _without_outliers(problem, solution, noise)) is not tests:
+    if changed := beside_the_fit(tests, _modelled(problem, solution, noise)):
         say("left out rows beyond what their neighbours allow; fitting again")
-        tests = kept
+        tests = {**tests, **changed}
         noise = initial_noises(tests.values())
         problem = replace(problem, tests=tests)
         solution = problem.basin_hopping(problem.solve(problem.args(noise), solution.p), noise)
@@ -176,25 +170,13 @@ def run_fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | N
     return Fitted(record, tests, plans, free, noise, solution, tuple(starts_tried), tuple(warnings))
 
 
-def _without_outliers(
+def _modelled(
     problem: "StaticSearch", solution: LeastSquaresResult, noise: dict[Key, ChannelNoise]
-) -> dict[str, TestRecord]:
-    """The tests without rows that neither their neighbours nor the fitted valve allow; the same object where there are none.
-
-    A reduced log's rows are so dense that their neighbours alone have decided.
-    """
-    found: dict[str, dict[str, dict[int, float]]] = {}
-    for (name, reading), rows in channel_slices(problem.tests).items():
-        test = problem.tests[name]
-        if test.rows_of_log is not None:
-            continue
-        channel = next(c for c in test.channels if c.name == reading)
-        modelled = channel.value + solution.residual[rows] * noise[name, reading].used
-        if bad := outliers_beside(test, channel, modelled):
-            found.setdefault(name, {})[reading] = bad
-    if not found:
-        return problem.tests
-    return {name: without_outliers(test, found.get(name, {})) for name, test in problem.tests.items()}
+) -> dict[Key, np.ndarray]:
+    """{(test, channel): (rows,)}: the readings as the fit has them, SI."""
+    read = lambda key: problem.tests[key[0]].channel(key[1]).value
+    slices = channel_slices(problem.tests).items()
+    return {key: read(key) + solution.residual[rows] * noise[key].used for key, rows in slices}
 
 
 def _sensors_started(

@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from thermohyd.identify.bench.record import BenchRecord, TestRecord, dynamic_among
+from thermohyd.identify.bench.record import BenchRecord, TestRecord
 from thermohyd.identify.noise.level import ChannelNoise, initial_noises
-from thermohyd.identify.reduction.bad_rows import at_rest, outliers_beside, without_outliers
+from thermohyd.identify.reduction.bad_rows import beside_the_fit
 
 from .fit_effects import settled
 from .least_squares import LeastSquaresResult
@@ -72,9 +72,10 @@ def run_fit_motion(
     ends.sort(key=lambda end: (not np.isfinite(end.chi2), end.chi2))
     starts = tuple(_outcome(problem, end) for end in ends)
     best, faults = ends[0], ()
-    if (kept := _without_outliers(problem, best)) is not tests:
+    if changed := beside_the_fit(tests, _modelled(problem, best)):
         say("left out rows beyond what their neighbours allow; fitting again")
-        tests, noise = kept, initial_noises(kept.values())
+        tests = {**tests, **changed}
+        noise = initial_noises(tests.values())
         problem = replace(problem, tests=tests, noise=white_noise(noise))
         best = problem.fit(start=best.values)
         faults = tuple(fault.sentence for test in tests.values() for fault in test.faults)
@@ -82,23 +83,12 @@ def run_fit_motion(
     return settled(problem, best, fitted, rounds=MOST_ROUNDS, enough=SETTLED)
 
 
-def _without_outliers(problem: Problem, fit: Fit) -> dict[str, TestRecord]:
-    """The tests without rows of a run that neither their neighbours nor the fitted machine allow; the same object without any.
-
-    A row on which the command turns stays: without it the run's command would be another.
-    """
-    kept = dict(problem.tests)
-    for name, test in dynamic_among(problem.tests).items():
-        if test.axis != "time" or not np.isfinite(fit.chi2):
-            continue
-        found = {}
-        for channel in test.channels:
-            key = (name, channel.name)
-            modelled = channel.value + fit.residual[problem.rows()[key]] * problem.noise.std[key]
-            bad = outliers_beside(test, channel, modelled)
-            found[channel.name] = {row: sigma for row, sigma in bad.items() if at_rest(test, row)}
-        kept[name] = without_outliers(test, found)
-    return kept if any(kept[name] is not test for name, test in problem.tests.items()) else problem.tests
+def _modelled(problem: Problem, fit: Fit) -> dict[Key, np.ndarray]:
+    """{(test, channel): (rows,)}: the readings as the fit has them, SI; nothing where the machine could not be simulated."""
+    if not np.isfinite(fit.chi2):
+        return {}
+    read = lambda key: problem.tests[key[0]].channel(key[1]).value
+    return {key: read(key) + fit.residual[rows] * problem.noise.std[key] for key, rows in problem.rows().items()}
 
 
 def fit_together(record: BenchRecord, static: Fitted, motion: Fitted, progress: Progress | None = None) -> Fitted:

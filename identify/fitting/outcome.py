@@ -167,7 +167,7 @@ def _noise(fitted: Fitted, channel: ChannelFit) -> ChannelNoise:
 
 def _find(fitted: Fitted, key: Key) -> tuple[TestRecord, Channel]:
     test = fitted.tests[key[0]]
-    return test, next(c for c in test.channels if c.name == key[1])
+    return test, test.channel(key[1])
 
 
 def _block(fitted: Fitted, key: Key, rows: slice) -> Block:

@@ -176,7 +176,7 @@ class Problem:
             for key, place in channel_slices(part.tests, part.size).items():
                 if key in self._sensed:
                     behind = self._sensed[key]
-                    read = next(c.value for c in part.tests[key[0]].channels if c.name == key[1])
+                    read = part.tests[key[0]].channel(key[1]).value
                     values = self._whitened(key, np.stack([read, *behind.rows], axis=1)).T
                     own.append(SignalRows(place, behind, values[0], values[1:]))
             found.append(own)

@@ -184,7 +184,7 @@ def with_starts(
     found, done = dict(plans), set(settled)
     for key, behind in sensed_channels(tests).items():
         test = tests[key[0]]
-        measured = next(c for c in test.channels if c.name == key[1]).value
+        measured = test.channel(key[1]).value
         sensor, q = behind.sensor, quantities[key]
         good = np.isfinite(q) & np.isfinite(measured)
         free_gain = sensor.gain is None and behind.gain not in done

@@ -20,6 +20,8 @@ from .rounding import local_steps
 
 
 CHANCE = 0.01  # of taking any good row of a test for an outlier
+Key = tuple[str, str]  # test, channel
+
 LONGEST = 3  # rows of an outlier, one after the other
 MOST = 0.05  # share of a test's rows beyond which they are no outliers but its noise
 AROUND = 12  # rows on either side that say how large the noise is there
@@ -42,7 +44,7 @@ def outliers(
     values: np.ndarray,
     noise: np.ndarray | None = None,
     pieces: np.ndarray | None = None,
-    room: np.ndarray | None = None,
+    aside: np.ndarray | None = None,
 ) -> dict[int, float]:
     """{row: standard deviations} of `values` (rows,) beyond all that their neighbours allow: readings, or what a model leaves.
 
@@ -51,8 +53,8 @@ def outliers(
     compared with the `noise` (rows,), by default what third differences show about there, by Student's law with Bonferroni's
     allowance for all rows. The worst go first, then their neighbours are looked at anew. The three rows at either
     end of a sweep are not judged. More than `MOST` of the rows: all that were found, for the caller to say so.
-    pieces: the test's monotone ones, for who has them. room (rows,): what a row may lie beyond them besides, where `values` are what
-    a model leaves; or it may lie so far and more from the line across.
+    pieces: the test's monotone ones, for who has them. aside (rows,): how far the model's curve lies aside there, where `values`
+    are what a model leaves; a row then needs `SHIFTS` of it beyond its neighbours, or `FROM_THE_LINE` of it from the line across.
     """
     pieces = _pieces(test) if pieces is None else pieces
     noise = noise_about(values, pieces) if noise is None else noise
@@ -62,7 +64,9 @@ def outliers(
     for a, b in piece_bounds(pieces):
         rows = np.arange(a, b)
         while len(found) <= MOST * test.rows + LONGEST:
-            blocks = _beyond(_along(axis[rows]), values[rows], noise[rows], level, None if room is None else room[rows])
+            blocks = _beyond(
+                _along(axis[rows]), values[rows], noise[rows], level, None if aside is None else aside[rows]
+            )
             if not blocks:
                 break
             for first, count, sigma in blocks:
@@ -86,14 +90,14 @@ def noise_about(values: np.ndarray, pieces: np.ndarray) -> np.ndarray:
     return np.maximum(np.maximum(np.sqrt(around / MEDIAN_OF_CHI2), least), 1e-300)
 
 
-def room_for_a_shift(test: TestRecord, modelled: np.ndarray, misfit: np.ndarray, pieces: np.ndarray) -> np.ndarray:
-    """What a model whose curve lies aside may miss each row by (rows,): its slope there times `SHIFTS` of its own piece's shift.
+def lies_aside(test: TestRecord, modelled: np.ndarray, misfit: np.ndarray, pieces: np.ndarray) -> np.ndarray:
+    """How far a model's curve lies aside at each row (rows,): its slope there times the shift of its piece.
 
     The shift is the median of misfit over slope where the piece is steepest, rows weighted by their slope squared, as noise
     shifts them less there: what the model lacks moves all of these rows, bad ones are few. modelled, misfit (rows,): readings
     as the model has them, and less what was read.
     """
-    room = np.zeros(test.rows)
+    aside = np.zeros(test.rows)
     axis = _axis(test)
     for a, b in piece_bounds(pieces):
         steps = np.diff(axis[a:b])
@@ -104,8 +108,8 @@ def room_for_a_shift(test: TestRecord, modelled: np.ndarray, misfit: np.ndarray,
             shift, weight = np.abs(misfit[a:b][steep]) / slope[steep], slope[steep] ** 2
             order = np.argsort(shift)
             middle = np.searchsorted(np.cumsum(weight[order]), 0.5 * weight.sum())
-            room[a:b] = SHIFTS * slope * shift[order][middle]
-    return room
+            aside[a:b] = slope * shift[order][middle]
+    return aside
 
 
 def outliers_beside(test: TestRecord, channel: Channel, modelled: np.ndarray) -> dict[int, float]:
@@ -122,8 +126,35 @@ def outliers_beside(test: TestRecord, channel: Channel, modelled: np.ndarray) ->
         return {}
     suspects = outliers(test, channel.value, size, pieces)
     # On a steep rise neighbours leave room for anything: there the curve says how far the model lies aside.
-    suspects |= outliers(test, misfit, size, pieces, room_for_a_shift(test, modelled, misfit, pieces))
+    suspects |= outliers(test, misfit, size, pieces, lies_aside(test, modelled, misfit, pieces))
     return {row: sigma for row, sigma in left.items() if row in suspects}
+
+
+def beside_the_fit(tests: Mapping[str, TestRecord], modelled: Mapping[Key, np.ndarray]) -> dict[str, TestRecord]:
+    """{test: the same without rows that neither their neighbours nor the fitted model allow}, of the tests that have such rows.
+
+    modelled {(test, channel): (rows,)}: the readings as the fit has them. A reduced log's rows are so dense that their neighbours
+    alone have decided, and a frequency test's have none. In motion a row on which the command turns stays: without it the run's
+    command would be another.
+    """
+    found: dict[str, dict[str, dict[int, float]]] = {}
+    for (name, reading), values in modelled.items():
+        test = tests[name]
+        if test.rows_of_log is not None or test.axis == "frequency":
+            continue
+        bad = outliers_beside(test, test.channel(reading), values)
+        if isinstance(test, DynamicTest):
+            bad = {row: sigma for row, sigma in bad.items() if command_goes_on(test, row)}
+        found.setdefault(name, {})[reading] = bad
+    return {name: without_outliers(tests[name], bad) for name, bad in found.items() if any(bad.values())}
+
+
+def command_goes_on(test: DynamicTest, row: int) -> bool:
+    """Whether a row's command is what a line between its neighbours' has there, so that the run's is the same without it."""
+    if not 0 < row < test.rows - 1 or not test.run[row - 1] == test.run[row] == test.run[row + 1]:
+        return False
+    (t0, t, t1), (u0, u, u1) = test.place[row - 1 : row + 2], test.command[row - 1 : row + 2]
+    return bool(abs(u - u0 - (u1 - u0) * (t - t0) / (t1 - t0)) <= AS_COMMANDED * np.ptp(test.command))
 
 
 def _pieces(test: TestRecord) -> np.ndarray:
@@ -143,7 +174,7 @@ def _along(axis: np.ndarray) -> np.ndarray:
 
 
 def _beyond(
-    x: np.ndarray, y: np.ndarray, noise: np.ndarray, level: float, room: np.ndarray | None
+    x: np.ndarray, y: np.ndarray, noise: np.ndarray, level: float, aside: np.ndarray | None
 ) -> list[tuple[int, int, float]]:
     """(first row, rows, standard deviations) of the blocks beyond their neighbours, the worst first, none near another."""
     blocks = []
@@ -159,9 +190,9 @@ def _beyond(
             across = _through([left[0], right[0]], place)
             near = np.stack([across, *_ahead(left, place), *_ahead(right, place)])
             beyond = np.maximum(own - near.max(axis=0), near.min(axis=0) - own)
-            if room is not None:
-                far = np.abs(own - across) - FROM_THE_LINE / SHIFTS * room[row]
-                beyond = np.minimum(beyond, np.maximum(beyond - room[row], far))
+            if aside is not None:
+                far = np.abs(own - across) - FROM_THE_LINE * aside[row]
+                beyond = np.minimum(beyond, np.maximum(beyond - SHIFTS * aside[row], far))
             excess = np.minimum(excess, beyond)
         sigma = excess / (np.sqrt(1.5) * noise[at])  # noise of a row about the line across
         blocks += [(int(at[i]), count, float(sigma[i])) for i in np.flatnonzero(sigma > level)]
@@ -209,7 +240,7 @@ def without_outliers(test: TestRecord, found: Mapping[str, Mapping[int, float]])
 
 
 def _outliers_fault(test: TestRecord, name: str, rows: Mapping[int, float], masked: bool) -> Fault:
-    channel = next(c for c in test.channels if c.name == name)
+    channel = test.channel(name)
     unit = reading_unit(name, channel.signal)
     worst = max(rows, key=lambda row: rows[row])
     reading = f"{significant(float(channel.value[worst]) * unit.factor, 3)} {unit.label}"
@@ -222,14 +253,6 @@ def _outliers_fault(test: TestRecord, name: str, rows: Mapping[int, float], mask
     )
     places = tuple(replace(_place(test, row), sigma=sigma) for row, sigma in rows.items())
     return Fault("outliers", test.name, name, float(len(rows)), "1", places, sentence, masked)
-
-
-def at_rest(test: DynamicTest, row: int) -> bool:
-    """Whether a row in motion may go: its command is what a line between its neighbours' has, so that the run's is the same."""
-    if not 0 < row < test.rows - 1 or not test.run[row - 1] == test.run[row] == test.run[row + 1]:
-        return False
-    (t0, t, t1), (u0, u, u1) = test.place[row - 1 : row + 2], test.command[row - 1 : row + 2]
-    return bool(abs(u - u0 - (u1 - u0) * (t - t0) / (t1 - t0)) <= AS_COMMANDED * np.ptp(test.command))
 
 
 def without_outliers_in_log(test: TestRecord) -> TestRecord:

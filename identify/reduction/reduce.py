@@ -17,6 +17,7 @@ from thermohyd.identify.bench.columns import reading_unit
 from thermohyd.identify.bench.record import Channel, Nodes, TestRecord
 from thermohyd.identify.bench.shown_units import significant
 
+from .bad_rows import without_outliers_in_log
 from .monotone_pieces import monotone_pieces, piece_bounds, sweep_axis
 from .noise_of_points import Points, points_of
 from .sweep_position import STEPS_ACROSS, Abscissa, local_line, smooth_abscissa
@@ -156,10 +157,8 @@ def _share(density: np.ndarray) -> np.ndarray:
 
 
 LOG_ROWS = 2000
-FULL_LOG, LEAST_SHARE = (
-    20_000,
-    0.3,
-)  # rows of a log that gets all its points; fewer and more by the third root of the rows
+# Rows of a log that gets all its points; fewer and more by the third root of the rows.
+FULL_LOG, LEAST_SHARE = 20_000, 0.3
 MEMORIES = 1.5  # rows of a bin, at least, in independent readings' worth
 # Fewer rows per piece, and they are readings that somebody took one by one; or, where the sweep goes forward from row to row, so
 # far apart that the curve's bends and a noise with a memory look alike in them: rows are then fitted one by one, up to so many.
@@ -168,7 +167,7 @@ FORWARD = 0.7  # of the rows move on with their sweep, where no dither and no ro
 
 
 def reduce_test(test: TestRecord, *, max_points: int = 600, log_rows: int = LOG_ROWS) -> TestRecord:
-    """The test with about `max_points` points instead of the rows of a raw log; any other with its sweep's rates (`as_measured`).
+    """The test with about `max_points` points instead of the rows of a raw log, outliers left out; any other with its sweep's rates.
 
     test: STATIC test, SI. Points keep the order, direction, run, rate and mean time and conditions of their rows;
     `rows_of_log` counts these, `Channel.std` is the standard error of each point and `std_source`, `notes` say how it
@@ -176,6 +175,7 @@ def reduce_test(test: TestRecord, *, max_points: int = 600, log_rows: int = LOG_
     """
     if not is_raw_log(test, max_points=max_points, log_rows=log_rows):
         return as_measured(test)
+    test = without_outliers_in_log(test)
     pieces, direction = monotone_pieces(test)
     axis = sweep_axis(test)
     readings = [channel.value for channel in test.channels]

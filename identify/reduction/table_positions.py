@@ -36,8 +36,10 @@ HEAVY = 3.0  # standard deviations beyond which a third difference is the curve'
 
 @dataclass(frozen=True)
 class _Lines:
-    """Straight lines in time through the positions, per row (SI): `value` and `slope`; `found`: rows that have one; `error`: its variance
-    there, of a row's."""
+    """Straight lines in time through the positions, per row (SI).
+
+    found: rows that have one; `error`: its variance there, as a share of a row's.
+    """
 
     value: np.ndarray
     slope: np.ndarray
@@ -134,7 +136,7 @@ def _scatter(test: TestRecord, pieces: np.ndarray) -> tuple[float, float]:
     square, rounded = np.concatenate(seen) / MEDIAN_OF_CHI2, np.concatenate(rounding)
     low, high = 0.0, float(np.median(square))
     share = float(np.median(square / np.maximum(rounded, 1e-9 * high))) if high > 0.0 else 0.0
-    aside = float(np.mean(np.sqrt(np.concatenate(seen)) > ASIDE * steps[0]))
+    aside = float(np.mean(np.sqrt(square * MEDIAN_OF_CHI2) > ASIDE * steps[0]))
     own = steps[0] / np.sqrt(12.0) if steps[0] > 0.0 and (share > COMMANDED or aside > NOW_AND_THEN) else 0.0
     if share < ROUNDED:
         return 0.0, own

@@ -16,7 +16,7 @@ from thermohyd.identify.fitting.fit_motion import run_fit_motion, within
 from thermohyd.identify.fitting.parameters import IN_MOTION
 from thermohyd.identify.model.model_file import load_model, model_json, nominal_model
 from thermohyd.identify.model.predict import simulate_record
-from thermohyd.identify.reduction.bad_rows import at_rest
+from thermohyd.identify.reduction.bad_rows import command_goes_on
 from thermohyd.identify.report.fit_json import fit_json, json_text
 
 
@@ -88,7 +88,7 @@ def test_spikes_of_a_run_are_left_out_and_named(seed_record, seed_fit):
     """Three bad rows, of which one lies where the command steps: that one is the run's command, and stays."""
     test = seed_record.dynamic_tests["step"]
     channel = test.channels[0]
-    quiet = np.array([at_rest(test, row) for row in range(test.rows)])
+    quiet = np.array([command_goes_on(test, row) for row in range(test.rows)])
     inside = [row for row in range(6, test.rows - 6) if quiet[row - 6 : row + 7].all()]
     rows = [inside[len(inside) // 3], inside[2 * len(inside) // 3]]
     edge = next(row for row in range(6, test.rows - 6) if not quiet[row] and np.ptp(test.run[row - 6 : row + 7]) == 0)

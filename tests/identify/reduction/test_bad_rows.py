@@ -9,12 +9,11 @@ from helpers.records import NOISE
 from helpers.small_bench import rows_of, small_record
 
 from thermohyd.identify.reduction.bad_rows import (
+    lies_aside,
     outliers,
     outliers_beside,
-    room_for_a_shift,
     without_limits,
     without_outliers,
-    without_outliers_in_log,
 )
 from thermohyd.identify.reduction.monotone_pieces import monotone_pieces
 from thermohyd.identify.reduction.reduce import reduce_test
@@ -70,13 +69,13 @@ def test_a_shifted_curve_makes_no_outliers_and_a_bad_row_on_its_rise_is_one():
     slope = np.append(np.divide(rise, step, out=np.zeros_like(rise), where=step != 0.0), 0.0)
     for shift in (0.3e-6, 1e-6):
         misfit = shift * slope
-        room = room_for_a_shift(test, channel.value, misfit, pieces)
+        aside = lies_aside(test, channel.value, misfit, pieces)
         size = np.full(test.rows, NOISE["pressure_gain"])
-        assert not outliers(test, misfit, size, pieces, room)
+        assert not outliers(test, misfit, size, pieces, aside)
         row = int(np.argmax(np.abs(slope[8:56]))) + 8
         bad = misfit.copy()
         bad[row] += 4.0 * shift * slope[row] + 30.0 * size[row]
-        assert set(outliers(test, bad, size, pieces, room)) == {row}
+        assert set(outliers(test, bad, size, pieces, aside)) == {row}
 
 
 def test_many_outliers_are_noise_of_another_kind():
@@ -93,10 +92,10 @@ def test_an_outlier_of_a_raw_log_takes_no_part_in_its_bin():
     value = test.channels[0].value.copy()
     value[5000:5002] += 30.0 * np.ptp(value)
     bad = with_readings(test, value)
-    points = reduce_test(without_outliers_in_log(bad))
+    points = reduce_test(bad)
     assert [row.line for row in points.faults[0].rows] == [5002, 5003]
     assert points.channels[0].value.max() < 2.0 * np.abs(test.channels[0].value).max()
-    assert not without_outliers_in_log(test).faults
+    assert not reduce_test(test).faults
 
 
 @pytest.mark.parametrize("aside", [0.0, 0.004])
