@@ -19,13 +19,14 @@ QUICK := identify/bench identify/report identify/noise identify/model/test_model
 	identify/diagnosis/test_where.py simulator/test_against_reference.py simulator/test_dynamics_field.py \
 	test_import_direction.py test_effect_names.py test_citations.py
 
-.PHONY: help demo test quick lint typecheck pytest bench hidden hidden-bench hidden-dynamic hidden-logs joint-coverage law-coverage recovery \
-	real-valve clean
+.PHONY: help demo test quick lint typecheck pytest bench figures hidden hidden-bench hidden-dynamic hidden-logs joint-coverage law-coverage \
+	recovery real-valve clean
 help:
 	@echo "make demo    fit one sample record, diagnose another, write demo-report/"
 	@echo "make test    ruff, pyright and pytest against the installed package"
 	@echo "make quick   half of the tests, those that compile little, in about a minute"
 	@echo "make bench   the benchmarks, each with its peer"
+	@echo "make figures  the benchmarks again, into docs/figures and README with commit and date (PARTS=\"start-up hidden-1\": these; all: a day)"
 	@echo "make hidden  76 records with a hidden effect, diagnosed and scored (SET=2: other seeds, SET=3: faint effects; half an hour)"
 	@echo "make hidden-bench  80 records as a real bench makes them: noisy positions, faults of the bench (SET=2: other seeds; hours)"
 	@echo "make hidden-dynamic  30 records of an actuator with hidden physics, diagnosed and scored (SET=2: other seeds; half an hour)"
@@ -67,8 +68,11 @@ quick: $(VENV)/.installed-dev
 
 bench: $(VENV)/.installed-dev
 	@for script in $(filter-out benchmarks/hidden_% benchmarks/joint_% benchmarks/law_% benchmarks/recovery.py benchmarks/real_valve.py \
-		benchmarks/hanging_load.py,$(wildcard benchmarks/[a-z]*.py)); do \
+		benchmarks/hanging_load.py benchmarks/figures.py,$(wildcard benchmarks/[a-z]*.py)); do \
 		echo "== $$script"; $(BIN)/python $$script || exit 1; done
+
+figures: $(VENV)/.installed-dev
+	$(BIN)/python benchmarks/figures.py $(PARTS)
 
 # Answers and table stay in build/hidden; an interrupted run goes on where it stopped.
 SET ?= 1

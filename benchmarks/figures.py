@@ -1,0 +1,111 @@
+"""Every figure of README and documentation, written by the command that measured it: `make figures`, or PARTS="start-up hidden-1".
+
+Each part runs one benchmark and keeps what it printed in docs/figures/PART.md, under a line with commit, date, machine and command, whole
+or not at all; a part that fails keeps its last page, which says how old it is. README shows the blocks that it marks with
+`<!-- figures: PART -->`, and a test holds that they are those of the pages. Without PARTS only what takes minutes; `all` takes a day.
+"""
+
+import argparse
+import os
+import re
+import subprocess
+import sys
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+
+from _peers import machine
+
+
+ROOT = Path(__file__).parents[1]
+PAGES = ROOT / "docs" / "figures"
+# What each part runs, and whether that takes minutes rather than an hour or more.
+PARTS: dict[str, tuple[str, bool]] = {
+    "start-up": ("start_up.py", True),
+    "fit-speed": ("fit_speed.py", True),
+    "simulation-speed": ("simulation_speed.py", True),
+    "sensitivity-speed": ("sensitivity_speed.py", True),
+    "dynamics-speed": ("dynamics_speed.py", True),
+    "diagnosis-speed": ("diagnosis_speed.py", True),
+    "real-valve": ("real_valve.py --out build/real_valve", True),
+    "hanging-load": ("hanging_load.py", True),
+    "hidden-1": ("hidden_table.py --set 1 --processes 2", False),
+    "hidden-2": ("hidden_table.py --set 2 --processes 2", False),
+    "hidden-bench-1": ("hidden_bench_table.py --set 1 --processes 2", False),
+    "hidden-bench-2": ("hidden_bench_table.py --set 2 --processes 2", False),
+    "hidden-dynamic-1": ("hidden_dynamic_table.py --set 1", False),
+    "hidden-dynamic-2": ("hidden_dynamic_table.py --set 2", False),
+    "raw-logs-fitted": ("hidden_raw_logs.py fit", False),
+    "raw-logs-diagnosed": ("hidden_raw_logs.py diagnose", False),
+    "joint-coverage": ("joint_coverage.py --processes 2", False),
+    "law-coverage": ("law_coverage.py --processes 2", False),
+    "recovery": ("recovery.py --processes 2", False),
+}
+BLOCK = re.compile(r"(<!-- figures: ([\w-]+) -->\n).*?(<!-- end of figures -->)", re.DOTALL)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("parts", nargs="*", metavar="PART", help=f"{', '.join(PARTS)}, or all")
+    asked = parser.parse_args().parts or [name for name, (_, quick) in PARTS.items() if quick]
+    unknown = [name for name in asked if name not in PARTS and name != "all"]
+    if unknown:
+        parser.error(f"there is no part {', '.join(unknown)}; there are: {', '.join(PARTS)}, all")
+    failed = [name for name in (PARTS if "all" in asked else asked) if not measured(name)]
+    write(ROOT / "README.md", with_blocks((ROOT / "README.md").read_text(encoding="utf-8"), PAGES))
+    if failed:
+        sys.exit(f"no new figures of {', '.join(failed)}: see above")
+
+
+def measured(part: str) -> bool:
+    """Whether a part ran to its end; its page is then new."""
+    script, *arguments = PARTS[part][0].split()
+    print(f"== {part}: {PARTS[part][0]}", file=sys.stderr, flush=True)
+    command = [sys.executable, str(ROOT / "benchmarks" / script), *arguments]
+    before = commit()
+    run = subprocess.run(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
+    if run.returncode or not run.stdout.strip():
+        return False
+    PAGES.mkdir(exist_ok=True)
+    write(PAGES / f"{part}.md", page(part, run.stdout, before))
+    return True
+
+
+def page(part: str, printed: str, at: str) -> str:
+    """A part's page: what was printed, as a table where it is one, under where and when."""
+    said = f"benchmarks/{PARTS[part][0]}, commit {at}, {datetime.now(UTC):%Y-%m-%d}; {machine()}, jax {version('jax')}"
+    body = printed.strip("\n")
+    if not re.search(r"^(#|\|)", body, re.MULTILINE):
+        body = f"```\n{body}\n```"
+    return f"<!-- written by `make figures PARTS={part}` -->\nMeasured by {said}.\n\n{body}\n"
+
+
+def commit() -> str:
+    """The program's commit, and whether something that is not in it changes it."""
+    git = lambda *words: subprocess.run(["git", *words], cwd=ROOT, check=True, capture_output=True, text=True).stdout
+    changed = git("status", "--porcelain", "--", "thermohyd", "identify", "benchmarks").strip()
+    return git("rev-parse", "--short", "HEAD").strip() + (" with changes" if changed else "")
+
+
+def with_blocks(text: str, pages: Path) -> str:
+    """A page with its blocks of figures as the parts' pages have them, up to the first heading of these."""
+
+    def block(found: re.Match[str]) -> str:
+        source = pages / f"{found[2]}.md"
+        if not source.is_file():
+            return f"{found[1]}Not measured.\n{found[3]}"
+        shown = source.read_text(encoding="utf-8").split("\n", 1)[1].split("\n## ")[0].rstrip("\n")
+        return f"{found[1]}{shown}\n{found[3]}"
+
+    return BLOCK.sub(block, text)
+
+
+def write(path: Path, text: str) -> None:
+    """The file whole, or as it was."""
+    part = path.with_name(f"{path.name}.part")
+    part.write_text(text, encoding="utf-8")
+    os.replace(part, path)
+
+
+if __name__ == "__main__":
+    main()
