@@ -11,7 +11,8 @@ import numpy as np
 from scipy import stats
 
 from thermohyd.effects.library import EFFECTS
-from thermohyd.identify.fitting.problem import Fit, Problem
+from thermohyd.identify.fitting.problem import Problem
+from thermohyd.identify.fitting.problem_fit import Fit
 
 
 MOST_EFFECTS = 4  # of a greedy path

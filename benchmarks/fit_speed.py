@@ -20,15 +20,8 @@ from scipy.optimize import least_squares
 from thermohyd.identify.fitting.fit import CLOSE_ENOUGH
 from thermohyd.identify.fitting.least_squares import solve
 from thermohyd.identify.fitting.parameters import plan_parameters
-from thermohyd.identify.fitting.static_readings import (
-    FitArgs,
-    base_valve,
-    box_of,
-    prior_rows,
-    residual_and_columns,
-    residual_of,
-    static_data,
-)
+from thermohyd.identify.fitting.static_readings import base_valve, static_data
+from thermohyd.identify.fitting.static_residuals import FitArgs, box_of, prior_rows, residual_and_columns, residual_of
 
 
 def main() -> None:

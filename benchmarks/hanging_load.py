@@ -21,12 +21,15 @@ jax.config.update("jax_enable_x64", True)
 import numpy as np
 from matplotlib.figure import Figure
 
-from thermohyd.identify.bench.record import BenchRecord, TestRecord
+from thermohyd.identify.bench.record import BenchRecord
+from thermohyd.identify.bench.test_record import TestRecord
 from thermohyd.identify.fitting.fit import fit
 from thermohyd.identify.fitting.library import Library
 from thermohyd.identify.fitting.motion_readings import require_actuator
 from thermohyd.identify.fitting.parameters import plan_motion
-from thermohyd.identify.fitting.problem import Fit, Problem, solution_of
+from thermohyd.identify.fitting.problem import Problem
+from thermohyd.identify.fitting.problem_fit import Fit
+from thermohyd.identify.fitting.problem_solution import solution_of
 from thermohyd.identify.fitting.readings import white_noise
 from thermohyd.identify.fitting.relative import with_relatives
 from thermohyd.identify.fitting.sensed import sensor_plans

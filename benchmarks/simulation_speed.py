@@ -17,15 +17,8 @@ from _peers import NOMINAL, compare, machine, record_of_3000_rows
 
 from thermohyd.conditions import Conditions
 from thermohyd.effects.library import with_effects
-from thermohyd.identify.fitting.static_readings import (
-    FitArgs,
-    base_valve,
-    plain_residual,
-    residual_and_columns,
-    residual_of,
-    static_data,
-    with_parameters,
-)
+from thermohyd.identify.fitting.static_readings import base_valve, static_data, with_parameters
+from thermohyd.identify.fitting.static_residuals import FitArgs, plain_residual, residual_and_columns, residual_of
 from thermohyd.static_tests import blocked_port_readings, control_flow
 from thermohyd.valve import Valve
 

@@ -5,41 +5,22 @@ solved together by Newton's method, each turn of which evaluates the edges every
 along the rows (Lim et al., Parallelizing non-linear sequential models over the sequence length, ICLR 2024, have the idea).
 """
 
-from typing import Any
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 
 from thermohyd.effects.effect import Coupling
 
+from .chain_in_time import PARTS, Chain, Mesh, along_rows, mesh_of, of_rows
 from .conditions import Conditions, sweep_direction
 from .coupled_ports import crossing_conductance, lost_in_lines, ports_with_crossing, with_pressures
-from .flow_balance import eliminate
-from .numerics import linear_recursion
 from .oil import Oil, density
 from .ports import Between, PortFlows, Ports, port_flows, return_temperature
 from .valve import Valve, heat_kept, metering_edges, true_conditions
 
 
-# Radau IIA of order 5 (Hairer and Wanner, Solving Ordinary Differential Equations II, table IV.5.6): stiffly accurate, so that
-# the last stage is the end of the step and a port without storage is in balance at every row.
-_ROOT = np.sqrt(6.0)
-STAGES = np.array(
-    [
-        [(88 - 7 * _ROOT) / 360, (296 - 169 * _ROOT) / 1800, (-2 + 3 * _ROOT) / 225],
-        [(296 + 169 * _ROOT) / 1800, (88 + 7 * _ROOT) / 360, (-2 - 3 * _ROOT) / 225],
-        [(16 - _ROOT) / 36, (16 + _ROOT) / 36, 1 / 9],
-    ]
-)
-PARTS = STAGES.sum(axis=1)  # of a step, where its stages are
-# Of the embedded step of order 3 (IV.8 there): gamma_0, and what multiplies the stages' changes.
-GAMMA = 1.0 / 3.6378342527444957
-EMBEDDED = np.array([-13.0 - 7.0 * _ROOT, -13.0 + 7.0 * _ROOT, -1.0]) / 3.0
-# One row in so many is cut into `substeps` steps, one in so many into a quarter of them, and the others into an eighth.
-ONE_IN_MOST, ONE_IN_SOME = 16, 2
 # The search ends where a turn moves every pressure by less than this share of the supply's; the next one squares it.
 CLOSE = 1e-7
 ROUGH = 1e-3  # the same of the search that only shows where steps are needed
@@ -56,149 +37,6 @@ MOST_BEYOND = 0.1  # of the pressure between both: where a turn may lead beyond 
 # Turns of the pressures behind lines: leakage moves them by less than a hundredth, and a turn leaves as much of the error.
 LINE_TURNS = 3
 SHORTEST = 1e-6  # s: rows at one and the same time
-SMALLEST_FLOW = 1e-30  # m3/s, to divide by
-
-
-class _Mesh(eqx.Module):
-    """Steps of a sweep: `owner`, the row at whose end or before it a step ends, and where it begins and how long it is as
-    shares of the time since the row before. `last`: of each row; `place`: of a step among its row's."""
-
-    owner: Int[Array, " steps"]
-    begin: Float[Array, " steps"]
-    width: Float[Array, " steps"]
-    place: Int[Array, " steps"]
-    last: Int[Array, " rows"]
-
-    def share(self) -> Float[Array, "nodes steps"]:
-        """Where the stages lie, as shares of the time since the row before."""
-        return self.begin + PARTS[:, None] * self.width
-
-    def spread(self, tree: Any) -> Any:
-        """What is given row by row beside every step; single numbers stay such."""
-        rows = self.last.size
-        return jax.tree.map(lambda leaf: leaf[..., self.owner] if leaf.ndim and leaf.shape[-1] == rows else leaf, tree)
-
-
-def _mesh(need: Float[Array, " rows"], substeps: int) -> _Mesh:
-    """A mesh with the most steps in the rows where `need` is largest."""
-    rows = need.shape[0]
-    some, least = max(substeps // 4, 1), max(substeps // 8, 1)
-    first = -(-rows // ONE_IN_MOST)
-    second = min(first + rows // ONE_IN_SOME, rows)
-    by_rank = np.repeat([substeps, some, least], [first, second - first, rows - second])
-    counts = jnp.zeros(rows, dtype=int).at[jnp.argsort(-need)].set(by_rank)
-    total = int(by_rank.sum())
-    owner = jnp.repeat(jnp.arange(rows), counts, total_repeat_length=total)
-    ends = jnp.cumsum(counts)
-    place = jnp.arange(total) - (ends - counts)[owner]
-    width = 1.0 / counts[owner].astype(float)
-    return _Mesh(owner, place.astype(float) * width, width, place, ends - 1)
-
-
-class _Chain(eqx.Module):
-    """What all steps are solved with: C (2, #steps) with 0 at the start of a run, where the ports are steady, and the length of
-    a step [s]."""
-
-    compliance: Float[Array, "2 steps"]
-    step: Float[Array, " steps"]
-
-    def imbalance(
-        self, pressure: Float[Array, "nodes 2 steps"], net: Float[Array, "nodes 2 steps"]
-    ) -> Float[Array, "nodes 2 steps"]:
-        """C (p - p of the start) - step sum A net [m3] of every stage."""
-        return self.compliance * (pressure - _before(pressure[-1])) - self.step * jnp.einsum("kl,lpr->kpr", STAGES, net)
-
-    def condense(
-        self, imbalance: Float[Array, "nodes 2 steps"], slope: Float[Array, "nodes ports 2 steps"]
-    ) -> tuple[Array, Array]:
-        """The changes of the stages that take the imbalance away, and how they follow the start of the step.
-
-        slope: d net_i/d p_j, (nodes, 2, 2, steps), or (nodes, 1, 2, steps) of each port alone, whose unknowns then stay apart.
-        Changes (nodes, 2, steps), and (nodes, 2, 2, steps) or (nodes, 1, 2, steps) by the ports at the start.
-        """
-        count, ports = slope.shape[:2]
-        # Stage k of port i by stage l of port j, or a port's stages by each other.
-        if ports == 2:
-            size = 2 * count
-            by_port = self.compliance * np.eye(2)[:, :, None]
-            matrix = -self.step * jnp.einsum("kl,lijr->kiljr", STAGES, slope)
-            matrix = matrix + np.eye(count)[:, None, :, None, None] * by_port[None, :, None]
-            matrix = matrix.reshape(size, size, 1, -1)
-            start = jnp.broadcast_to(by_port[None], (count, 2, 2, by_port.shape[-1])).reshape(size, 2, -1)
-            right = jnp.concatenate([-imbalance.reshape(size, 1, -1), start], axis=1)
-            x = eliminate(jnp.swapaxes(matrix, 0, 1), right).reshape(count, 2, 3, -1)
-            return x[:, :, 0], x[:, :, 1:]
-        alone = -self.step * STAGES[:, :, None, None] * slope[None, :, 0]
-        alone = alone + np.eye(count)[:, :, None, None] * self.compliance
-        start = jnp.broadcast_to(self.compliance, imbalance.shape)
-        x = eliminate(jnp.swapaxes(alone, 0, 1)[:, :, None], jnp.stack([-imbalance, start], axis=1))
-        return x[:, 0], x[:, 1:]
-
-    def moves(self, change: Array, follows: Array) -> Float[Array, "nodes 2 steps"]:
-        """Changes of all stages, those of the steps before taken along."""
-        end = along_rows(follows[-1], change[-1])
-        start = jnp.concatenate([jnp.zeros((2, 1)), end[:, :-1]], axis=1)
-        return change + jnp.stack([_follow(stage, start) for stage in follows])
-
-    def error(
-        self,
-        pressure: Float[Array, "nodes 2 steps"],
-        net: Float[Array, "nodes 2 steps"],
-        slope: Float[Array, "nodes ports 2 steps"],
-        span: Float[Array, " steps"],
-    ) -> Float[Array, " steps"]:
-        """How much a step misses, by an embedded one of order 3 (Hairer and Wanner, II, IV.8): the pressure at its end as a share
-        of `span`, and the flow that this makes as a share of the largest."""
-        start, own = _before(pressure[-1]), slope[-1, 0] if slope.shape[1] == 1 else jnp.einsum("iir->ir", slope[-1])
-        defect = self.step * _before(net[-1]) + self.compliance * jnp.einsum("k,kpr->pr", EMBEDDED, pressure - start)
-        missed = jnp.abs(defect / (self.compliance / GAMMA - self.step * own))
-        largest = jnp.maximum(jnp.max(jnp.abs(net)), SMALLEST_FLOW)
-        return jnp.max(missed * (1.0 / span + jnp.abs(own) / largest), axis=0)
-
-
-def _before(end: Float[Array, "2 steps"]) -> Float[Array, "2 steps"]:
-    """What the step before ended with; of no meaning where a run starts."""
-    return jnp.concatenate([end[:, :1], end[:, :-1]], axis=1)
-
-
-def _follow(follows: Float[Array, "ports 2 rows"], start: Float[Array, "2 rows"]) -> Float[Array, "2 rows"]:
-    """(2, 2, rows) times (2, rows), or each port by its own factor (1, 2, rows)."""
-    if follows.shape[0] == 1:
-        return follows[0] * start
-    return jnp.einsum("ijr,jr->ir", follows, start)
-
-
-def _chained(after: Float[Array, "ports 2 rows"], before: Float[Array, "ports 2 rows"]) -> Float[Array, "ports 2 rows"]:
-    return after * before if after.shape[0] == 1 else jnp.einsum("ijr,jkr->ikr", after, before)
-
-
-def along_rows(carried: Float[Array, "ports 2 rows"], source: Float[Array, "2 rows"]) -> Float[Array, "2 rows"]:
-    """y_i = carried_i y_(i-1) + source_i, y = 0 before the first row, by recursive doubling (as `linear_recursion`)."""
-    if carried.shape[0] == 1:
-        return linear_recursion(carried[0], source)
-    rows = source.shape[-1]
-
-    def double(i: Array, carry: tuple[Array, Array]) -> tuple[Array, Array]:
-        reach, so_far = carry
-        step = 2**i
-        before = lambda values: jnp.where(jnp.arange(rows) >= step, jnp.roll(values, step, axis=-1), 0.0)
-        return _chained(reach, before(reach)), so_far + _follow(reach, before(so_far))
-
-    doublings = max(rows - 1, 1).bit_length()
-    return jax.lax.fori_loop(0, doublings, double, (carried, source))[1]
-
-
-def _of_rows(change: Array, follows: Array, mesh: _Mesh, substeps: int) -> tuple[Array, Array]:
-    """(source, carried) of every row from those at the ends of its steps, by doublings inside the row."""
-    source, carried = change[-1], follows[-1]
-    reach = 1
-    while reach < substeps:
-        inside = mesh.place >= reach
-        earlier = jnp.roll(source, reach, axis=-1), jnp.roll(carried, reach, axis=-1)
-        source = jnp.where(inside, source + _follow(carried, earlier[0]), source)
-        carried = jnp.where(inside, _chained(carried, earlier[1]), carried)
-        reach *= 2
-    return source[:, mesh.last], carried[..., mesh.last]
 
 
 class _Sweep(eqx.Module):
@@ -208,7 +46,7 @@ class _Sweep(eqx.Module):
     starts: Bool[Array, " rows"]
     span: Float[Array, " rows"]
 
-    def at(self, mesh: _Mesh) -> Conditions:
+    def at(self, mesh: Mesh) -> Conditions:
         """Conditions as read at the stages of every step (nodes, steps).
 
         Positions, pressures and temperatures are linear from row to row. The direction is that of the motion that ends at
@@ -304,7 +142,7 @@ def _at(ties: _Ties, distance: Float[Array, "nodes 2 rows"]) -> tuple[Array, Arr
 def _slopes(
     ties: _Ties, distance: Float[Array, "nodes 2 rows"], away: Float[Array, "2 rows"]
 ) -> tuple[Array, Array, Array]:
-    """Pressures, net flows and their slopes to the pressures (as `_Chain.condense` takes them). away: d distance/d p, 1 or -1.
+    """Pressures, net flows and their slopes to the pressures (as `Chain.condense` takes them). away: d distance/d p, 1 or -1.
 
     A port knows of the other through a path or through lines only.
     """
@@ -353,16 +191,16 @@ def stored_ports(
     compliance = sum((effect.compliance() for effect in coupling.storage), start=jnp.zeros((2, 1)))
     compliance = jnp.where(sweep.starts, 0.0, compliance)
 
-    def laid_out(mesh: _Mesh) -> tuple[_Ties, _Chain]:
+    def laid_out(mesh: Mesh) -> tuple[_Ties, Chain]:
         own, thin, tied, heavy, side = mesh.spread((valve, oil, coupling, compliance, upper))
         ties = jax.vmap(lambda at: _ties(own, thin, true_conditions(own, at), tied, side))(sweep.at(mesh))
-        return ties, _Chain(heavy, sweep.span[mesh.owner] * mesh.width)
+        return ties, Chain(heavy, sweep.span[mesh.owner] * mesh.width)
 
-    def search(i: Array, state: tuple[_Mesh, Array, Array, Array]) -> tuple[_Mesh, Array, Array, Array]:
+    def search(i: Array, state: tuple[Mesh, Array, Array, Array]) -> tuple[Mesh, Array, Array, Array]:
         """From a mesh, pressures at its nodes and the need for steps row by row to the same on a mesh that follows the need,
         with the distances."""
         before, pressure, _, need = state
-        mesh = _mesh(need, substeps)
+        mesh = mesh_of(need, substeps)
         ties, chain = laid_out(mesh)
         span, outwards, first = mesh.spread((whole, away, jnp.where(upper, up, down)))
         c = ties.flows.conditions
@@ -398,7 +236,7 @@ def stored_ports(
     # First where the steady pressures change most, then where that search missed most.
     share = steady.pressure / whole
     need = jnp.where(sweep.starts, 0.0, jnp.max(jnp.abs(jnp.diff(share, prepend=share[:, :1], axis=1)), axis=0))
-    mesh = _mesh(need, substeps)
+    mesh = mesh_of(need, substeps)
     none = jnp.zeros((len(PARTS), 2, mesh.owner.size))
     mesh, _, distance, _ = jax.lax.stop_gradient(jax.lax.fori_loop(0, 2, search, (mesh, none, none, need)))
 
@@ -407,7 +245,7 @@ def stored_ports(
     known_ties, known_chain = jax.lax.stop_gradient((ties, chain))
     *_, slope = _slopes(known_ties, distance, mesh.spread(away))
     condensed = known_chain.condense(chain.imbalance(*_at(ties, distance)), slope)
-    source, carried = _of_rows(*condensed, mesh, substeps)
+    source, carried = of_rows(*condensed, mesh, substeps)
     moved = along_rows(carried, source)
     moved = jnp.where(jnp.abs(moved) < FOUND * whole, moved, jnp.nan)
     if push is not None:
@@ -416,7 +254,7 @@ def stored_ports(
     return StoredPorts(ports, inside, source, carried)
 
 
-def _interpolated(pressure: Float[Array, "nodes 2 steps"], before: _Mesh, mesh: _Mesh) -> Float[Array, "nodes 2 steps"]:
+def _interpolated(pressure: Float[Array, "nodes 2 steps"], before: Mesh, mesh: Mesh) -> Float[Array, "nodes 2 steps"]:
     """Pressures at the nodes of a mesh from those of another one of as many steps."""
     along = lambda mesh: (mesh.owner.astype(float) + mesh.share()).T.ravel()
     known = jnp.transpose(pressure, (1, 2, 0)).reshape(2, -1)

@@ -3,8 +3,8 @@
 import numpy as np
 
 from .columns import column_unit, likely_unit
-from .record import TestRecord
 from .test_file import BenchTable
+from .test_record import TestRecord
 from .valve_tables import BenchFile, equivalent_slot_width
 
 

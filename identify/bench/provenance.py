@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 
 from .columns import SIZES, column_unit
-from .record import BenchRecord, Provenance, RecordFile, TestRecord
+from .record import BenchRecord, Provenance, RecordFile
 from .shown_units import significant
+from .test_record import TestRecord
 
 
 # {condition: words before}

@@ -12,17 +12,9 @@ from typing import Any
 
 from .columns import ABSOLUTE_RATIO, KIND_OF, READINGS, columns_of, columns_of_frequency, columns_of_step
 from .errors import quoted, suggestion
-from .record import (
-    DYNAMIC_TESTS,
-    OF_BOTH_SIDES,
-    STATIC_TESTS,
-    ActuatorData,
-    ValveData,
-    is_dynamic,
-    kind_of_test,
-    misgiven_side,
-)
+from .record import OF_BOTH_SIDES, ActuatorData, ValveData, misgiven_side
 from .sensors import EACH_RUN, FREE, Sensor, noise_of_signal, with_signals
+from .test_record import DYNAMIC_TESTS, STATIC_TESTS, is_dynamic, kind_of_test
 from .toml_file import TomlTable
 from .units import parse_quantity
 

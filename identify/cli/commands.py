@@ -1,30 +1,20 @@
 """The `thermohyd` command. Whatever is heavy is imported inside the commands: `--help` must not wait for JAX."""
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from .process import fail, plain_failures
+from .process import plain_failures
+from .run_command import begin, of_each_record, run_study, say_where, show
 
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable
 
-    from rich.console import Console
-
-    from thermohyd.identify.bench.record import BenchRecord
-    from thermohyd.identify.diagnosis.result import DiagnosisResult
-    from thermohyd.identify.fitting.result import FitResult
     from thermohyd.identify.result import Result
 
-    from .process import Consoles
-    from .several_records import Outcome
-
-    Progress = Callable[[str], None]
-    # what is done with each record, the table of several results, and what is to be said of those that failed
-    Work = tuple[Callable[[BenchRecord, Progress], Any], Callable[[Any, Console], None], Callable[[Any], str]]
+    from .run_command import Progress, Work
 
 
 app = typer.Typer(
@@ -116,7 +106,7 @@ def fit_command(
             unsettled,
         )
 
-    _of_each_record(benches, out, json, fits)
+    of_each_record(benches, out, json, fits)
 
 
 @app.command("diagnose")
@@ -149,48 +139,7 @@ def diagnose_command(
             unsettled_diagnoses,
         )
 
-    _of_each_record(benches, out, json, diagnoses)
-
-
-def _of_each_record(benches: list[Path], out: str | None, json: bool, work: "Callable[[], Work]") -> None:
-    """The frame of a command that does one thing with every record. work: called once JAX may be imported."""
-    with plain_failures():
-        from .several_records import compute_all, progress_on, read_records
-
-        folder, consoles = _begin(out, json)
-        with progress_on(consoles.notes) as progress:
-            records = read_records(benches, folder, progress)
-            progress("starting JAX")
-            _set_up_jax()
-            compute, print_table, unsettled = work()
-            outcome = compute_all(records, compute, folder, progress)
-        _show_records(outcome, len(records), consoles, json, print_table)
-        if trouble := unsettled(outcome):
-            fail(trouble)
-
-
-def _show_records(
-    outcome: "Outcome[FitResult] | Outcome[DiagnosisResult]",
-    count: int,
-    consoles: "Consoles",
-    json: bool,
-    print_table: "Callable[[Any, Console], None]",
-) -> None:
-    """Results of one record or a table of several, where their files are, their warnings, and JSON of all."""
-    if count > 1:
-        print_table(outcome.results, consoles.results)
-    else:
-        for result in outcome.results.values():
-            result.print_on(consoles.results)
-    for folder in outcome.folders.values():
-        _say_where(consoles.results, folder, "report.html")
-    for name, result in outcome.results.items():
-        consoles.warn(result.warnings, name if count > 1 else "")
-    if json:
-        from .several_results import json_of_several
-
-        (only,) = outcome.results.values() if count == 1 else (None,)
-        _print_json(json_of_several(outcome) if only is None else only.to_dict())
+    of_each_record(benches, out, json, diagnoses)
 
 
 @app.command("simulate")
@@ -214,9 +163,10 @@ def simulate_command(
         from thermohyd.identify.bench.read import read_record
         from thermohyd.identify.model.model_file import load_model, nominal_model
 
+        from .jax_setup import set_up_jax
         from .several_records import progress_on
 
-        folder, consoles = _begin(out, json)
+        folder, consoles = begin(out, json)
         with progress_on(consoles.notes) as progress:
             progress(f"reading {bench}")
             record = read_record(bench, readings_required=False)
@@ -224,14 +174,14 @@ def simulate_command(
 
             spare_the_record(record, folder)
             progress("starting JAX")
-            _set_up_jax()  # first: effects in a model file are checked against the library of effects, which brings JAX
+            set_up_jax()  # first: effects in a model file are checked against the library of effects, which brings JAX
             chosen = nominal_model(record) if model is None else load_model(model)
             from thermohyd.identify.model.predict import simulate
 
             found = simulate(record, chosen, progress=progress)
             if folder is not None:
                 found.save(folder)
-        _show(found, folder, consoles, json, *(f"{test}.csv" for test in found.tables), warnings=found.warnings)
+        show(found, folder, consoles, json, *(f"{test}.csv" for test in found.tables), warnings=found.warnings)
 
 
 @app.command("seed")
@@ -253,7 +203,7 @@ def seed_command(
 
         return seed_study(progress, edge_law=edge_law)
 
-    _study(out, json, "seed.html", lambda progress: study)
+    run_study(out, json, "seed.html", lambda progress: study)
 
 
 @app.command("sensitivity")
@@ -291,7 +241,7 @@ def sensitivity_command(
 
         return study
 
-    _study(out, json, "report.html", prepared)
+    run_study(out, json, "report.html", prepared)
 
 
 @app.command("servo")
@@ -343,24 +293,7 @@ def servo_command(
 
         return study
 
-    _study(out, json, "report.html", prepared)
-
-
-def _study(
-    out: str | None, json: bool, page: str, prepare: "Callable[[Progress], Callable[[Progress], Result]]"
-) -> None:
-    """The frame of a study. prepare: reads what it is about, before JAX starts, and gives what computes it."""
-    with plain_failures():
-        from .several_records import progress_on
-
-        folder, consoles = _begin(out, json)
-        with progress_on(consoles.notes) as progress:
-            compute = prepare(progress)
-            progress("starting JAX")
-            _set_up_jax()
-            study = compute(progress)
-            _save(study, folder, progress)
-        _show(study, folder, consoles, json, page)
+    run_study(out, json, "report.html", prepared)
 
 
 @app.command("new")
@@ -372,54 +305,7 @@ def new_command(
         from .new_record import write_template
 
         write_template(folder)
-        _say_where(_begin(None, False)[1].results, folder, "bench.toml")
-
-
-def _begin(out: str | None, json: bool) -> "tuple[Path | None, Consoles]":
-    """(the folder of --out, checked before any work is done for it; where words go)"""
-    from thermohyd.identify.report.files import checked_folder
-
-    from .process import consoles
-
-    return checked_folder(out), consoles(json)
-
-
-def _save(result: "Result", folder: Path | None, progress: "Callable[[str], None]") -> None:
-    """Draw and write, where --out names a folder."""
-    if folder is not None:
-        progress("drawing")
-        result.save(folder)
-
-
-def _show(
-    result: "Result", folder: Path | None, consoles: "Consoles", json: bool, *names: str, warnings: "Iterable[str]" = ()
-) -> None:
-    """A result in words, where those of its files are that a user opens, and JSON."""
-    result.print_on(consoles.results)
-    consoles.warn(warnings)
-    if folder is not None:
-        _say_where(consoles.results, folder, *names)
-    if json:
-        _print_json(result.to_dict())
-
-
-def _print_json(content: dict[str, Any]) -> None:
-    from thermohyd.identify.report.fit_json import json_text
-
-    sys.stdout.write(json_text(content))
-    sys.stdout.flush()  # here a full disk or a closed pipe still gets its sentence
-
-
-def _say_where(console: "Console", folder: Path, *names: str) -> None:
-    # plain text, unwrapped: a path must survive copy and paste
-    for name in names:
-        console.print(f"written: {folder / name}", markup=False, soft_wrap=True)
-
-
-def _set_up_jax() -> None:
-    from .jax_setup import set_up_jax
-
-    set_up_jax()
+        say_where(begin(None, False)[1].results, folder, "bench.toml")
 
 
 def main() -> None:

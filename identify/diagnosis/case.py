@@ -14,7 +14,8 @@ from thermohyd.identify.fitting.bench_faults import faults_of
 from thermohyd.identify.fitting.fit import run_fit
 from thermohyd.identify.fitting.library import library_for
 from thermohyd.identify.fitting.outcome import Fitted, Key
-from thermohyd.identify.fitting.problem import Fit, Problem
+from thermohyd.identify.fitting.problem import Problem
+from thermohyd.identify.fitting.problem_fit import Fit
 
 from .held_out import Split, split_rows
 from .max_t import NoiseFreedom

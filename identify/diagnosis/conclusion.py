@@ -15,7 +15,9 @@ from thermohyd.identify.fitting.bench_faults import BenchFault, is_fault
 from thermohyd.identify.fitting.misfit import doubts
 from thermohyd.identify.fitting.model_form import OTHER, evidence, other_law, with_model_form
 from thermohyd.identify.fitting.outcome import Fitted, Key, fit_result
-from thermohyd.identify.fitting.problem import Fit, Problem, solution_of
+from thermohyd.identify.fitting.problem import Problem
+from thermohyd.identify.fitting.problem_fit import Fit
+from thermohyd.identify.fitting.problem_solution import solution_of
 from thermohyd.identify.fitting.relative import effect_plans
 from thermohyd.identify.fitting.result import FitResult
 from thermohyd.identify.fitting.uncertainty import Block, Covariance, covariance_of

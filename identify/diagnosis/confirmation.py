@@ -10,9 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from thermohyd.identify.bench.record import TestRecord
+from thermohyd.identify.bench.test_record import TestRecord
 from thermohyd.identify.fitting.bench_faults import condition_levels, info_of
-from thermohyd.identify.fitting.problem import Fit, Problem
+from thermohyd.identify.fitting.problem import Problem
+from thermohyd.identify.fitting.problem_fit import Fit
 from thermohyd.identify.reduction.monotone_pieces import piece_bounds, run_ids
 
 

@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from thermohyd.identify.bench.record import BenchRecord, dynamic_among
+from thermohyd.identify.bench.record import BenchRecord
+from thermohyd.identify.bench.test_record import dynamic_among
 from thermohyd.identify.fitting.library import Library, motion_library
 from thermohyd.identify.fitting.model_form import with_model_form
 from thermohyd.identify.fitting.parameters import IN_MOTION, ParameterPlan, Prior

@@ -12,7 +12,8 @@ import numpy as np
 
 from thermohyd.effects.library import effect_info
 from thermohyd.identify.fitting.library import asks_for_more, stores
-from thermohyd.identify.fitting.problem import Fit, Problem
+from thermohyd.identify.fitting.problem import Problem
+from thermohyd.identify.fitting.problem_fit import Fit
 
 from .case import LEVEL_OF_ALL_ROWS, Case, Progress
 from .confirmation import Confirmation, confirmation, unproven

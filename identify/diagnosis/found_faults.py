@@ -7,8 +7,8 @@ import numpy as np
 
 from thermohyd.effects.library import effect_info
 from thermohyd.identify.bench.columns import column_unit, reading_unit
-from thermohyd.identify.bench.record import Fault
 from thermohyd.identify.bench.shown_units import KINDS, DisplayUnit, beside
+from thermohyd.identify.bench.test_record import Fault
 from thermohyd.identify.fitting.bench_faults import BenchFault, is_fault, kind_of
 from thermohyd.identify.fitting.result import FitResult, ParameterEstimate
 

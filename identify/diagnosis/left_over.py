@@ -15,8 +15,9 @@ from numpy.polynomial import legendre
 from scipy.special import fdtrc
 
 from thermohyd.effects.library import factor_on
-from thermohyd.identify.bench.record import TestRecord
-from thermohyd.identify.fitting.problem import Fit, Key, Problem
+from thermohyd.identify.bench.test_record import TestRecord
+from thermohyd.identify.fitting.problem import Key, Problem
+from thermohyd.identify.fitting.problem_fit import Fit
 from thermohyd.identify.model.learned_terms import ABSOLUTE, LearnedTerm, legendre_basis, term_values, variable_values
 from thermohyd.identify.noise.whitening import whiten_on_host
 

@@ -12,10 +12,11 @@ import numpy as np
 from scipy.special import ndtri
 
 from thermohyd.effects.library import effect_info
-from thermohyd.identify.bench.record import TestRecord
+from thermohyd.identify.bench.test_record import TestRecord
 from thermohyd.identify.fitting.bench_faults import TEMPERATURE_STEP, is_fault
 from thermohyd.identify.fitting.library import stores
-from thermohyd.identify.fitting.problem import Fit, Problem
+from thermohyd.identify.fitting.problem import Problem
+from thermohyd.identify.fitting.problem_fit import Fit
 
 from .found_faults import where
 from .other_law import ANOTHER_LAW, OtherLawSays

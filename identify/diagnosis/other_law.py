@@ -6,7 +6,8 @@ Not a search of its own: nothing is looked for that only the other law would ask
 from dataclasses import dataclass
 
 from thermohyd.identify.fitting.model_form import refit
-from thermohyd.identify.fitting.problem import Fit, Problem
+from thermohyd.identify.fitting.problem import Problem
+from thermohyd.identify.fitting.problem_fit import Fit
 
 from .rivals import ALIKE
 from .search import implausible

@@ -5,8 +5,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtri
 
-from thermohyd.identify.bench.record import Channel, TestRecord
-from thermohyd.identify.fitting.problem import Fit, Key, Problem
+from thermohyd.identify.bench.test_record import Channel, TestRecord
+from thermohyd.identify.fitting.problem import Key, Problem
+from thermohyd.identify.fitting.problem_fit import Fit
 from thermohyd.identify.fitting.readings import Noise
 from thermohyd.identify.noise.correlation import NoiseCorrelation, ProjectedNoise, Remembered, noise_correlation
 from thermohyd.identify.noise.level import ChannelNoise, repeat_differences

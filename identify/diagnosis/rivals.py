@@ -6,7 +6,8 @@ import numpy as np
 
 from thermohyd.identify.fitting.bench_faults import info_of, is_fault
 from thermohyd.identify.fitting.library import asks_for_more, expensive_to_compile, stores
-from thermohyd.identify.fitting.problem import Fit, Problem
+from thermohyd.identify.fitting.problem import Problem
+from thermohyd.identify.fitting.problem_fit import Fit
 
 from .max_t import NoiseFreedom, normal_score
 from .screening import screen

@@ -20,7 +20,8 @@ from thermohyd.effects.library import DYNAMIC_EFFECTS, EFFECTS, effect_info, wit
 from thermohyd.identify.fitting.bench_faults import info_of
 from thermohyd.identify.fitting.library import Library, stores, with_heat
 from thermohyd.identify.fitting.parameters import PARAMETERS
-from thermohyd.identify.fitting.problem import Fit, Problem
+from thermohyd.identify.fitting.problem import Problem
+from thermohyd.identify.fitting.problem_fit import Fit
 from thermohyd.identify.fitting.sensed import sensed
 from thermohyd.identify.fitting.static_readings import base_valve, conditions_of, mean_over_nodes, row_weights
 from thermohyd.static_tests import blocked_port_readings

@@ -10,7 +10,8 @@ from dataclasses import replace
 import numpy as np
 
 from thermohyd.identify.fitting.bench_faults import BenchFault
-from thermohyd.identify.fitting.problem import Fit, Problem
+from thermohyd.identify.fitting.problem import Problem
+from thermohyd.identify.fitting.problem_fit import Fit
 from thermohyd.identify.fitting.readings import STEP
 from thermohyd.identify.noise.whitening import whiten_on_host
 

@@ -11,7 +11,8 @@ from scipy.special import chdtrc, fdtrc
 from thermohyd.effects.library import effect_info
 from thermohyd.identify.fitting.bench_faults import info_of, is_fault
 from thermohyd.identify.fitting.library import expensive_to_compile, stores
-from thermohyd.identify.fitting.problem import Fit, Problem
+from thermohyd.identify.fitting.problem import Problem
+from thermohyd.identify.fitting.problem_fit import Fit
 
 from .max_t import NoiseFreedom
 from .screening import Screen, Signature, screen

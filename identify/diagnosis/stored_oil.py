@@ -9,7 +9,8 @@ import numpy as np
 
 from thermohyd.effects.library import effect_info
 from thermohyd.identify.fitting.library import stores
-from thermohyd.identify.fitting.problem import Fit, Problem
+from thermohyd.identify.fitting.problem import Problem
+from thermohyd.identify.fitting.problem_fit import Fit
 
 from .screening import Screen
 

@@ -16,8 +16,8 @@ from matplotlib.colors import SymLogNorm
 from matplotlib.figure import Figure
 
 from thermohyd.identify.bench.columns import column_unit
-from thermohyd.identify.bench.record import TestRecord
 from thermohyd.identify.bench.shown_units import UM, DisplayUnit, significant
+from thermohyd.identify.bench.test_record import TestRecord
 from thermohyd.identify.fitting.result import ChannelFit, FitResult
 from thermohyd.identify.report import style as look
 from thermohyd.identify.report.style import TITLES, pressure_groups, run_label, temperature_groups

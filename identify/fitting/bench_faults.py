@@ -12,7 +12,7 @@ import numpy as np
 
 from thermohyd.effects.effect_info import EffectInfo
 from thermohyd.effects.library import effect_info
-from thermohyd.identify.bench.record import TestRecord
+from thermohyd.identify.bench.test_record import TestRecord
 from thermohyd.identify.reduction.monotone_pieces import level_numbers, piece_bounds
 
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from thermohyd.identify.bench.errors import BenchInputError
-from thermohyd.identify.bench.record import BenchRecord, TestRecord
+from thermohyd.identify.bench.record import BenchRecord
+from thermohyd.identify.bench.test_record import TestRecord
 from thermohyd.identify.noise.level import ChannelNoise, initial_noises
 from thermohyd.identify.reduction.bad_rows import beside_the_fit, without_limits
 from thermohyd.identify.reduction.reduce import reduce_test
@@ -27,16 +28,8 @@ from .relative import with_relatives
 from .result import FitResult, OtherLaw, StartOutcome
 from .sensed import sensed_channels, sensor_plans, with_starts
 from .starts import basin_hopping, null_position, reversed_channels, warning_of, with_signs_turned
-from .static_readings import (
-    FitArgs,
-    base_valve,
-    box_of,
-    channel_slices,
-    prior_rows,
-    quantities_of,
-    residual_of,
-    static_data,
-)
+from .static_readings import base_valve, channel_slices, quantities_of, static_data
+from .static_residuals import FitArgs, box_of, prior_rows, residual_of
 from .uncertainty import largest_change, settled_noise
 
 

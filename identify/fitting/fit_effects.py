@@ -11,7 +11,9 @@ from thermohyd.identify.bench.record import BenchRecord
 
 from .library import library_for
 from .outcome import Fitted
-from .problem import Fit, Problem, noise_settled_by, solution_of
+from .problem import Problem
+from .problem_fit import Fit
+from .problem_solution import noise_settled_by, solution_of
 from .readings import white_noise
 from .relative import effect_plans
 from .uncertainty import largest_change

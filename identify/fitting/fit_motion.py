@@ -5,7 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from thermohyd.identify.bench.record import BenchRecord, TestRecord
+from thermohyd.identify.bench.record import BenchRecord
+from thermohyd.identify.bench.test_record import TestRecord
 from thermohyd.identify.noise.level import ChannelNoise, initial_noises
 from thermohyd.identify.reduction.bad_rows import beside_the_fit
 
@@ -15,7 +16,9 @@ from .library import NOTHING, Library
 from .motion_readings import require_actuator
 from .outcome import Fitted, Key
 from .parameters import IN_MOTION, PARAMETERS, free_parameters, plan_motion, readings_of
-from .problem import MOST_STEPS, Fit, Problem, solution_of
+from .problem import MOST_STEPS, Problem
+from .problem_fit import Fit
+from .problem_solution import solution_of
 from .readings import MotionReadings, Noise, white_noise
 from .relative import with_relatives
 from .result import StartOutcome

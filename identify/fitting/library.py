@@ -7,7 +7,7 @@ import numpy as np
 
 from thermohyd.effects.effect_info import EffectInfo
 from thermohyd.effects.library import DYNAMIC_EFFECTS, EFFECTS, effect_info, whole_library
-from thermohyd.identify.bench.record import DynamicTest, TestRecord
+from thermohyd.identify.bench.test_record import DynamicTest, TestRecord
 
 from .bench_faults import info_of
 

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from thermohyd.chain_in_time import along_rows
 from thermohyd.conditions import Conditions
 from thermohyd.effects.library import EFFECTS, classes_of, effect, effect_info, factor_on, with_effects
 from thermohyd.identify.fitting.parameters import PARAMETERS
@@ -23,17 +24,16 @@ from thermohyd.identify.fitting.static_readings import (
     STORED_GROUP,
     ChannelRows,
     StaticData,
-    channel_layers,
     group_rows,
     groups_of,
     predict_group,
     predict_stored,
-    rows_of_test,
     with_parameters,
 )
+from thermohyd.identify.fitting.static_residuals import channel_layers, rows_of_test
 from thermohyd.identify.noise.whitening import Whitening, whiten
 from thermohyd.numerics import jitted, known_options
-from thermohyd.port_storage import StoredPorts, along_rows
+from thermohyd.port_storage import StoredPorts
 from thermohyd.valve import Valve
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from thermohyd.identify.bench.record import kind_of_test
+from thermohyd.identify.bench.test_record import kind_of_test
 
 from .result import DISAGREES, ChannelFit, ParameterEstimate
 

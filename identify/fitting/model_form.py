@@ -10,12 +10,15 @@ from dataclasses import replace
 import numpy as np
 
 from thermohyd.effects.library import factor_on, find_effect
-from thermohyd.identify.bench.record import BenchRecord, TestRecord
+from thermohyd.identify.bench.record import BenchRecord
+from thermohyd.identify.bench.test_record import TestRecord
 
 from .library import Library
 from .outcome import Fitted
 from .parameters import ParameterPlan, effect_plan, heat_retention, identified_by_default, plan_parameters, readings_of
-from .problem import Fit, Problem, solution_of
+from .problem import Problem
+from .problem_fit import Fit
+from .problem_solution import solution_of
 from .result import DISAGREES, FitResult, ModelForm, OtherLaw, ParameterEstimate
 from .sensed import sensed_channels
 

@@ -25,7 +25,8 @@ from thermohyd.dynamics.linear import Output, frequency_response
 from thermohyd.dynamics.machine import Plant, State, Walls, plant_of, transducer_gain
 from thermohyd.effects.library import classes_of, effect_info, with_effects
 from thermohyd.identify.bench.errors import BenchInputError
-from thermohyd.identify.bench.record import ActuatorData, BenchRecord, DynamicTest
+from thermohyd.identify.bench.record import ActuatorData, BenchRecord
+from thermohyd.identify.bench.test_record import DynamicTest
 from thermohyd.numerics import quickly
 from thermohyd.valve import Valve
 

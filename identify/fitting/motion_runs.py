@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from thermohyd.dynamics.inputs import Linear, StepInputs, step_inputs
-from thermohyd.identify.bench.record import DynamicTest
+from thermohyd.identify.bench.test_record import DynamicTest
 
 from .sensed import gain_name, zero_name
 from .static_readings import padded_size

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import stdtrit
 
-from thermohyd.identify.bench.record import BenchRecord, Channel, TestRecord
+from thermohyd.identify.bench.record import BenchRecord
+from thermohyd.identify.bench.test_record import Channel, TestRecord
 from thermohyd.identify.noise.correlation import NoiseCorrelation, noise_correlation
 from thermohyd.identify.noise.level import ChannelNoise
 from thermohyd.identify.reduction.monotone_pieces import sweep_ids

@@ -7,7 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from thermohyd.identify.bench.errors import BenchInputError
-from thermohyd.identify.bench.record import ActuatorData, BenchRecord, StartValue, TestRecord, ValveData
+from thermohyd.identify.bench.record import ActuatorData, BenchRecord, StartValue, ValveData
+from thermohyd.identify.bench.test_record import TestRecord
 
 from .bench_faults import info_of
 

@@ -13,9 +13,9 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from thermohyd.identify.bench.record import BenchRecord, TestRecord, dynamic_among
+from thermohyd.identify.bench.record import BenchRecord
+from thermohyd.identify.bench.test_record import TestRecord, dynamic_among
 from thermohyd.identify.model.learned_terms import LearnedTerm
-from thermohyd.identify.noise.level import ChannelNoise
 from thermohyd.identify.noise.whitening import Whitening, whiten_on_host
 from thermohyd.identify.reduction.monotone_pieces import run_ids
 
@@ -24,11 +24,13 @@ from .boxes import Box
 from .least_squares import LeastSquaresResult, solve
 from .library import Library, coupled, library_for, stores, with_heat
 from .parameters import IN_MOTION, PARAMETERS, SEEN_IN_MOTION, ParameterPlan
+from .problem_fit import Fit, Work
 from .readings import MotionReadings, Noise, Readings, StaticReadings
 from .sensed import Sensed, SignalRows, sensed_channels, traced
 from .starts import basin_hopping
-from .static_readings import channel_slices, prior_rows
-from .uncertainty import Key, settled_noise
+from .static_readings import channel_slices
+from .static_residuals import prior_rows
+from .uncertainty import Key
 
 
 # A search stops a thousandth of a standard error from its optimum: chi-square is then right to 1e-6.
@@ -43,57 +45,6 @@ START_WITHIN = 3.0  # times the largest usual amount
 MOST_STEPS, PATIENCE = 40, 5  # a refit that crawls is no candidate; one that is to stay may go on
 # A search starts beside an optimum that basin hopping has been through: fewer and shorter moves [um] than a first fit's.
 MOVES, ROUNDS_OF_MOVES = (2.0, 0.7), 2
-
-
-@dataclass(frozen=True)
-class Fit:
-    """A fit of a problem with the effects `effects` free: values, residual, columns.
-
-    Rows: the real ones of every channel in turn, then the priors. residual (rows,): whitened, model - reading. columns (rows,
-    entries): its derivatives to every parameter and effect of `order`, free or not. values: every entry of `order`. used
-    (rows,): rows that the fit saw.
-    """
-
-    effects: tuple[str, ...]
-    order: tuple[str, ...]
-    free: tuple[str, ...]
-    values: dict[str, float]
-    chi2: float
-    residual: np.ndarray
-    columns: np.ndarray
-    used: np.ndarray
-    active: frozenset[str]  # free ones that press against a limit
-    converged: bool
-    message: str
-    solution: LeastSquaresResult
-    allowance: float = (
-        0.0  # chi-square that its faults of the bench must gain for the many places they were looked for in
-    )
-
-    @property
-    def physics(self) -> tuple[str, ...]:
-        """Its effects without the faults of the bench."""
-        return tuple(name for name in self.effects if not is_fault(name))
-
-    @property
-    def faults(self) -> tuple[str, ...]:
-        return tuple(name for name in self.effects if is_fault(name))
-
-    def column(self, name: str) -> np.ndarray:
-        return self.columns[:, self.order.index(name)]
-
-    @property
-    def nuisance(self) -> np.ndarray:
-        """Columns of what this fit adjusted, those at a limit left out."""
-        names = [name for name in self.free if name not in self.active]
-        return self.columns[:, [self.order.index(name) for name in names]]
-
-
-@dataclass
-class Work:
-    """What the refits of a record have taken so far: evaluations of the model with its derivatives."""
-
-    evaluations: int = 0
 
 
 @dataclass(frozen=True)
@@ -439,36 +390,3 @@ class Problem:
 def _padded(part: Readings) -> int:
     """Rows of all channels of one kind of tests, pads and all."""
     return sum(part.size(test.rows) * len(test.channels) for test in part.tests.values())
-
-
-def solution_of(problem: Problem, fit: Fit, seen: Fit | None = None) -> LeastSquaresResult:
-    """`fit` over its free entries alone, rows as `channel_slices` lays them out, the free entries' priors behind them.
-
-    seen: residual and columns to take instead, of the same point seen with other noise.
-    """
-    seen = fit if seen is None else seen
-    slices = channel_slices(problem.tests)
-    count = max(s.stop for s in slices.values()) + len(fit.free)
-    columns = [seen.order.index(name) for name in fit.free]
-    residual, jacobian = np.zeros(count), np.zeros((count, len(fit.free)))
-    for key, rows in problem.rows().items():
-        residual[slices[key]] = seen.residual[rows]
-        jacobian[slices[key]] = seen.columns[rows][:, columns]
-    priors = len(seen.residual) - len(problem.parameters)
-    for i, name in enumerate(fit.free, start=count - len(fit.free)):
-        if name in problem.parameters:
-            k = priors + problem.parameters.index(name)
-            residual[i], jacobian[i] = seen.residual[k], seen.columns[k, columns]
-    pick = [fit.order.index(name) for name in fit.free]
-    whole = fit.solution
-    return replace(
-        whole, p=whole.p[pick], z=whole.z[pick], start=whole.start[pick], active=whole.active[pick],
-        cost=float(np.sum(residual**2)), residual=residual, jacobian=jacobian,
-    )  # fmt: skip
-
-
-def noise_settled_by(problem: Problem, fit: Fit, noise: Mapping[Key, ChannelNoise]) -> dict[Key, ChannelNoise]:
-    """The noise of each channel as the residuals of `fit` show it (`settled_noise`)."""
-    scales = np.array([problem.scale_of(name) for name in fit.free])
-    columns = fit.columns[:, [fit.order.index(name) for name in fit.free]] * scales
-    return settled_noise(noise, problem.rows(), fit.residual, columns)

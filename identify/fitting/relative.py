@@ -7,7 +7,8 @@ is a ratio, and the parameter is reported in that: lengths in strokes, flows per
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 
-from thermohyd.identify.bench.record import OF_BOTH_SIDES, BenchRecord, DynamicTest, TestRecord
+from thermohyd.identify.bench.record import OF_BOTH_SIDES, BenchRecord
+from thermohyd.identify.bench.test_record import DynamicTest, TestRecord
 
 from .parameters import ParameterPlan, Relative, effect_plan
 from .sensed import sensed_channels

@@ -10,8 +10,9 @@ import numpy as np
 import pandas as pd
 
 from thermohyd.identify.bench.columns import reading_unit
-from thermohyd.identify.bench.record import BenchRecord, Fault
+from thermohyd.identify.bench.record import BenchRecord
 from thermohyd.identify.bench.shown_units import DisplayUnit, display_unit
+from thermohyd.identify.bench.test_record import Fault
 from thermohyd.identify.result import Result
 
 from .parameters import Relative

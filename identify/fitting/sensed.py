@@ -10,9 +10,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from thermohyd.identify.bench.columns import KIND_OF
-from thermohyd.identify.bench.record import BenchRecord, Channel, DynamicTest, TestRecord
+from thermohyd.identify.bench.record import BenchRecord
 from thermohyd.identify.bench.sensors import EACH_RUN, Sensor
 from thermohyd.identify.bench.shown_units import KINDS
+from thermohyd.identify.bench.test_record import Channel, DynamicTest, TestRecord
 
 from .parameters import ParameterInfo, ParameterPlan, Prior
 

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from thermohyd.identify.bench.record import Channel, TestRecord
+from thermohyd.identify.bench.test_record import Channel, TestRecord
 from thermohyd.identify.reduction.monotone_pieces import piece_bounds, sweep_ids
 
 from .least_squares import LeastSquaresResult

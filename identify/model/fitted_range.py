@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 
 from thermohyd.identify.bench.columns import column_unit
-from thermohyd.identify.bench.record import BenchRecord, TestRecord, is_dynamic
+from thermohyd.identify.bench.record import BenchRecord
 from thermohyd.identify.bench.shown_units import DisplayUnit, significant
+from thermohyd.identify.bench.test_record import TestRecord, is_dynamic
 from thermohyd.identify.reduction.monotone_pieces import PRESSURE_STEP, TEMPERATURE_STEP
 
 from .model import Model, Ranges

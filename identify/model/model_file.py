@@ -15,17 +15,8 @@ import numpy as np
 
 from thermohyd.effects.library import whole_library
 from thermohyd.identify.bench.errors import BenchInputError, quoted, suggestion
-from thermohyd.identify.bench.record import (
-    DYNAMIC_TESTS,
-    EDGE_LAWS,
-    STATIC_TESTS,
-    ActuatorData,
-    BenchRecord,
-    ValveData,
-    at_first_row,
-    is_dynamic,
-    misgiven_side,
-)
+from thermohyd.identify.bench.record import EDGE_LAWS, ActuatorData, BenchRecord, ValveData, at_first_row, misgiven_side
+from thermohyd.identify.bench.test_record import DYNAMIC_TESTS, STATIC_TESTS, is_dynamic
 from thermohyd.identify.fitting.parameters import IN_MOTION, heat_retention, identified_by_default, identified_in_motion
 from thermohyd.identify.fitting.result import FitResult
 from thermohyd.identify.fitting.sensed import gain_name, sensor_plans

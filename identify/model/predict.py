@@ -22,7 +22,8 @@ from thermohyd.effects.effect import AbstractReadingEffect
 from thermohyd.effects.library import classes_of, effect, effect_info, factor_on, with_effects
 from thermohyd.identify.bench.columns import column_unit, reading_unit
 from thermohyd.identify.bench.errors import BenchInputError
-from thermohyd.identify.bench.record import BenchRecord, TestRecord
+from thermohyd.identify.bench.record import BenchRecord
+from thermohyd.identify.bench.test_record import TestRecord
 from thermohyd.identify.bench.units import from_si
 from thermohyd.identify.fitting.starts import reversed_channels, warning_of
 from thermohyd.identify.fitting.static_readings import base_valve, conditions_of, pad, predict, read_by, with_parameters

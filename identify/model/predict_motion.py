@@ -11,8 +11,9 @@ from thermohyd.dynamics.integrate import FAILURES
 from thermohyd.effects.library import effect_info
 from thermohyd.identify.bench.columns import ABSOLUTE_RATIO, reading_unit
 from thermohyd.identify.bench.errors import BenchInputError
-from thermohyd.identify.bench.record import BenchRecord, DynamicTest, TestRecord
+from thermohyd.identify.bench.record import BenchRecord
 from thermohyd.identify.bench.shown_units import KINDS
+from thermohyd.identify.bench.test_record import DynamicTest, TestRecord
 from thermohyd.identify.fitting.motion_readings import DynamicSimulator, Key, actuator_of, valve_of
 from thermohyd.identify.fitting.parameters import IN_MOTION, SEEN_IN_MOTION
 from thermohyd.identify.fitting.sensed import Sensed, sensed, traced

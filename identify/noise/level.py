@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from thermohyd.identify.bench.record import Channel, TestRecord
+from thermohyd.identify.bench.test_record import Channel, TestRecord
 from thermohyd.identify.reduction.monotone_pieces import monotone_pieces, piece_bounds, sweep_ids
 from thermohyd.identify.reduction.rounding import local_steps
 

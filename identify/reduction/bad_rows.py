@@ -11,8 +11,8 @@ import numpy as np
 from scipy.stats import binom, t as student
 
 from thermohyd.identify.bench.columns import reading_unit
-from thermohyd.identify.bench.record import Channel, DynamicTest, Fault, FaultyRow, TestRecord
 from thermohyd.identify.bench.shown_units import significant
+from thermohyd.identify.bench.test_record import Channel, DynamicTest, Fault, FaultyRow, TestRecord
 from thermohyd.identify.noise.level import MEDIAN_OF_CHI2, divided_third
 
 from .monotone_pieces import monotone_pieces, piece_bounds, sweep_axis, sweep_ids

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from thermohyd.identify.bench.record import TestRecord
+from thermohyd.identify.bench.test_record import TestRecord
 
 
 SMALLEST_PIECE = 0.02  # of the position's range: a reversal smaller than this is dither

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from thermohyd.identify.bench.record import Channel
+from thermohyd.identify.bench.test_record import Channel
 
 from .monotone_pieces import moving_mean
 from .noise_of_logs import LogCorrelation, independent_rows, log_correlation, log_scatter, row_scatter

@@ -14,8 +14,8 @@ from dataclasses import replace
 import numpy as np
 
 from thermohyd.identify.bench.columns import reading_unit
-from thermohyd.identify.bench.record import Channel, Nodes, TestRecord
 from thermohyd.identify.bench.shown_units import significant
+from thermohyd.identify.bench.test_record import Channel, Nodes, TestRecord
 
 from .bad_rows import without_outliers_in_log
 from .monotone_pieces import monotone_pieces, piece_bounds, sweep_axis

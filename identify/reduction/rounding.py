@@ -8,7 +8,7 @@ lie whole multiples of a step apart.
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from thermohyd.identify.bench.record import Channel, TestRecord
+from thermohyd.identify.bench.test_record import Channel, TestRecord
 
 from .monotone_pieces import piece_bounds, sweep_ids
 

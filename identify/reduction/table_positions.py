@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from thermohyd.identify.bench.record import TestRecord
 from thermohyd.identify.bench.shown_units import significant
+from thermohyd.identify.bench.test_record import TestRecord
 from thermohyd.identify.noise.level import MEDIAN_OF_CHI2, divided_third
 
 from .monotone_pieces import monotone_pieces, piece_bounds, sweep_axis

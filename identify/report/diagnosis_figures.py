@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from thermohyd.identify.bench.columns import column_unit
-from thermohyd.identify.bench.record import is_dynamic
 from thermohyd.identify.bench.shown_units import display_unit
+from thermohyd.identify.bench.test_record import is_dynamic
 from thermohyd.identify.diagnosis.result import DiagnosisResult, Variation
 from thermohyd.identify.diagnosis.where import residual_map
 from thermohyd.identify.fitting.result import ChannelFit, FitResult

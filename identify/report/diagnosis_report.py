@@ -13,8 +13,8 @@ from rich.text import Text
 
 from thermohyd.effects.library import find_effect
 from thermohyd.identify.bench.provenance import record_line
-from thermohyd.identify.bench.record import Fault
 from thermohyd.identify.bench.shown_units import amount, beside, decimals_for, display_unit
+from thermohyd.identify.bench.test_record import Fault
 from thermohyd.identify.diagnosis.result import (
     DiagnosisResult,
     HeldOut,

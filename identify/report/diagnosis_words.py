@@ -4,8 +4,8 @@ import math
 from dataclasses import dataclass
 
 from thermohyd.identify.bench.columns import column_unit
-from thermohyd.identify.bench.record import is_dynamic
 from thermohyd.identify.bench.shown_units import DisplayUnit, amount, beside, display_unit, effect_unit, significant
+from thermohyd.identify.bench.test_record import is_dynamic
 from thermohyd.identify.diagnosis.result import Alternative, Candidate, DiagnosisResult, NamedEffect, Region, Variation
 from thermohyd.identify.diagnosis.where import miss_words, region_words
 

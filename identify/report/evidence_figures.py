@@ -10,8 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from thermohyd.identify.bench.record import kind_of_test
 from thermohyd.identify.bench.shown_units import CELSIUS, UM, effect_unit
+from thermohyd.identify.bench.test_record import kind_of_test
 from thermohyd.identify.diagnosis.result import Candidate, DiagnosisResult, Evidence
 
 from . import style as look

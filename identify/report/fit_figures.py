@@ -10,8 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
-from thermohyd.identify.bench.record import is_dynamic, kind_of_test
 from thermohyd.identify.bench.shown_units import UM
+from thermohyd.identify.bench.test_record import is_dynamic, kind_of_test
 from thermohyd.identify.fitting.result import ChannelFit, FitResult
 
 from . import style as look

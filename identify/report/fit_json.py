@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from thermohyd.identify.bench.provenance import record_json
-from thermohyd.identify.bench.record import Fault
+from thermohyd.identify.bench.test_record import Fault
 from thermohyd.identify.fitting.result import ChannelFit, FitResult, ParameterEstimate
 from thermohyd.identify.model.model_file import model_json
 

@@ -13,7 +13,8 @@ import numpy as np
 
 from thermohyd.effects.library import effect_info
 from thermohyd.identify.bench.errors import BenchInputError
-from thermohyd.identify.bench.record import BenchRecord, TestRecord, ValveData
+from thermohyd.identify.bench.record import BenchRecord, ValveData
+from thermohyd.identify.bench.test_record import TestRecord
 from thermohyd.identify.fitting.parameters import MICRON, OF_THE_EDGES
 from thermohyd.identify.fitting.result import FitResult
 from thermohyd.identify.model.model import Model

@@ -8,11 +8,12 @@ from scipy.optimize import lsq_linear
 
 from helpers.small_bench import REACH, conditions_only, record_of
 from thermohyd.effects.library import EFFECTS
-from thermohyd.identify.bench.record import TestRecord
+from thermohyd.identify.bench.test_record import TestRecord
 from thermohyd.identify.fitting.least_squares import LeastSquaresResult
 from thermohyd.identify.fitting.library import Library
 from thermohyd.identify.fitting.parameters import PARAMETERS, plan_parameters
-from thermohyd.identify.fitting.problem import Fit, Key, Problem
+from thermohyd.identify.fitting.problem import Key, Problem
+from thermohyd.identify.fitting.problem_fit import Fit
 from thermohyd.identify.fitting.readings import Noise
 from thermohyd.identify.noise.correlation import NoiseCorrelation
 from thermohyd.identify.noise.whitening import whiten_on_host, whitening_of

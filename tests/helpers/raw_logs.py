@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import lfilter
 
-from thermohyd.identify.bench.record import Channel, TestRecord
+from thermohyd.identify.bench.test_record import Channel, TestRecord
 
 
 Curve = Callable[[np.ndarray], np.ndarray]

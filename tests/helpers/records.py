@@ -9,7 +9,8 @@ from reference.static_tests import IDEAL
 from reference.valve import Effects, Rows, Valve
 from scipy.signal import lfilter
 
-from thermohyd.identify.bench.record import BenchRecord, Channel, TestRecord, ValveData
+from thermohyd.identify.bench.record import BenchRecord, ValveData
+from thermohyd.identify.bench.test_record import Channel, TestRecord
 from thermohyd.oil_definition import OilDefinition
 
 

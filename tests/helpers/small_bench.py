@@ -14,8 +14,9 @@ from reference.port_storage import swept_together
 from reference.valve import Effects, Rows, Valve
 
 from helpers.records import NOISE, POINTS, STROKE, noise_of
-from thermohyd.identify.bench.record import BenchRecord, Channel, TestRecord, ValveData
+from thermohyd.identify.bench.record import BenchRecord, ValveData
 from thermohyd.identify.bench.sweeps import sweep_direction, sweep_rate
+from thermohyd.identify.bench.test_record import Channel, TestRecord
 from thermohyd.oil_definition import OilDefinition
 
 

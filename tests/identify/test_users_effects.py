@@ -15,7 +15,8 @@ from rich.console import Console
 
 from thermohyd.effects.library import DYNAMIC_EFFECTS, EFFECTS, with_effects
 from thermohyd.identify.bench.errors import BenchInputError
-from thermohyd.identify.bench.record import ActuatorData, BenchRecord, Channel, DynamicTest, StartValue
+from thermohyd.identify.bench.record import ActuatorData, BenchRecord, StartValue
+from thermohyd.identify.bench.test_record import Channel, DynamicTest
 from thermohyd.identify.diagnosis.diagnose import diagnose
 from thermohyd.identify.diagnosis.result import DiagnosisResult
 from thermohyd.identify.fitting.motion_readings import DynamicSimulator, actuator_of

@@ -12,12 +12,12 @@ from helpers.valves import NAMES, STROKE, seed_valve
 from reference import conformance
 from reference.oil import walther
 
+from thermohyd.chain_in_time import along_rows
 from thermohyd.conditions import Conditions
 from thermohyd.effects.edges import PortComplianceA, PortComplianceB
 from thermohyd.effects.library import with_effects
 from thermohyd.oil import oil_from_definition
 from thermohyd.oil_definition import OilDefinition
-from thermohyd.port_storage import along_rows
 from thermohyd.static_tests import blocked_port_readings, stored_port_rows
 from thermohyd.valve import Valve
 

@@ -9,7 +9,8 @@ import pytest
 from helpers.small_bench import CONDITIONS, small_record
 from helpers.small_diagnosis import opened, small_case
 
-from thermohyd.identify.bench.record import BenchRecord, TestRecord
+from thermohyd.identify.bench.record import BenchRecord
+from thermohyd.identify.bench.test_record import TestRecord
 from thermohyd.identify.diagnosis.diagnose import diagnose_case
 from thermohyd.identify.diagnosis.result import DiagnosisResult
 from thermohyd.identify.diagnosis.screening_faults import fault_columns

@@ -10,7 +10,7 @@ from thermohyd.identify.diagnosis.held_out import split_rows
 from thermohyd.identify.diagnosis.record_noise import NoiseEstimate
 from thermohyd.identify.diagnosis.search import search
 from thermohyd.identify.fitting.outcome import Fitted
-from thermohyd.identify.fitting.problem import Fit
+from thermohyd.identify.fitting.problem_fit import Fit
 from thermohyd.identify.noise.correlation import NoiseCorrelation
 
 

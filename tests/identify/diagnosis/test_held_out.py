@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from helpers.small_bench import REACH, conditions_only
 
-from thermohyd.identify.bench.record import Channel, TestRecord
+from thermohyd.identify.bench.test_record import Channel, TestRecord
 from thermohyd.identify.diagnosis.held_out import split_rows
 
 

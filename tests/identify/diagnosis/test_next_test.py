@@ -10,7 +10,7 @@ from helpers.small_diagnosis import small_case
 from thermohyd.identify.diagnosis.next_test import check_of, menu, next_test, what_shows
 from thermohyd.identify.diagnosis.result import Region, Variation
 from thermohyd.identify.diagnosis.rivals import Rival, Rivals
-from thermohyd.identify.fitting.problem import Fit
+from thermohyd.identify.fitting.problem_fit import Fit
 
 
 def bench(**columns):

@@ -8,7 +8,7 @@ from helpers.records import NOISE
 from helpers.small_bench import REACH, conditions_only, rows_of
 from helpers.small_diagnosis import small_case
 
-from thermohyd.identify.bench.record import Channel, TestRecord
+from thermohyd.identify.bench.test_record import Channel, TestRecord
 from thermohyd.identify.diagnosis.record_noise import _excessive, first_noise, repeats_of
 from thermohyd.identify.noise.correlation import NoiseCorrelation
 

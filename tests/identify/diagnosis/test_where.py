@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from helpers.small_bench import CONDITIONS, conditions_only
 
-from thermohyd.identify.bench.record import TestRecord
+from thermohyd.identify.bench.test_record import TestRecord
 from thermohyd.identify.diagnosis.result import Region
 from thermohyd.identify.diagnosis.where import MOST_REGIONS, regions
 from thermohyd.identify.fitting.result import ChannelFit

@@ -10,7 +10,7 @@ from reference.sample_actuator import SEED
 from thermohyd.data import sample_record
 from thermohyd.identify.bench.errors import BenchInputError
 from thermohyd.identify.bench.read import read_record
-from thermohyd.identify.bench.record import DynamicTest
+from thermohyd.identify.bench.test_record import DynamicTest
 from thermohyd.identify.fitting.fit import fit
 from thermohyd.identify.fitting.fit_motion import run_fit_motion, within
 from thermohyd.identify.fitting.parameters import IN_MOTION

@@ -11,18 +11,17 @@ from reference import static_tests as reference
 from reference.oil import Oil, walther
 from reference.valve import Rows, Valve
 
-from thermohyd.identify.bench.record import BenchRecord, Channel, StartValue
+from thermohyd.identify.bench.record import BenchRecord, StartValue
+from thermohyd.identify.bench.test_record import Channel
 from thermohyd.identify.fitting.fit import fit
 from thermohyd.identify.fitting.parameters import plan_parameters
-from thermohyd.identify.fitting.static_readings import (
+from thermohyd.identify.fitting.static_readings import base_valve, padded_size, static_data
+from thermohyd.identify.fitting.static_residuals import (
     FitArgs,
-    base_valve,
-    padded_size,
     plain_residual,
     prior_rows,
     residual_and_columns,
     residual_of,
-    static_data,
 )
 
 

@@ -18,14 +18,8 @@ from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.fitting.readings import Noise
 from thermohyd.identify.fitting.relative import with_relatives
 from thermohyd.identify.fitting.sensed import sensed_channels, sensor_plans, with_starts
-from thermohyd.identify.fitting.static_readings import (
-    FitArgs,
-    base_valve,
-    plain_residual,
-    prior_rows,
-    residual_and_columns,
-    static_data,
-)
+from thermohyd.identify.fitting.static_readings import base_valve, static_data
+from thermohyd.identify.fitting.static_residuals import FitArgs, plain_residual, prior_rows, residual_and_columns
 from thermohyd.identify.model.model_file import load_model, save_model
 from thermohyd.identify.model.predict import simulate_record
 from thermohyd.identify.noise.correlation import NoiseCorrelation

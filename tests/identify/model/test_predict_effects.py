@@ -10,8 +10,9 @@ from reference.oil import Oil, walther
 from reference.valve import Effects, Rows, Valve
 
 from thermohyd.identify.bench.errors import BenchInputError
-from thermohyd.identify.bench.record import BenchRecord, TestRecord, ValveData
+from thermohyd.identify.bench.record import BenchRecord, ValveData
 from thermohyd.identify.bench.sweeps import sweep_direction, sweep_rate
+from thermohyd.identify.bench.test_record import TestRecord
 from thermohyd.identify.model import predict
 from thermohyd.identify.model.learned_terms import LearnedTerm
 from thermohyd.identify.model.model import Model

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 from helpers.raw_logs import POSITION, READING, TRUTH, peak, raw_log, steep
 
-from thermohyd.identify.bench.record import Channel, TestRecord
+from thermohyd.identify.bench.test_record import Channel, TestRecord
 from thermohyd.identify.reduction.reduce import is_raw_log, reduce_test
 
 

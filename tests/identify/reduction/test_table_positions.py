@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from helpers.small_bench import POINTS_UP, small_record
 
-from thermohyd.identify.bench.record import Channel, TestRecord
 from thermohyd.identify.bench.sweeps import sweep_direction, sweep_rate
+from thermohyd.identify.bench.test_record import Channel, TestRecord
 from thermohyd.identify.noise.level import ChannelNoise, initial_noise, noise_beside, reweighted
 from thermohyd.identify.reduction.reduce import reduce_test, smooth_sweep
 

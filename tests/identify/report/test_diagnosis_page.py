@@ -12,7 +12,7 @@ from helpers.fake_fit import fake_channel
 from helpers.html_page import Tags
 from helpers.pictures import is_drawn
 
-from thermohyd.identify.bench.record import TestRecord
+from thermohyd.identify.bench.test_record import TestRecord
 from thermohyd.identify.report import style as plot_style
 from thermohyd.identify.report.diagnosis_figures import diagnosis_figures
 from thermohyd.identify.report.diagnosis_page import diagnosis_files, diagnosis_page

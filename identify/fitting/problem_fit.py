@@ -1,0 +1,59 @@
+"""A problem fitted or evaluated once: values, residuals, columns."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .bench_faults import is_fault
+from .least_squares import LeastSquaresResult
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fit of a problem with the effects `effects` free: values, residual, columns.
+
+    Rows: the real ones of every channel in turn, then the priors. residual (rows,): whitened, model - reading. columns (rows,
+    entries): its derivatives to every parameter and effect of `order`, free or not. values: every entry of `order`. used
+    (rows,): rows that the fit saw.
+    """
+
+    effects: tuple[str, ...]
+    order: tuple[str, ...]
+    free: tuple[str, ...]
+    values: dict[str, float]
+    chi2: float
+    residual: np.ndarray
+    columns: np.ndarray
+    used: np.ndarray
+    active: frozenset[str]  # free ones that press against a limit
+    converged: bool
+    message: str
+    solution: LeastSquaresResult
+    allowance: float = (
+        0.0  # chi-square that its faults of the bench must gain for the many places they were looked for in
+    )
+
+    @property
+    def physics(self) -> tuple[str, ...]:
+        """Its effects without the faults of the bench."""
+        return tuple(name for name in self.effects if not is_fault(name))
+
+    @property
+    def faults(self) -> tuple[str, ...]:
+        return tuple(name for name in self.effects if is_fault(name))
+
+    def column(self, name: str) -> np.ndarray:
+        return self.columns[:, self.order.index(name)]
+
+    @property
+    def nuisance(self) -> np.ndarray:
+        """Columns of what this fit adjusted, those at a limit left out."""
+        names = [name for name in self.free if name not in self.active]
+        return self.columns[:, [self.order.index(name) for name in names]]
+
+
+@dataclass
+class Work:
+    """What the refits of a record have taken so far: evaluations of the model with its derivatives."""
+
+    evaluations: int = 0
