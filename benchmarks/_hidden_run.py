@@ -12,7 +12,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -63,16 +63,39 @@ def answers(
     """
     folder = records_of_set(seed_set, generator)
     names = [n for n in only or sorted(p.name for p in folder.iterdir()) if (folder / n).is_dir()]
-    version = source_hash(ROOT / "thermohyd", ROOT / "identify")
-    store = folder_of_set(seed_set, generator) / "answers.jsonl"
+    return kept(
+        folder_of_set(seed_set, generator) / "answers.jsonl",
+        source_hash(ROOT / "thermohyd", ROOT / "identify"),
+        {n: (folder / n, with_baselines) for n in names},
+        ask,
+        processes,
+        any_version=any_version,
+        ask_more=ask_more,
+        enough=lambda answer: "baselines" in answer or not with_baselines,
+    )
+
+
+def kept(
+    store: Path,
+    version: str,
+    jobs: dict[str, Any],
+    ask: Callable[[Any], dict[str, Any]],
+    processes: int,
+    *,
+    any_version: bool,
+    ask_more: bool = True,
+    enough: Callable[[dict[str, Any]], bool] = lambda answer: True,
+) -> dict[str, dict[str, Any]]:
+    """{record: answer} of `jobs` {record: what `ask` takes}; what `store` has is not asked again, the others are added as they come.
+
+    enough: whether an answer kept from an earlier run says all that is wanted.
+    """
     known = {a["record"]: a for a in stored(store) if any_version or a["version"] == version}
-    known = {
-        n: a for n, a in known.items() if n in names and "error" not in a and ("baselines" in a or not with_baselines)
-    }
-    left = [n for n in names if n not in known] if ask_more else []
+    known = {n: a for n, a in known.items() if n in jobs and "error" not in a and enough(a)}
+    left = [n for n in jobs if n not in known] if ask_more else []
     began = time.monotonic()
     with store.open("a", encoding="utf-8") as out:
-        for done, answer in enumerate(_asked([(folder / n, with_baselines) for n in left], processes), start=1):
+        for done, answer in enumerate(_asked(ask, [jobs[n] for n in left], processes), start=1):
             answer["version"] = version
             out.write(json.dumps(answer) + "\n")
             out.flush()
@@ -91,7 +114,7 @@ def stored(store: Path) -> Iterator[dict[str, Any]]:
                 continue
 
 
-def _asked(jobs: list[tuple[Path, bool]], processes: int) -> Iterator[dict[str, Any]]:
+def _asked(ask: Callable[[Any], dict[str, Any]], jobs: list[Any], processes: int) -> Iterator[dict[str, Any]]:
     if processes == 1 or len(jobs) < 2:
         yield from map(ask, jobs)
         return
@@ -100,35 +123,43 @@ def _asked(jobs: list[tuple[Path, bool]], processes: int) -> Iterator[dict[str, 
 
 
 def ask(job: tuple[Path, bool]) -> dict[str, Any]:
-    """One record's answer; a failure is an answer too."""
+    """One record's diagnosis."""
     folder, with_baselines = job
-    from thermohyd.identify.bench.read import read_record
+    return answer_within(PATIENCE, folder, lambda record: _diagnosed(record, with_baselines))
+
+
+def answer_within(patience: int, folder: Path, asked: Callable[[Path], dict[str, Any]]) -> dict[str, Any]:
+    """What is asked of the record in a folder, as plain JSON; a failure is an answer too. patience: s."""
     from thermohyd.identify.cli.jax_setup import keep_memory_flat, set_up_jax
 
+    def too_long(*_: Any) -> None:
+        raise TimeoutError(f"no answer in {patience} s")
+
     set_up_jax()
-    signal.signal(signal.SIGALRM, _too_long)
-    signal.alarm(PATIENCE)
+    signal.signal(signal.SIGALRM, too_long)
+    signal.alarm(patience)
     try:
-        from thermohyd.identify.diagnosis.diagnose import diagnose_case, open_case
-
-        began = time.perf_counter()
-        case = open_case(read_record(folder))
-        result = diagnose_case(case)
-        answer = {**answer_of(folder.name, result), "seconds": time.perf_counter() - began}
-        if with_baselines:
-            from _hidden_baselines import baselines
-
-            answer["baselines"] = baselines(case.problem, case.base)
+        return plain(asked(folder))
     except Exception as error:
         return {"record": folder.name, "error": f"{type(error).__name__}: {error}"}
     finally:
         signal.alarm(0)
         keep_memory_flat()
-    return plain(answer)
 
 
-def _too_long(*_: Any) -> None:
-    raise TimeoutError(f"no answer in {PATIENCE} s")
+def _diagnosed(folder: Path, with_baselines: bool) -> dict[str, Any]:
+    from thermohyd.identify.bench.read import read_record
+    from thermohyd.identify.diagnosis.diagnose import diagnose_case, open_case
+
+    began = time.perf_counter()
+    case = open_case(read_record(folder))
+    result = diagnose_case(case)
+    answer = {**answer_of(folder.name, result), "seconds": time.perf_counter() - began}
+    if with_baselines:
+        from _hidden_baselines import baselines
+
+        answer["baselines"] = baselines(case.problem, case.base)
+    return answer
 
 
 def answer_of(name: str, result: Any) -> dict[str, Any]:
