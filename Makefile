@@ -20,7 +20,7 @@ QUICK := identify/bench identify/report identify/noise identify/model/test_model
 	test_import_direction.py test_effect_names.py test_citations.py
 
 .PHONY: help demo test quick lint typecheck pytest bench figures hidden hidden-bench hidden-dynamic hidden-logs joint-coverage law-coverage \
-	recovery real-valve clean
+	recovery petab-select real-valve clean
 help:
 	@echo "make demo    fit one sample record, diagnose another, write demo-report/"
 	@echo "make test    ruff, pyright and pytest against the installed package"
@@ -31,6 +31,7 @@ help:
 	@echo "make hidden-bench  80 records as a real bench makes them: noisy positions, faults of the bench (SET=2: other seeds; hours)"
 	@echo "make hidden-dynamic  30 records of an actuator with hidden physics, diagnosed and scored (SET=2: other seeds; half an hour)"
 	@echo "make hidden-logs  raw logs in which nothing is missing: do intervals hold the truth, is nothing named? (an hour)"
+	@echo "make petab-select  what petab_select names on the records of hidden-bench, beside the diagnosis (SET=2: other seeds; hours)"
 	@echo "make law-coverage   24 valves, made by either law of an edge and fitted with either: do intervals hold the truth? (20 minutes)"
 	@echo "make joint-coverage  50 records with static and dynamic tests: do intervals hold the truth? (PLUG_IN=1: valve held; an hour)"
 	@echo "make recovery  50 records for each effect freed by name: do intervals hold the truth? (EFFECTS=\"...\", PHI=0.6: AR(1) noise; an hour)"
@@ -68,7 +69,7 @@ quick: $(VENV)/.installed-dev
 
 bench: $(VENV)/.installed-dev
 	@for script in $(filter-out benchmarks/hidden_% benchmarks/joint_% benchmarks/law_% benchmarks/recovery.py benchmarks/real_valve.py \
-		benchmarks/hanging_load.py benchmarks/figures.py,$(wildcard benchmarks/[a-z]*.py)); do \
+		benchmarks/hanging_load.py benchmarks/figures.py benchmarks/petab_%,$(wildcard benchmarks/[a-z]*.py)); do \
 		echo "== $$script"; $(BIN)/python $$script || exit 1; done
 
 figures: $(VENV)/.installed-dev
@@ -89,6 +90,9 @@ hidden-dynamic: $(VENV)/.installed-dev
 hidden-logs: $(VENV)/.installed-dev
 	$(BIN)/python benchmarks/hidden_raw_logs.py fit
 	$(BIN)/python benchmarks/hidden_raw_logs.py diagnose
+
+petab-select: $(VENV)/.installed-benchmarks
+	$(BIN)/python benchmarks/petab_select_baseline.py --set $(SET) --processes $(PROCESSES)
 
 law-coverage: $(VENV)/.installed-dev
 	$(BIN)/python benchmarks/law_coverage.py --processes $(PROCESSES)
@@ -127,3 +131,9 @@ $(VENV)/.installed-dev: $(SOURCES) | $(BIN)/python
 	@rm -rf build/lib build/bdist.* *.egg-info $(VENV)/lib/python3*/site-packages/thermohyd
 	$(INSTALL) '.[dev]'
 	@rm -rf build/lib build/bdist.* *.egg-info && touch $@ $(VENV)/.installed
+
+# petab_select is for its own benchmark alone: neither the tests nor the constraints know it.
+$(VENV)/.installed-benchmarks: $(VENV)/.installed-dev
+	@echo "Installing petab_select into $(VENV), which only make petab-select needs."
+	$(INSTALL) '.[benchmarks]'
+	@rm -rf build/lib build/bdist.* *.egg-info && touch $@
