@@ -31,26 +31,29 @@ class Fits:
         }
 
     def nllh(self, effects: frozenset[str]) -> float:
-        """Half of a model's chi-square, infinite where it has no fit."""
+        """Half of a model's chi-square."""
         if effects not in self.made:
             self.made[effects] = self._fitted(effects)
-        chi2 = self.made[effects][0]
-        return 0.5 * chi2 if np.isfinite(chi2) else np.inf
+        return 0.5 * self.made[effects][0]
 
     def _fitted(self, effects: frozenset[str]) -> tuple[float, dict[str, float]]:
-        """From the model that differs least, of several the best one; what still misses by far from the nominal valve too."""
+        """From the model that differs least, of several the best one; what still misses by far from the nominal valve too.
+
+        Never worse than a smaller model, which it holds with amounts of 0: a search may end a little above it.
+        """
         from thermohyd.effects.library import EFFECTS
         from thermohyd.identify.diagnosis.search import FAR
 
         nearest = min(self.made, key=lambda other: (len(other ^ effects), self.made[other][0]))
         values = self.made[nearest][1]
-        found = [self.problem.fit(effects, values)]
-        if not found[0].chi2 <= FAR * self.readings:
+        fits = [self.problem.fit(effects, values)]
+        if not fits[0].chi2 <= FAR * self.readings:
             usual = {name: EFFECTS[name].scale for name in effects - nearest}
             own = {name: values[name] for name in (*(effects & nearest), "null_bias") if name in values}
-            found.append(self.problem.fit(effects, usual | own))
-        best = min(found, key=lambda fit: fit.chi2 if np.isfinite(fit.chi2) else np.inf)
-        return float(best.chi2), dict(best.values)
+            fits.append(self.problem.fit(effects, usual | own))
+        found = [(float(fit.chi2), dict(fit.values)) for fit in fits if np.isfinite(fit.chi2)]
+        found += [fit for smaller, fit in self.made.items() if smaller < effects]
+        return min(found, key=lambda fit: fit[0])
 
 
 def ask_petab_select(job: tuple[Path, int, bool]) -> dict[str, Any]:

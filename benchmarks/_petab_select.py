@@ -97,7 +97,7 @@ def write_space(
 def chosen(space: Space, method: str, criterion: str, nllh: Callable[[frozenset[str]], float], budget: int) -> Choice:
     """Search a model space that `write_space` has written; a round of models that the budget does not cover is not begun.
 
-    nllh: of the model with these effects its negative log-likelihood, up to a constant of the record; infinite where it has no fit.
+    nllh: of the model with these effects its negative log-likelihood, up to a constant of the record.
     """
     select = tool()
     problem = select.Problem.model_validate(
