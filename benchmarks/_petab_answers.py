@@ -71,7 +71,7 @@ def searched(record: Path, budget: int, storage: bool) -> dict[str, Any]:
     fits, plans = Fits(case), case.problem.plans
     effects = case.problem.library.names if storage else case.problem.library.steady
     always = case.problem.free_parameters
-    priors = {n: (plans[n].prior.value, plans[n].prior.std) for n in always if plans[n].prior is not None}
+    priors = {n: (prior.value, prior.std) for n in always if (prior := plans[n].prior)}
     with tempfile.TemporaryDirectory() as folder:
         space = write_space(Path(folder), always, priors, effects, fits.readings)
         found = {

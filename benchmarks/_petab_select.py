@@ -63,7 +63,7 @@ def tool() -> ModuleType:
         return importlib.import_module("petab_select")
     except ModuleNotFoundError as missing:
         raise SystemExit(
-            f"{missing.name} is not installed: `make petab-select` installs it, or pip install 'petab-select>=0.4' into .venv."
+            f"{missing.name} is not installed: `make petab-select` installs petab_select, or pip install 'petab-select>=0.4' into .venv."
         ) from None
 
 

@@ -74,7 +74,14 @@ def by_kind(rules: Mapping[str, Cases]) -> str:
             ]
         )
     asked = [f"{kind}: {'inside' if hides[kind] else 'an effect named'}" for kind in kinds]
-    return rows_of(["rule", *asked, *JUDGED, "false names a record", "names a record"], rows)
+    text = rows_of(["rule", *asked, *JUDGED, "false names a record", "names a record"], rows)
+    ours = list(rules.get(DIAGNOSIS, {}).values())
+    if ours:
+        beside = mean_of([float(case.names - len(case.effects)) for case in ours])
+        text += (
+            f"\nBeside its names the diagnosis lists {beside} alternatives a record; a truth among them is inside.\n"
+        )
+    return text
 
 
 def paired(choices: Mapping[str, Cases], diagnosed: Cases) -> str:

@@ -4,7 +4,8 @@ Forward selection and FAMoS, each by AICc and BIC, ask for models of the library
 and petab_select compares them and says which to fit next. Beside its choice stands the diagnosis's own answer, where `make hidden-bench`
 (`make hidden` with --generator hidden_records) has left one. Faults of the bench are no candidates. Oil stored at the ports is one,
 though its programs take minutes to compile (--no-storage leaves it out). An exact rival of the truth counts as right, since
-petab_select lists no alternatives. Set 1 is for development, set 2 is looked at once, when nothing changes any more.
+petab_select lists no alternatives; the diagnosis does, and a truth among them counts as inside. Set 1 is for
+development, set 2 is looked at once, when nothing changes any more.
 """
 
 import argparse
