@@ -37,6 +37,7 @@ PARTS: dict[str, tuple[str, bool]] = {
     "hidden-dynamic-2": ("hidden_dynamic_table.py --set 2", False),
     "raw-logs-fitted": ("hidden_raw_logs.py fit", False),
     "raw-logs-diagnosed": ("hidden_raw_logs.py diagnose", False),
+    "petab-select-1": ("petab_select_baseline.py --set 1 --processes 2", False),
     "joint-coverage": ("joint_coverage.py --processes 2", False),
     "law-coverage": ("law_coverage.py --processes 2", False),
     "recovery": ("recovery.py --processes 2", False),
