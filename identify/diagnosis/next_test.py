@@ -5,7 +5,7 @@ nothing explains the record there are no rivals to separate: the run that shows 
 is explained the same menu says what would show the effects that this record cannot.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -20,12 +20,14 @@ from thermohyd.identify.fitting.problem_fit import Fit
 
 from .found_faults import where
 from .other_law import ANOTHER_LAW, OtherLawSays
-from .result import NextTest, Region, Variation
+from .result import NextTest, Proposal, Region, Variation
 from .rivals import Rivals
 from .screening import BOTH_PORTS, POWER, Projection, can_measure_ports, ports_apart
 
 
 ENOUGH = 12.0  # chi-square that settles a choice: odds of 400 to 1
+ALL = ""  # tests, in the place of a test's name
+MUCH_LESS = 0.7  # of the reading: from here on a cheaper measurement is worth a word
 
 
 def next_test(
@@ -55,23 +57,29 @@ def next_test(
     if not pairs:
         return _repeat(problem, final, rivals, scale)
     say("designing the next test")
-    found = []
+    found: list[Proposal] = []
     for words, tests in menu(problem.tests):
         there = lambda here, tests=tests: replace(here, tests=tests, used=None)
-        # Every pair has to come apart, so the weakest one counts.
-        evidence = min(
-            min(
+        both_ways = [
+            way
+            for here, b in pairs
+            for way in (
                 _apart(here, there(here), there(problem), final, b),
                 _apart(problem, there(problem), there(here), b, final),
             )
-            for here, b in pairs
-        )
-        found.append((words, evidence / scale))
+        ]
+        # Every pair has to come apart, so the weakest one counts.
+        each = {name: min(way[name] for way in both_ways) / scale for name in both_ways[0]}
+        found.append(Proposal(words, each.pop(ALL), *cost_of(tests.values())))
+        if len(each) > 1:
+            best = max(each, key=lambda name: each[name])
+            only = f"{words}, {best.replace('_', ' ')} alone"
+            found.append(Proposal(only, each[best], *cost_of([tests[best]])))
     if ports:
         evidence = min(min(ports_apart(problem, final, b), ports_apart(problem, b, final)) for _, b in pairs)
-        found.append((BOTH_PORTS, evidence / scale))
-    found.sort(key=lambda option: -option[1])
-    words, evidence = found[0]
+        found.append(Proposal(BOTH_PORTS, evidence / scale, *cost_of([problem.tests["pressure_gain"]])))
+    found.sort(key=lambda option: -option.evidence)
+    words, evidence = found[0].words, found[0].evidence
     names = sorted(names)
     if words == BOTH_PORTS and evidence >= ENOUGH:
         sentence = f"repeat the pressure-gain test {words}: {', '.join(names)} would then differ by about {evidence:.0f} in chi-square"
@@ -85,7 +93,26 @@ def next_test(
         sentence = (
             f"repeat the tests {words}: {', '.join(names)} would then differ by about {evidence:.0f} in chi-square"
         )
+        if (less := cheaper(found)) is not None:
+            sentence += f"; {less.words}, by {less.evidence:.0f}, in {less.share_of(found[0])} of the reading"
     return NextTest(sentence, evidence, tuple(found))
+
+
+def cost_of(tests: Iterable[TestRecord], asked: Mapping[str, np.ndarray] | None = None) -> tuple[int, float | None]:
+    """(rows, seconds) of reading these tests, or of each its rows `asked` (rows,); seconds of all runs, None without a time."""
+    count, seconds = 0, 0.0
+    for test in tests:
+        rows = np.ones(test.rows, dtype=bool) if asked is None else asked[test.name]
+        count += int(np.sum(rows if test.rows_of_log is None else test.rows_of_log[rows]))
+        runs = [test.run[rows] == run for run in np.unique(test.run[rows])]
+        seconds += np.nan if test.time is None else sum(float(np.ptp(test.time[rows][own])) for own in runs)
+    return count, None if np.isnan(seconds) else seconds
+
+
+def cheaper(found: list[Proposal]) -> Proposal | None:
+    """Of proposals, the best first, the cheapest that settles the choice too and takes at most `MUCH_LESS` of the reading."""
+    least = min((p for p in found if p.evidence >= ENOUGH), key=lambda p: p.reading, default=None)
+    return least if least is not None and least.reading <= MUCH_LESS * found[0].reading else None
 
 
 def _repeat(problem: Problem, final: Fit, rivals: dict[str, Rivals], scale: float) -> NextTest | None:
@@ -100,21 +127,32 @@ def _repeat(problem: Problem, final: Fit, rivals: dict[str, Rivals], scale: floa
         return None
     faults = dict.fromkeys(n for name, r in open_.items() for n in (name, *(a.name for a in r.alike)) if is_fault(n))
     evidence = min(rival.without.chi2 - final.chi2 for rival in open_.values()) / scale
-    return _proposed([_zeroed(", ".join(dict.fromkeys(where(problem.faults[name]) for name in faults)), evidence)])
+    places = ", ".join(dict.fromkeys(where(problem.faults[name]) for name in faults))
+    return _proposed([_zeroed(places, evidence, *_cost_of_faults(problem, faults))])
 
 
-Option = tuple[str, str, float]  # what to do, what it tells, evidence
+Option = tuple[Proposal, str]  # what to do, what it tells
 
 
-def _zeroed(places: str, evidence: float) -> Option:
+def _cost_of_faults(problem: Problem, names: Iterable[str]) -> tuple[int, float | None]:
+    """(rows, seconds) of what these faults spoil."""
+    spoilt: dict[str, np.ndarray] = {}
+    for name in names:
+        for test, shape in problem.faults[name].shapes.items():
+            spoilt[test] = spoilt.get(test, False) | (shape != 0.0)
+    return cost_of([problem.tests[test] for test in spoilt], spoilt)
+
+
+def _zeroed(places: str, evidence: float, rows: int, seconds: float | None) -> Option:
     words = f"zero the instruments, check the labels and repeat {places}"
-    return words, "a fault of the bench would not come back, an effect of the valve would", evidence
+    told = "a fault of the bench would not come back, an effect of the valve would"
+    return Proposal(words, evidence, rows, seconds), told
 
 
 def _proposed(options: list[Option]) -> NextTest:
     """The first of them, the others beside it."""
-    words, meaning, evidence = options[0]
-    return NextTest(f"{words}: {meaning}", evidence, tuple((words, evidence) for words, _, evidence in options))
+    (first, meaning), proposals = options[0], tuple(proposal for proposal, _ in options)
+    return NextTest(f"{first.words}: {meaning}", first.evidence, proposals)
 
 
 WITH_THE_RATE = ("rate", "direction", "elapsed")  # variables of a curve that stored oil or a lag makes
@@ -145,7 +183,8 @@ def check_of(
         for fault in placed.values():
             places.setdefault(fault.test.replace("_", " "), {})[fault.place] = None
         evidence = min(rivals[name].without.chi2 - fit.chi2 for name in placed) / scale
-        again = _zeroed(" and ".join(f"{test} ({', '.join(own)})" for test, own in places.items()), evidence)
+        cost = _cost_of_faults(problem, placed)
+        again = _zeroed(" and ".join(f"{test} ({', '.join(own)})" for test, own in places.items()), evidence, *cost)
         options.insert(0 if not variable else len(options), again)
     return _proposed(options) if options else None
 
@@ -157,18 +196,19 @@ def _runs_again(problem: Problem, fit: Fit, worst: Region, variable: str) -> lis
     runs = {name: _excess(problem, fit, test, own) for name, own in test.runs.items()}
     run = max(runs, key=lambda name: runs[name])
     excess, own = runs[run], test.runs[run]
-    seconds = "" if test.time is None else f", {float(np.ptp(test.time[own])):.3g} s"
-    spoken = f"{words}{f', run {run}' if len(runs) > 1 else ''} ({int(own.sum())} rows{seconds})"
-    found = [(f"repeat {spoken} as it was", "a misfit of the valve comes back, one of the bench does not", excess)]
-    if test.time is not None and not test.in_motion:
+    rows, seconds = cost_of([test], {test.name: own})
+    spoken = f"{words}{f', run {run}' if len(runs) > 1 else ''} ({rows} rows{'' if seconds is None else f', {seconds:.3g} s'})"
+    as_it_was = Proposal(f"repeat {spoken} as it was", excess, rows, seconds)
+    found = [(as_it_was, "a misfit of the valve comes back, one of the bench does not")]
+    if seconds is not None and not test.in_motion:
         halved = "a misfit that goes with the rate (oil stored, a lag) halves, one of the position does not"
-        found.append((f"repeat {spoken} at half the rate", halved, 0.25 * excess))
+        found.append((Proposal(f"repeat {spoken} at half the rate", 0.25 * excess, rows, 2.0 * seconds), halved))
         if variable in WITH_THE_RATE:
             found.reverse()
     if variable in WITH_THE_ORDER and float(np.ptp(test.temperature)) > TEMPERATURE_STEP:
         order = "what comes with the temperature comes with it again, what comes with the hour does not"
         again = f"repeat {words} with the temperatures in the opposite order"
-        found.insert(0, (again, order, sum(runs.values())))
+        found.insert(0, (Proposal(again, sum(runs.values()), *cost_of([test])), order))
     return found
 
 
@@ -208,16 +248,17 @@ def what_shows(
         size = {name: float(np.linalg.norm(beside(both(name)))) * effect_info(name).typical[1] for name in names}
         shown = {name: length**2 for name, length in size.items() if length**2 >= least}
         if shown:
-            found.append((words, shown))
+            found.append((words, shown, cost_of(tests.values())))
     if not found:
         return None
     found.sort(key=lambda option: (-len(option[1]), -min(option[1].values())))
-    words, shown = found[0]
+    words, shown, _ = found[0]
     whose = "its largest usual amount" if len(shown) == 1 else "their largest usual amounts"
     sentence = (
         f"repeat the tests {words}: {', '.join(shown)} would then show in {whose}, as this record alone cannot tell"
     )
-    return NextTest(sentence, min(shown.values()), tuple((words, min(shown.values())) for words, shown in found))
+    proposals = tuple(Proposal(words, min(shown.values()), *cost) for words, shown, cost in found)
+    return NextTest(sentence, proposals[0].evidence, proposals)
 
 
 def menu(tests: dict[str, TestRecord]) -> list[tuple[str, dict[str, TestRecord]]]:
@@ -265,18 +306,27 @@ def _at_rate(test: TestRecord, factor: float) -> TestRecord:
     return replace(test, time=test.time / factor, rate=rate, nodes=nodes)
 
 
-def _apart(here: Problem, there: Problem, truth: Problem, true: Fit, other: Fit) -> float:
+def _apart(here: Problem, there: Problem, truth: Problem, true: Fit, other: Fit) -> dict[str, float]:
     """Chi-square by which `other` would miss new data that follow `true`, once refitted to old and new data together.
 
-    here, there: the old and the new data as `other` sees them. truth: the new data as `true` sees them.
+    Of each test's new data alone, and of `ALL`. here, there: the old and the new data as `other` sees them. truth: the new data as
+    `true` sees them.
     """
     made = truth.evaluate(true.values, true.effects)
     claimed = there.evaluate(other.values, other.effects)
     columns = [other.order.index(name) for name in other.free]
     new_columns = claimed.columns[:, [claimed.order.index(name) for name in other.free]]
-    at = np.concatenate([here.evaluate(other.values, other.effects).columns[:, columns], new_columns])
-    difference = np.concatenate([np.zeros(len(at) - len(made.residual)), claimed.residual - made.residual])
-    if not (np.isfinite(at).all() and np.isfinite(difference).all()):
-        return 0.0
-    left = Projection.beside(at)(difference)
-    return float(left @ left)
+    old = here.evaluate(other.values, other.effects).columns[:, columns]
+    difference = claimed.residual - made.residual
+    if not (np.isfinite(old).all() and np.isfinite(new_columns).all() and np.isfinite(difference).all()):
+        return dict.fromkeys((*there.tests, ALL), 0.0)
+    rows = {name: np.zeros(len(difference), dtype=bool) for name in (*there.tests, ALL)}
+    for (name, _), own in there.rows().items():
+        rows[name][own] = rows[ALL][own] = True  # not the priors, which no new data bring
+    apart = {}
+    for name, own in rows.items():
+        left = Projection.beside(np.concatenate([old, new_columns[own]]))(
+            np.append(np.zeros(len(old)), difference[own])
+        )
+        apart[name] = float(left @ left)
+    return apart

@@ -160,12 +160,33 @@ class HeldOut:
 
 
 @dataclass(frozen=True)
+class Proposal:
+    """A measurement in words, the chi-square that it is predicted to show, and the rows and seconds of reading that it takes.
+
+    seconds: of all its runs, without what lies between them; None where the tests have no time.
+    """
+
+    words: str
+    evidence: float
+    rows: int
+    seconds: float | None = None
+
+    @property
+    def reading(self) -> float:
+        """What it takes: seconds, or rows where there is no time."""
+        return float(self.rows) if self.seconds is None else self.seconds
+
+    def share_of(self, other: "Proposal") -> str:
+        return f"{100.0 * self.reading / other.reading:.0f} %"
+
+
+@dataclass(frozen=True)
 class NextTest:
     """The measurement that separates what this record cannot, and the chi-square difference it is predicted to show."""
 
     sentence: str
     evidence: float
-    options: tuple[tuple[str, float], ...] = ()  # every measurement considered, the best first: (words, evidence)
+    options: tuple[Proposal, ...] = ()  # every measurement considered, the best first
 
 
 @dataclass(frozen=True)

@@ -47,7 +47,10 @@ def diagnosis_json(result: DiagnosisResult) -> dict[str, Any]:
         "next_test": None if result.next_test is None else result.next_test.sentence,
         "next_tests_considered": []
         if result.next_test is None
-        else [{"test": words, "evidence": evidence} for words, evidence in result.next_test.options],
+        else [
+            {"test": option.words, "evidence": option.evidence, "rows": option.rows, "seconds": option.seconds}
+            for option in result.next_test.options
+        ],
         "faults": after["faults"],
         "candidates": [_candidate(candidate) for candidate in result.candidates],
         "critical_level": result.critical_level,

@@ -17,6 +17,7 @@ from thermohyd.identify.diagnosis.result import (
     NamedEffect,
     NextTest,
     ParameterShift,
+    Proposal,
     Region,
     Variation,
 )
@@ -221,7 +222,11 @@ def fake_diagnosis(kind: str = "named", points: int = 60, **changes: Any) -> Dia
         next_test=NextTest(
             "Repeat the leakage test at 210 bar: chi-square then differs by 64 between pilot_leakage and its nearest rival.",
             64.0,
-            (("leakage at 210 bar", 64.0), ("leakage at 70 degC", 21.0), ("leakage, ports connected", 2.1)),
+            (
+                Proposal("leakage at 210 bar", 64.0, 96, 240.0),
+                Proposal("leakage at 70 degC", 21.0, 96, 240.0),
+                Proposal("leakage, ports connected", 2.1, 96),
+            ),
         )
         if kind == "ambiguous"
         else None,

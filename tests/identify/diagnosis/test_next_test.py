@@ -7,7 +7,7 @@ import pytest
 from helpers.small_bench import REACH, conditions_only
 from helpers.small_diagnosis import small_case
 
-from thermohyd.identify.diagnosis.next_test import check_of, menu, next_test, what_shows
+from thermohyd.identify.diagnosis.next_test import ENOUGH, cheaper, check_of, menu, next_test, what_shows
 from thermohyd.identify.diagnosis.result import Region, Variation
 from thermohyd.identify.diagnosis.rivals import Rival, Rivals
 from thermohyd.identify.fitting.problem_fit import Fit
@@ -69,11 +69,26 @@ def test_hysteresis_and_a_lag_come_apart_with_the_rate(rivals):
     rival = Rival("position_lag", "hysteresis", other, 1.0)
     found = next_test(small_case("two").problem, final, {"hysteresis": Rivals("hysteresis", other, (rival,))}, 1.0)
     assert found is not None
-    evidence = dict(found.options)
+    evidence = {option.words: option.evidence for option in found.options}
     assert evidence["at five times the sweep rate"] > 4.0 * evidence["once more as they were"]
     assert found.evidence == max(evidence.values())
     assert "hysteresis, position_lag" in found.sentence
     assert found.sentence.startswith("repeat the")
+    # One test alone shows less, and takes less: worth a word where that is enough.
+    first = found.options[0]
+    [alone] = [option for option in found.options if option.words.startswith(f"{first.words}, ")]
+    assert alone.evidence <= first.evidence
+    assert alone.seconds is not None
+    assert first.seconds is not None
+    assert alone.seconds < first.seconds
+    [five] = [option for option in found.options if option.words == "at five times the sweep rate"]
+    [same] = [option for option in found.options if option.words == "once more as they were"]
+    assert five.seconds == pytest.approx(0.2 * (same.seconds or 0.0))
+    less = cheaper(list(found.options))
+    assert (less is not None) == ("of the reading" in found.sentence)
+    if less is not None:
+        assert less.evidence >= ENOUGH
+        assert less.words in found.sentence
 
 
 def test_evidence_is_counted_in_the_misfit_that_is_there(rivals):
@@ -119,9 +134,12 @@ def test_where_nothing_explains_the_run_that_misses_most_is_repeated():
     assert f"repeat leakage, run {problem.tests['leakage'].run_names[2]} ({rows} rows" in found.sentence
     assert "as it was" in found.sentence
     assert found.evidence == pytest.approx(rows * (16.0 - 1.0))
-    (_, whole), (halved, quarter) = found.options
-    assert "at half the rate" in halved
-    assert quarter == pytest.approx(0.25 * whole)
+    whole, halved = found.options
+    assert "at half the rate" in halved.words
+    assert halved.evidence == pytest.approx(0.25 * whole.evidence)
+    assert (whole.rows, halved.rows) == (rows, rows)
+    assert whole.seconds is not None
+    assert halved.seconds == pytest.approx(2.0 * whole.seconds)
 
 
 @pytest.mark.parametrize(
@@ -142,7 +160,7 @@ def test_no_half_rate_without_time_and_nothing_without_a_region():
     problem, fit, _ = unexplained(time=None, rate=None)
     found = check_of(problem, fit, (WORST,), (), {}, 1.0)
     assert found is not None
-    assert not any("rate" in words for words, _ in found.options)
+    assert not any("rate" in option.words for option in found.options)
     assert check_of(problem, fit, (), (), {}, 1.0) is None
 
 
@@ -155,10 +173,10 @@ def test_what_parameters_absorb_would_show_elsewhere():
     proposed = what_shows(case.problem, case.base, names, critical=3.5)
     assert proposed is not None
     assert proposed.evidence >= (3.5 + 0.84) ** 2
-    first, evidence = proposed.options[0]
-    assert evidence == proposed.evidence
-    assert proposed.sentence.startswith(f"repeat the tests {first}: ")
+    first = proposed.options[0]
+    assert first.evidence == proposed.evidence
+    assert proposed.sentence.startswith(f"repeat the tests {first.words}: ")
     assert all(name in proposed.sentence for name in names)
     dear = what_shows(case.problem, case.base, names, critical=0.99 * np.sqrt(proposed.evidence) - 0.84)
     assert dear is not None
-    assert first in [words for words, _ in dear.options]
+    assert first.words in [option.words for option in dear.options]

@@ -114,7 +114,7 @@ def test_two_effects_that_do_the_same_are_both_said():
     assert all(alternative.chi2_more < 6.0 for alternative in effect.alternatives)
     assert "cannot be told from" in result.headline
     assert result.next_test is not None
-    evidence = [figure for _, figure in result.next_test.options]
+    evidence = [option.evidence for option in result.next_test.options]
     assert evidence == sorted(evidence, reverse=True)
     assert result.next_test.evidence == evidence[0]
 
@@ -132,7 +132,7 @@ def test_what_the_library_lacks_stays_unexplained_and_what_would_have_to_vary_is
     assert "null bias varying smoothly with temperature" in result.headline
     assert result.next_test is not None
     assert "temperatures in the opposite order" in result.next_test.sentence
-    assert any("check the labels" in words for words, _ in result.next_test.options)
+    assert any("check the labels" in option.words for option in result.next_test.options)
 
 
 def test_learning_closes_the_gap_and_says_that_it_learned():

@@ -63,7 +63,9 @@ def test_a_rival_is_not_rejected():
     assert rivals == ["bushing_leakage", "flowmeter_offset"]
     assert not set(rivals) & {entry["name"] for entry in content["rejected"]}
     assert content["next_test"].startswith("Repeat the leakage test at 210 bar")
-    assert content["next_tests_considered"][0]["evidence"] == 64.0
+    first, *_, last = content["next_tests_considered"]
+    assert first == {"test": "leakage at 210 bar", "evidence": 64.0, "rows": 96, "seconds": 240.0}
+    assert last["seconds"] is None
 
 
 def test_nothing_held_out_and_nothing_known():
