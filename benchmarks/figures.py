@@ -28,6 +28,7 @@ PARTS: dict[str, tuple[str, bool]] = {
     "dynamics-speed": ("dynamics_speed.py", True),
     "diagnosis-speed": ("diagnosis_speed.py", True),
     "real-valve": ("real_valve.py --out build/real_valve", True),
+    "real-valve-diagnosed": ("real_valve.py --diagnose", True),
     "hanging-load": ("hanging_load.py", True),
     "hidden-1": ("hidden_table.py --set 1 --processes 2", False),
     "hidden-2": ("hidden_table.py --set 2 --processes 2", False),

@@ -122,7 +122,7 @@ def misfit(problem: Problem, fit: Fit) -> np.ndarray:
 
 def main() -> None:
     if not REAL.exists():
-        print("the record is not beside this checkout: nothing done")
+        print("the record is not beside this checkout: nothing done", file=sys.stderr)
         return
     folder = Path(sys.argv[1] if len(sys.argv) > 1 else "build/hanging_load")
     folder.mkdir(parents=True, exist_ok=True)

@@ -7,6 +7,7 @@ predicted: with either law of the edge, with and without oil stored at the ports
 """
 
 import argparse
+import sys
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -115,16 +116,23 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, help="folder for the picture")
     parser.add_argument("--laws", nargs="+", default=["orifice", "lubrication"])
+    parser.add_argument(
+        "--diagnose", action="store_true", help="instead: what a diagnosis says of the record, in words"
+    )
     options = parser.parse_args()
     if not (RECORD / "bench.toml").is_file():
-        print(f"no record in {RECORD.parent.name}/{RECORD.name}: nothing done")
+        print(f"no record in {RECORD.parent.name}/{RECORD.name}: nothing done", file=sys.stderr)
         return
-    from thermohyd.identify import read_record
+    from thermohyd.identify import diagnose, read_record
     from thermohyd.identify.cli.jax_setup import set_up_jax
 
     set_up_jax()
     print(state())
     record = read_record(RECORD)
+    if options.diagnose:
+        result = diagnose(record)
+        print(f"{result.seconds:.0f} s\n{result.summary()}")
+        return
     found = [answer for law in options.laws for answer in left_out(record, law)]
     if options.out is not None:
         print(picture(found, options.out))
