@@ -90,13 +90,14 @@ def commit() -> str:
 
 
 def with_blocks(text: str, pages: Path) -> str:
-    """A page with its blocks of figures as the parts' pages have them, up to the first heading of these."""
+    """A page with its blocks of figures as the parts' pages have them, without their title and up to the first heading in them."""
 
     def block(found: re.Match[str]) -> str:
         source = pages / f"{found[2]}.md"
         if not source.is_file():
             return f"{found[1]}Not measured.\n{found[3]}"
         shown = source.read_text(encoding="utf-8").split("\n", 1)[1].split("\n## ")[0].rstrip("\n")
+        shown = re.sub(r"^# .*\n\n?", "", shown, flags=re.MULTILINE)
         return f"{found[1]}{shown}\n{found[3]}"
 
     return BLOCK.sub(block, text)
