@@ -1,9 +1,10 @@
 """A real servovalve (../shared/real, not part of the project): does a sweep rate that the fit never saw come out right?
 
-    real_valve.py [--out FOLDER]
+    real_valve.py [--out FOLDER | --diagnose]
 
 Leakage sweeps of 50 and 200 s and the pressure gain, weighed with 0.02 l/min and 8 bar, are fitted without one leakage sweep, which is then
 predicted: with either law of the edge, with and without oil stored at the ports. Ends at once where the record is absent. --out: a picture.
+--diagnose: instead what a diagnosis says of the record as it is.
 """
 
 import argparse
