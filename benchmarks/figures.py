@@ -6,7 +6,6 @@ or not at all; a part that fails keeps its last page, which says how old it is. 
 """
 
 import argparse
-import os
 import re
 import subprocess
 import sys
@@ -14,7 +13,10 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 
+from _commit import commit
 from _peers import machine
+
+from thermohyd.identify.report.files import write_all
 
 
 ROOT = Path(__file__).parents[1]
@@ -55,7 +57,7 @@ def main() -> None:
     if unknown:
         parser.error(f"there is no part {', '.join(unknown)}; there are: {', '.join(PARTS)}, all")
     failed = [name for name in (PARTS if "all" in asked else asked) if not measured(name)]
-    write(ROOT / "README.md", with_blocks((ROOT / "README.md").read_text(encoding="utf-8"), PAGES))
+    write_all(ROOT, {"README.md": with_blocks((ROOT / "README.md").read_text(encoding="utf-8"), PAGES)})
     if failed:
         sys.exit(f"no new figures of {', '.join(failed)}: see above")
 
@@ -65,12 +67,11 @@ def measured(part: str) -> bool:
     script, *arguments = PARTS[part][0].split()
     print(f"== {part}: {PARTS[part][0]}", file=sys.stderr, flush=True)
     command = [sys.executable, str(ROOT / "benchmarks" / script), *arguments]
-    before = commit()
+    before = commit("--", "thermohyd", "identify", "benchmarks")
     run = subprocess.run(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
     if run.returncode or not run.stdout.strip():
         return False
-    PAGES.mkdir(exist_ok=True)
-    write(PAGES / f"{part}.md", page(part, run.stdout, before))
+    write_all(PAGES, {f"{part}.md": page(part, run.stdout, before)})
     return True
 
 
@@ -81,13 +82,6 @@ def page(part: str, printed: str, at: str) -> str:
     if not re.search(r"^(#|\|)", body, re.MULTILINE):
         body = f"```\n{body}\n```"
     return f"<!-- written by `make figures PARTS={part}` -->\nMeasured by {said}.\n\n{body}\n"
-
-
-def commit() -> str:
-    """The program's commit, and whether something that is not in it changes it."""
-    git = lambda *words: subprocess.run(["git", *words], cwd=ROOT, check=True, capture_output=True, text=True).stdout
-    changed = git("status", "--porcelain", "--", "thermohyd", "identify", "benchmarks").strip()
-    return git("rev-parse", "--short", "HEAD").strip() + (" with changes" if changed else "")
 
 
 def with_blocks(text: str, pages: Path) -> str:
@@ -102,13 +96,6 @@ def with_blocks(text: str, pages: Path) -> str:
         return f"{found[1]}{shown}\n{found[3]}"
 
     return BLOCK.sub(block, text)
-
-
-def write(path: Path, text: str) -> None:
-    """The file whole, or as it was."""
-    part = path.with_name(f"{path.name}.part")
-    part.write_text(text, encoding="utf-8")
-    os.replace(part, path)
 
 
 if __name__ == "__main__":

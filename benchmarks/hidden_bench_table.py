@@ -7,7 +7,6 @@ changes any more.
 
 import argparse
 import json
-import subprocess
 import sys
 from collections.abc import Iterable
 from datetime import UTC, datetime
@@ -17,9 +16,10 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parent))
 
+from _commit import commit
 from _hidden_bench_scores import BenchCase
 from _hidden_bench_tables import table
-from _hidden_run import ROOT, answers, folder_of_set, records_of_set
+from _hidden_run import answers, folder_of_set, records_of_set
 
 
 GENERATOR = "real_bench_records"
@@ -64,11 +64,9 @@ def shortest_first(truth: dict[str, Any], per_kind: int | None) -> list[str]:
 
 def state(found: Iterable[dict[str, Any]]) -> str:
     """The program's state: commit, what is not committed, date, and how many versions the answers are of."""
-    git = lambda *words: subprocess.run(["git", *words], cwd=ROOT, check=True, capture_output=True, text=True).stdout
-    changed = " with changes" if git("status", "--porcelain", "--", "thermohyd", "identify").strip() else ""
     versions = sorted({answer["version"] for answer in found})
     return (
-        f"Commit {git('rev-parse', '--short', 'HEAD').strip()}{changed}, {datetime.now(UTC):%Y-%m-%d}; "
+        f"Commit {commit('--', 'thermohyd', 'identify')}, {datetime.now(UTC):%Y-%m-%d}; "
         f"answers of {len(versions)} version{'s' if len(versions) != 1 else ''} of the program ({', '.join(versions)})."
     )
 

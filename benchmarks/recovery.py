@@ -9,7 +9,6 @@ to build/recovery/*.jsonl; an interrupted run goes on where it stopped, as long 
 
 import argparse
 import json
-import subprocess
 import sys
 import time
 from datetime import date
@@ -17,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from _commit import commit
 from _hidden_run import source_hash, stored
 from joint_coverage import STATIC, asked_of, line
 
@@ -191,9 +191,7 @@ def table(found: list[dict[str, Any]]) -> str:
 
 def state() -> str:
     """Date and commit of the figures."""
-    git = lambda *words: subprocess.run(["git", *words], cwd=ROOT, capture_output=True, text=True, check=False).stdout
-    changed = " with changes" if git("status", "--porcelain", "--untracked-files=no") else ""
-    return f"{date.today().isoformat()}, commit {git('rev-parse', '--short', 'HEAD').strip() or 'unknown'}{changed}"
+    return f"{date.today().isoformat()}, commit {commit('--untracked-files=no')}"
 
 
 def main() -> None:

@@ -1,10 +1,13 @@
 """Double precision and strict promotion for every test; hypothesis without deadlines and with fixed examples."""
 
 import gc
+import importlib
 import os
+from collections.abc import Callable
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 
 # Nearly all of the suite's time is XLA's, compiling: without its dearer passes it takes less of it, and programs run as fast.
@@ -54,6 +57,13 @@ settings.load_profile("project")
 # all its programs grows to 5 GB and then dies of a segmentation fault while it compiles.
 MOST_MAPS = 8_000  # after a test file
 MOST_WITHIN = 20_000  # between the tests of a file
+
+
+@pytest.fixture
+def of_benchmarks(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], Any]:
+    """A module of benchmarks/ by its name."""
+    monkeypatch.syspath_prepend(Path(__file__).parents[1] / "benchmarks")
+    return importlib.import_module
 
 
 compiled_since = 0  # the list of maps was read, which takes milliseconds once they are many

@@ -1,6 +1,5 @@
 """The figures that pages show are those that a command wrote, with commit and date; README's blocks are theirs."""
 
-import importlib
 import re
 import sys
 from pathlib import Path
@@ -13,9 +12,8 @@ PAGE = "Measured by benchmarks/start_up.py, commit 0123abc, 2026-11-23; 2 cores\
 
 
 @pytest.fixture
-def figures(monkeypatch):
-    monkeypatch.syspath_prepend(ROOT / "benchmarks")
-    return importlib.import_module("figures")
+def figures(of_benchmarks):
+    return of_benchmarks("figures")
 
 
 def test_readme_shows_what_the_pages_say(figures):

@@ -1,13 +1,11 @@
 """The scores of the hidden-effect records: what counts as found, on answers made up for the purpose."""
 
 import importlib
-from pathlib import Path
 from typing import Any
 
 import pytest
 
 
-BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
 PARAMETERS = {
     "edge_radius": 1e-5,
     "clearance": 3e-6,
@@ -19,9 +17,8 @@ PARAMETERS = {
 
 
 @pytest.fixture
-def scores(monkeypatch):
-    monkeypatch.syspath_prepend(BENCHMARKS)
-    return importlib.import_module("_hidden_scores")
+def scores(of_benchmarks):
+    return of_benchmarks("_hidden_scores")
 
 
 def named(name, *alternatives, value=1.0, strength=10.0):

@@ -1,24 +1,14 @@
 """petab_select as a peer: what its choices count for, and whether its searches find the best model (where it is installed)."""
 
-import importlib
-from pathlib import Path
-
 import pytest
 
 
-BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
 EFFECTS = ("hysteresis", "land_leakage", "pilot_leakage", "position_lag", "supply_edge_wear")
 GAINS = {
     "hysteresis": 200.0,
     "land_leakage": 30.0,
     "pilot_leakage": 7.5,
 }  # chi-square; an effect that is not there gains 0.5
-
-
-@pytest.fixture
-def of(monkeypatch):
-    monkeypatch.syspath_prepend(BENCHMARKS)
-    return importlib.import_module
 
 
 def truth(*hidden, ports_measured=False):
@@ -40,14 +30,14 @@ def truth(*hidden, ports_measured=False):
         (("flow_saturation",), ("return_back_pressure",), True, True, True),  # exact rivals
     ],
 )
-def test_a_choice_is_judged_by_what_is_hidden(of, hidden, named, inside, nothing_false, exact):
-    tables = of("_petab_tables")
+def test_a_choice_is_judged_by_what_is_hidden(of_benchmarks, hidden, named, inside, nothing_false, exact):
+    tables = of_benchmarks("_petab_tables")
     case = tables.as_case(truth(*hidden), named)
     assert (tables.inside(case), tables.nothing_false(case), tables.exact(case)) == (inside, nothing_false, exact)
 
 
-def test_rivals_that_gauges_tell_apart_are_no_rivals(of):
-    tables = of("_petab_tables")
+def test_rivals_that_gauges_tell_apart_are_no_rivals(of_benchmarks):
+    tables = of_benchmarks("_petab_tables")
     assert tables.exact(tables.as_case(truth("supply_edge_wear"), ["return_edge_wear"]))
     assert not tables.exact(tables.as_case(truth("supply_edge_wear", ports_measured=True), ["return_edge_wear"]))
 
@@ -55,9 +45,9 @@ def test_rivals_that_gauges_tell_apart_are_no_rivals(of):
 @pytest.mark.filterwarnings("default")
 @pytest.mark.parametrize("method", ["forward", "famos"])
 @pytest.mark.parametrize(("criterion", "best"), [("AICc", 3), ("BIC", 2)])
-def test_petab_select_finds_the_best_model(of, tmp_path, method, criterion, best):
+def test_petab_select_finds_the_best_model(of_benchmarks, tmp_path, method, criterion, best):
     pytest.importorskip("petab_select")
-    petab = of("_petab_select")
+    petab = of_benchmarks("_petab_select")
     asked = []
 
     def nllh(effects):

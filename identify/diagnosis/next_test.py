@@ -94,7 +94,8 @@ def next_test(
             f"repeat the tests {words}: {', '.join(names)} would then differ by about {evidence:.0f} in chi-square"
         )
         if (less := cheaper(found)) is not None:
-            sentence += f"; {less.words}, by {less.evidence:.0f}, in {less.share_of(found[0])} of the reading"
+            option, share = less
+            sentence += f"; {option.words}, by {option.evidence:.0f}, in {100.0 * share:.0f} % of the reading"
     return NextTest(sentence, evidence, tuple(found))
 
 
@@ -104,15 +105,22 @@ def cost_of(tests: Iterable[TestRecord], asked: Mapping[str, np.ndarray] | None 
     for test in tests:
         rows = np.ones(test.rows, dtype=bool) if asked is None else asked[test.name]
         count += int(np.sum(rows if test.rows_of_log is None else test.rows_of_log[rows]))
-        runs = [test.run[rows] == run for run in np.unique(test.run[rows])]
-        seconds += np.nan if test.time is None else sum(float(np.ptp(test.time[rows][own])) for own in runs)
+        runs = [rows & own for own in test.runs.values() if (rows & own).any()]
+        seconds += np.nan if test.time is None else sum(float(np.ptp(test.time[own])) for own in runs)
     return count, None if np.isnan(seconds) else seconds
 
 
-def cheaper(found: list[Proposal]) -> Proposal | None:
-    """Of proposals, the best first, the cheapest that settles the choice too and takes at most `MUCH_LESS` of the reading."""
-    least = min((p for p in found if p.evidence >= ENOUGH), key=lambda p: p.reading, default=None)
-    return least if least is not None and least.reading <= MUCH_LESS * found[0].reading else None
+def cheaper(found: list[Proposal]) -> tuple[Proposal, float] | None:
+    """Of proposals, the best first, the cheapest that settles the choice too, and its share of the reading; at most `MUCH_LESS` of it.
+
+    By seconds where all have them, else by rows.
+    """
+    seconds = [p.seconds for p in found if p.seconds is not None]
+    costs = seconds if len(seconds) == len(found) else [float(p.rows) for p in found]
+    cost, least = min(
+        ((c, p) for c, p in zip(costs, found, strict=True) if p.evidence >= ENOUGH), key=lambda pair: pair[0]
+    )
+    return (least, cost / costs[0]) if cost <= MUCH_LESS * costs[0] else None
 
 
 def _repeat(problem: Problem, final: Fit, rivals: dict[str, Rivals], scale: float) -> NextTest | None:

@@ -171,14 +171,6 @@ class Proposal:
     rows: int
     seconds: float | None = None
 
-    @property
-    def reading(self) -> float:
-        """What it takes: seconds, or rows where there is no time."""
-        return float(self.rows) if self.seconds is None else self.seconds
-
-    def share_of(self, other: "Proposal") -> str:
-        return f"{100.0 * self.reading / other.reading:.0f} %"
-
 
 @dataclass(frozen=True)
 class NextTest:

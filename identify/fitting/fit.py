@@ -144,7 +144,8 @@ def run_fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | N
         problem.outcome(solution, restart=lower),
         *map(problem.outcome, outcomes if lower else outcomes[1:]),
     ]
-    if changed := beside_the_fit(tests, _modelled(problem, solution, noise)):
+    misfits = {key: solution.residual[rows] * noise[key].used for key, rows in channel_slices(tests).items()}
+    if changed := beside_the_fit(tests, misfits):
         say("left out rows beyond what their neighbours allow; fitting again")
         tests = {**tests, **changed}
         noise = initial_noises(tests.values())
@@ -161,15 +162,6 @@ def run_fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | N
     if solution.relative_offset > SLOPES:
         solution = problem.basin_hopping(solution, noise)
     return Fitted(record, tests, plans, free, noise, solution, tuple(starts_tried), tuple(warnings))
-
-
-def _modelled(
-    problem: "StaticSearch", solution: LeastSquaresResult, noise: dict[Key, ChannelNoise]
-) -> dict[Key, np.ndarray]:
-    """{(test, channel): (rows,)}: the readings as the fit has them, SI."""
-    read = lambda key: problem.tests[key[0]].channel(key[1]).value
-    slices = channel_slices(problem.tests).items()
-    return {key: read(key) + solution.residual[rows] * noise[key].used for key, rows in slices}
 
 
 def _sensors_started(

@@ -75,7 +75,8 @@ def run_fit_motion(
     ends.sort(key=lambda end: (not np.isfinite(end.chi2), end.chi2))
     starts = tuple(_outcome(problem, end) for end in ends)
     best, faults = ends[0], ()
-    if changed := beside_the_fit(tests, _modelled(problem, best)):
+    misfits = {key: best.residual[rows] * problem.noise.std[key] for key, rows in problem.rows().items()}
+    if np.isfinite(best.chi2) and (changed := beside_the_fit(tests, misfits)):
         say("left out rows beyond what their neighbours allow; fitting again")
         tests = {**tests, **changed}
         noise = initial_noises(tests.values())
@@ -84,14 +85,6 @@ def run_fit_motion(
         faults = tuple(fault.sentence for test in tests.values() for fault in test.faults)
     fitted = Fitted(record, tests, plans, free, noise, best.solution, starts, (*record.warnings, *faults))
     return settled(problem, best, fitted, rounds=MOST_ROUNDS, enough=SETTLED)
-
-
-def _modelled(problem: Problem, fit: Fit) -> dict[Key, np.ndarray]:
-    """{(test, channel): (rows,)}: the readings as the fit has them, SI; nothing where the machine could not be simulated."""
-    if not np.isfinite(fit.chi2):
-        return {}
-    read = lambda key: problem.tests[key[0]].channel(key[1]).value
-    return {key: read(key) + fit.residual[rows] * problem.noise.std[key] for key, rows in problem.rows().items()}
 
 
 def fit_together(record: BenchRecord, static: Fitted, motion: Fitted, progress: Progress | None = None) -> Fitted:

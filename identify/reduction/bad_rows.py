@@ -130,19 +130,20 @@ def outliers_beside(test: TestRecord, channel: Channel, modelled: np.ndarray) ->
     return {row: sigma for row, sigma in left.items() if row in suspects}
 
 
-def beside_the_fit(tests: Mapping[str, TestRecord], modelled: Mapping[Key, np.ndarray]) -> dict[str, TestRecord]:
+def beside_the_fit(tests: Mapping[str, TestRecord], misfits: Mapping[Key, np.ndarray]) -> dict[str, TestRecord]:
     """{test: the same without rows that neither their neighbours nor the fitted model allow}, of the tests that have such rows.
 
-    modelled {(test, channel): (rows,)}: the readings as the fit has them. A reduced log's rows are so dense that their neighbours
-    alone have decided, and a frequency test's have none. In motion a row on which the command turns stays: without it the run's
-    command would be another.
+    misfits {(test, channel): (rows,)}: the readings as the fit has them less what was read, SI. A reduced log's rows are so dense that
+    their neighbours alone have decided, and a frequency test's have none. In motion a row on which the command turns stays: without
+    it the run's command would be another.
     """
     found: dict[str, dict[str, dict[int, float]]] = {}
-    for (name, reading), values in modelled.items():
+    for (name, reading), misfit in misfits.items():
         test = tests[name]
         if test.rows_of_log is not None or test.axis == "frequency":
             continue
-        bad = outliers_beside(test, test.channel(reading), values)
+        channel = test.channel(reading)
+        bad = outliers_beside(test, channel, channel.value + misfit)
         if isinstance(test, DynamicTest):
             bad = {row: sigma for row, sigma in bad.items() if command_goes_on(test, row)}
         found.setdefault(name, {})[reading] = bad

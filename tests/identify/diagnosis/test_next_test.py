@@ -8,7 +8,7 @@ from helpers.small_bench import REACH, conditions_only
 from helpers.small_diagnosis import small_case
 
 from thermohyd.identify.diagnosis.next_test import ENOUGH, cheaper, check_of, menu, next_test, what_shows
-from thermohyd.identify.diagnosis.result import Region, Variation
+from thermohyd.identify.diagnosis.result import Proposal, Region, Variation
 from thermohyd.identify.diagnosis.rivals import Rival, Rivals
 from thermohyd.identify.fitting.problem_fit import Fit
 
@@ -87,8 +87,17 @@ def test_hysteresis_and_a_lag_come_apart_with_the_rate(rivals):
     less = cheaper(list(found.options))
     assert (less is not None) == ("of the reading" in found.sentence)
     if less is not None:
-        assert less.evidence >= ENOUGH
-        assert less.words in found.sentence
+        assert less[0].evidence >= ENOUGH
+        assert less[0].words in found.sentence
+
+
+def test_a_cheaper_measurement_is_compared_in_one_unit():
+    """Of tests with time and tests without, rows are what all have."""
+    best, other = Proposal("all", 50.0, 800, 300.0), Proposal("leakage alone", 30.0, 400, 90.0)
+    assert cheaper([best, other]) == (other, 0.3)
+    assert cheaper([replace(best, seconds=None), other]) == (other, 0.5)
+    assert cheaper([best, replace(other, seconds=250.0)]) is None
+    assert cheaper([best, replace(other, evidence=ENOUGH - 1.0)]) is None
 
 
 def test_evidence_is_counted_in_the_misfit_that_is_there(rivals):
