@@ -5,6 +5,8 @@ solved together by Newton's method, each turn of which evaluates the edges every
 along the rows (Lim et al., Parallelizing non-linear sequential models over the sequence length, ICLR 2024, have the idea).
 """
 
+import functools
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -28,14 +30,12 @@ ROUGH = 1e-3  # the same of the search that only shows where steps are needed
 MOST_TURNS = 40
 # A row whose pressure the last turn still moves by a larger share has no solution that was found, and becomes NaN.
 FOUND = 1e-6
-# A pressure that a turn would move across supply or return keeps this share of its distance instead: flow goes with the root
-# of a drop, of which Newton's method makes a swing about the end without end. Nearer than `AT_THE_END`, as a share of the
-# pressure between both, flow is laminar and the balance straight.
+# A pressure that a turn would move across supply or return, behind what lines lose, keeps this share of its distance instead: flow
+# goes with the root of a drop, of which Newton's method makes a swing about the end without end. Nearer than `AT_THE_END`, as a
+# share of the pressure between both, flow is laminar and the balance straight.
 KEPT = 0.02
 AT_THE_END = 1e-6
 MOST_BEYOND = 0.1  # of the pressure between both: where a turn may lead beyond supply or return
-# Turns of the pressures behind lines: leakage moves them by less than a hundredth, and a turn leaves as much of the error.
-LINE_TURNS = 3
 SHORTEST = 1e-6  # s: rows at one and the same time
 
 
@@ -105,27 +105,33 @@ class _Ties(eqx.Module):
         c = self.flows.conditions
         return jnp.where(self.upper, c.supply_pressure - distance, c.return_pressure + distance)
 
-    def state(self, distance: Float[Array, "2 rows"]) -> tuple[Ports, Conditions]:
-        """Ports at these distances, and the conditions inside the lines."""
-        gauges, oil = self.flows.conditions, self.flows.oil
-        drops, inside, flows = self.drops(distance), gauges, self.flows
-        ports, _, _ = ports_with_crossing(flows, drops, self.conductance)
-        for _ in range(LINE_TURNS if self.coupling.lines else 0):
-            warm = return_temperature(ports, oil, flows.heat_retention, inside)
-            lost, gained = lost_in_lines(self.coupling.lines, ports, oil, gauges, warm)
-            inside = with_pressures(gauges, gauges.supply_pressure - lost, gauges.return_pressure + gained)
-            flows = eqx.tree_at(lambda f: f.conditions, self.flows, inside)
-            behind = Between(drops.supply_drop - lost, drops.return_drop - gained)
-            ports, _, _ = ports_with_crossing(flows, behind, self.conductance)
+    def state(self, distance: Float[Array, "2 rows"], lost: Float[Array, "2 rows"]) -> tuple[Ports, Conditions]:
+        """Ports at these distances, and the conditions inside lines that lose so much (supply, return)."""
+        gauges, drops, flows = self.flows.conditions, self.drops(distance), self.flows
+        if not self.coupling.lines:
+            return ports_with_crossing(flows, drops, self.conductance)[0], gauges
+        inside = with_pressures(gauges, gauges.supply_pressure - lost[0], gauges.return_pressure + lost[1])
+        behind = Between(drops.supply_drop - lost[0], drops.return_drop - lost[1])
+        ports, _, _ = ports_with_crossing(
+            eqx.tree_at(lambda f: f.conditions, flows, inside), behind, self.conductance
+        )  # fmt: skip
         return ports, inside
 
-    def net(self, distance: Float[Array, "2 rows"]) -> Float[Array, "2 rows"]:
-        """What flows into each port beyond what leaves it [m3/s], at the port's pressure and temperature."""
-        ports, _ = self.state(distance)
+    def missing(self, ports: Ports, inside: Conditions, lost: Float[Array, "2 rows"]) -> Float[Array, "2 rows"]:
+        """What the lines lose beyond `lost` [Pa]."""
+        if not self.coupling.lines:
+            return jnp.zeros_like(lost)
+        warm = return_temperature(ports, self.flows.oil, self.flows.heat_retention, inside)
+        found = lost_in_lines(self.coupling.lines, ports, self.flows.oil, self.flows.conditions, warm)
+        return jnp.stack(found) - lost
+
+    def net(self, distance: Float[Array, "2 rows"], lost: Float[Array, "2 rows"]) -> tuple[Array, Array]:
+        """What flows into each port beyond what leaves it [m3/s], at the port's pressure and temperature, and what is `missing`."""
+        ports, inside = self.state(distance, lost)
         surplus = ports.inflow - ports.outflow
         if ports.crossing is not None:
             surplus = surplus + ports.crossing
-        return surplus / density(self.flows.oil, ports.pressure, ports.temperature)
+        return surplus / density(self.flows.oil, ports.pressure, ports.temperature), self.missing(ports, inside, lost)
 
 
 def _ties(valve: Valve, oil: Oil, true: Conditions, coupling: Coupling, upper: Bool[Array, "2 rows"]) -> _Ties:
@@ -134,24 +140,76 @@ def _ties(valve: Valve, oil: Oil, true: Conditions, coupling: Coupling, upper: B
     return _Ties(flows, crossing_conductance(crossings, oil, true) if crossings else None, coupling, upper)
 
 
-def _at(ties: _Ties, distance: Float[Array, "nodes 2 rows"]) -> tuple[Array, Array]:
-    """Port pressures [Pa] and net flows into the ports [m3/s] at every node, each (nodes, 2, rows)."""
-    return jax.vmap(_Ties.pressure)(ties, distance), jax.vmap(_Ties.net)(ties, distance)
+class _Slopes(eqx.Module):
+    """Pressures and net flows at every node, and how they follow the pressures, with the lines in step.
+
+    What lines lose, `lost` (supply, return), are unknowns beside the pressures: to first order it changes by `settle` `missing`
+    and by `follows` with the pressures. Eliminated, they leave the net flows and slopes that a `Chain` knows.
+    """
+
+    pressure: Float[Array, "nodes 2 steps"]
+    net: Float[Array, "nodes 2 steps"]
+    slope: Float[Array, "nodes ports 2 steps"]
+    lines: tuple[Array, Array, Array, Array] | None = None  # missing, settle, follows; net flows by what lines lose
+
+    @property
+    def balance(self) -> Float[Array, "nodes 2 steps"]:
+        """The net flows with the lines settled."""
+        if self.lines is None:
+            return self.net
+        missing, settle, _, by_lines = self.lines
+        return self.net + _times(by_lines, _times(settle, missing))
+
+    def lost(self, lost: Float[Array, "nodes 2 steps"], moves: Float[Array, "nodes 2 steps"]) -> Float[Array, "..."]:
+        """What lines lose behind these changes of the pressures."""
+        if self.lines is None:
+            return lost
+        missing, settle, follows, _ = self.lines
+        return lost + _times(settle, missing) + _times(follows, moves)
+
+
+def _times(
+    matrix: Float[Array, "nodes 2 2 steps"], vector: Float[Array, "nodes 2 *columns steps"]
+) -> Float[Array, "..."]:
+    """Two-by-two matrices (node, row, column, step) times vectors, or times matrices, step by step."""
+    return jnp.einsum("kijr,kj...r->ki...r", matrix, vector)
+
+
+def _inverse(matrix: Float[Array, "nodes 2 2 steps"]) -> Float[Array, "nodes 2 2 steps"]:
+    a, b, c, d = matrix[:, 0, 0], matrix[:, 0, 1], matrix[:, 1, 0], matrix[:, 1, 1]
+    return jnp.stack([jnp.stack([d, -b], axis=1), jnp.stack([-c, a], axis=1)], axis=1) / (a * d - b * c)[:, None, None]
+
+
+def _net(
+    ties: _Ties, distance: Float[Array, "nodes 2 rows"], lost: Float[Array, "nodes 2 rows"]
+) -> tuple[Array, Array]:
+    return jax.vmap(_Ties.net)(ties, distance, lost)
 
 
 def _slopes(
-    ties: _Ties, distance: Float[Array, "nodes 2 rows"], away: Float[Array, "2 rows"]
-) -> tuple[Array, Array, Array]:
-    """Pressures, net flows and their slopes to the pressures (as `Chain.condense` takes them). away: d distance/d p, 1 or -1.
-
-    A port knows of the other through a path or through lines only.
-    """
-    net, push = jax.linearize(lambda d: jax.vmap(_Ties.net)(ties, d), distance)
+    ties: _Ties,
+    distance: Float[Array, "nodes 2 rows"],
+    lost: Float[Array, "nodes 2 rows"],
+    away: Float[Array, "2 rows"],
+) -> _Slopes:
+    """away: d distance/d p, 1 or -1. A port knows of the other through a path or through lines only."""
     pressure, along = jax.vmap(_Ties.pressure)(ties, distance), jnp.broadcast_to(away, distance.shape)
-    if ties.coupling.lines or ties.coupling.crossings:
-        apart = [push(along * np.eye(2)[:, j, None]) for j in range(2)]
-        return pressure, net, jnp.stack(apart, axis=2)
-    return pressure, net, push(along)[:, None]
+    one = lambda j: np.eye(2)[:, j, None]
+    if ties.coupling.lines:
+        (net, missing), push = jax.linearize(functools.partial(_net, ties), distance, lost)
+        none = jnp.zeros_like(distance)
+        by_pressure = [push(along * one(j), none) for j in range(2)]
+        by_line = [push(none, none + one(j)) for j in range(2)]
+        slope, missing_slope, by_lines, kept = (
+            jnp.stack([part[i] for part in parts], axis=2) for parts in (by_pressure, by_line) for i in (0, 1)
+        )
+        settle = _inverse(-kept)
+        follows = _times(settle, missing_slope)
+        return _Slopes(pressure, net, slope + _times(by_lines, follows), (missing, settle, follows, by_lines))
+    net, push = jax.linearize(lambda d: _net(ties, d, lost)[0], distance)
+    if ties.coupling.crossings:
+        return _Slopes(pressure, net, jnp.stack([push(along * one(j)) for j in range(2)], axis=2))
+    return _Slopes(pressure, net, push(along)[:, None])
 
 
 class StoredPorts(eqx.Module):
@@ -170,13 +228,15 @@ def stored_ports(
     read: Conditions,
     true: Conditions,
     steady: Ports,
+    within: Conditions,
     coupling: Coupling,
     push: Float[Array, "2 rows"] | None = None,
 ) -> StoredPorts:
     """Both ports closed, with what is stored there.
 
-    steady: the ports without storage, where the search starts. Rows of a run stand together in the order of time; a run
-    starts steady. First derivatives, forward and reverse, are those of the solution (implicit function theorem).
+    steady, within: the ports without storage and the conditions inside the lines, where the search starts. Rows of a run stand
+    together in the order of time; a run starts steady. First derivatives, forward and reverse, are those of the solution
+    (implicit function theorem).
     Rows whose pressures were not found are NaN.
     push [Pa]: takes the place of all that pressures follow, so that every row depends on its own parameters, on its own
     `push` and, through `source`, on nothing else: `along_rows` then makes the whole derivative.
@@ -191,15 +251,26 @@ def stored_ports(
     compliance = sum((effect.compliance() for effect in coupling.storage), start=jnp.zeros((2, 1)))
     compliance = jnp.where(sweep.starts, 0.0, compliance)
 
+    lost = jnp.zeros_like(away)
+    if coupling.lines:
+        lost = jax.lax.stop_gradient(_ties(valve, oil, true, coupling, upper).missing(steady, within, lost))
+
+    def at_ends(upper: Bool[Array, "nodes 2 steps"], lost: Float[Array, "nodes 2 steps"]) -> tuple[Array, Array]:
+        """What the lines lose at the end that a port's distance is counted from, and at the other one."""
+        if not coupling.lines:
+            return jnp.zeros(()), jnp.zeros(())
+        supply, return_ = lost[:, :1], lost[:, 1:]
+        return jnp.where(upper, supply, return_), jnp.where(upper, return_, supply)
+
     def laid_out(mesh: Mesh) -> tuple[_Ties, Chain]:
         own, thin, tied, heavy, side = mesh.spread((valve, oil, coupling, compliance, upper))
         ties = jax.vmap(lambda at: _ties(own, thin, true_conditions(own, at), tied, side))(sweep.at(mesh))
         return ties, Chain(heavy, sweep.span[mesh.owner] * mesh.width)
 
-    def search(i: Array, state: tuple[Mesh, Array, Array, Array]) -> tuple[Mesh, Array, Array, Array]:
-        """From a mesh, pressures at its nodes and the need for steps row by row to the same on a mesh that follows the need,
-        with the distances."""
-        before, pressure, _, need = state
+    def search(i: Array, state: tuple[Mesh, Array, Array, Array, Array]) -> tuple[Mesh, Array, Array, Array, Array]:
+        """From a mesh, pressures at its nodes, what lines lose there and the need for steps row by row to the same on a mesh that
+        follows the need, with the distances."""
+        before, pressure, _, loss, need = state
         mesh = mesh_of(need, substeps)
         ties, chain = laid_out(mesh)
         span, outwards, first = mesh.spread((whole, away, jnp.where(upper, up, down)))
@@ -207,9 +278,10 @@ def stored_ports(
         found = _interpolated(pressure, before, mesh)
         distance = jnp.where(ties.upper, c.supply_pressure[:, None] - found, found - c.return_pressure[:, None])
         distance = jnp.where(sweep.starts[mesh.owner] | (i == 0), first, distance)
+        loss = jnp.where(sweep.starts[mesh.owner] | (i == 0), mesh.spread(lost), _interpolated(loss, before, mesh))
         close = jnp.where(i == 0, ROUGH, CLOSE)
 
-        def going(state: tuple[Array, Array, Array, Array]) -> Array:
+        def going(state: tuple[Array, Array, Array, Array, Array]) -> Array:
             *_, largest, turns = state
             return (largest > close) & (turns < MOST_TURNS)
 
@@ -218,39 +290,52 @@ def stored_ports(
             crosses = (before * after < 0.0) & (jnp.abs(before) > AT_THE_END * span)
             return jnp.where(crosses, KEPT * before, jnp.maximum(after, -MOST_BEYOND * span))
 
-        def turn(state: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
-            distance, _, _, turns = state
-            pressure, net, slope = _slopes(ties, distance, outwards)
-            own = kept_inside(
-                distance, distance + outwards * chain.moves(*chain.condense(chain.imbalance(pressure, net), slope))
-            )
-            own = jnp.where(own < 0.5 * span, own, span - kept_inside(span - distance, span - own))
-            return own, chain.error(pressure, net, slope, span), jnp.max(jnp.abs(own - distance) / span), turns + 1
+        def turn(state: tuple[Array, Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array, Array]:
+            distance, loss, _, _, turns = state
+            s = _slopes(ties, distance, loss, outwards)
+            moves = chain.moves(*chain.condense(chain.imbalance(s.pressure, s.balance), s.slope))
+            lost = jnp.clip(s.lost(loss, moves), -MOST_BEYOND * span, span)
+            (near, far), (near_then, far_then) = (at_ends(ties.upper, loss), at_ends(ties.upper, lost))
+            own = near_then + kept_inside(distance - near, distance + outwards * moves - near_then)
+            other = span - far_then - kept_inside(span - distance - far, span - own - far_then)
+            own = jnp.where(own < 0.5 * span, own, other)
+            moved = jnp.maximum(jnp.max(jnp.abs(own - distance) / span), jnp.max(jnp.abs(lost - loss) / span))
+            return own, lost, chain.error(s.pressure, s.balance, s.slope, span), moved, turns + 1
 
-        begin = (distance, jnp.zeros_like(mesh.width), jnp.asarray(jnp.inf), jnp.asarray(0))
-        distance, error, *_ = jax.lax.while_loop(going, turn, begin)
+        begin = (distance, loss, jnp.zeros_like(mesh.width), jnp.asarray(jnp.inf), jnp.asarray(0))
+        distance, loss, error, *_ = jax.lax.while_loop(going, turn, begin)
         # A step of twice the length would miss by some four times as much where a flow has a kink.
         need = jax.ops.segment_max(error / mesh.width**2, mesh.owner, num_segments=need.shape[0])
-        return mesh, jax.vmap(_Ties.pressure)(ties, distance), distance, jnp.where(sweep.starts, 0.0, need)
+        return mesh, jax.vmap(_Ties.pressure)(ties, distance), distance, loss, jnp.where(sweep.starts, 0.0, need)
 
     # First where the steady pressures change most, then where that search missed most.
     share = steady.pressure / whole
     need = jnp.where(sweep.starts, 0.0, jnp.max(jnp.abs(jnp.diff(share, prepend=share[:, :1], axis=1)), axis=0))
     mesh = mesh_of(need, substeps)
     none = jnp.zeros((len(PARTS), 2, mesh.owner.size))
-    mesh, _, distance, _ = jax.lax.stop_gradient(jax.lax.fori_loop(0, 2, search, (mesh, none, none, need)))
+    begin = (mesh, none, none, none, need)
+    mesh, _, distance, loss, _ = jax.lax.stop_gradient(jax.lax.fori_loop(0, 2, search, begin))
 
     # One turn more, which moves nothing: by it what the imbalances depend on reaches the pressures.
     ties, chain = laid_out(mesh)
     known_ties, known_chain = jax.lax.stop_gradient((ties, chain))
-    *_, slope = _slopes(known_ties, distance, mesh.spread(away))
-    condensed = known_chain.condense(chain.imbalance(*_at(ties, distance)), slope)
+    known = _slopes(known_ties, distance, loss, mesh.spread(away))
+    net, missing = _net(ties, distance, loss)
+    pressure, settle = jax.vmap(_Ties.pressure)(ties, distance), None
+    if known.lines is not None:
+        _, settle, _, by_lines = known.lines
+        net = net + _times(by_lines, _times(settle, missing))
+    condensed = known_chain.condense(chain.imbalance(pressure, net), known.slope)
     source, carried = of_rows(*condensed, mesh, substeps)
     moved = along_rows(carried, source)
     moved = jnp.where(jnp.abs(moved) < FOUND * whole, moved, jnp.nan)
     if push is not None:
         moved = jax.lax.stop_gradient(moved) + push
-    ports, inside = _ties(valve, oil, true, coupling, upper).state(distance[-1][:, mesh.last] + away * moved)
+    at_rows = _ties(valve, oil, true, coupling, upper)
+    distance, loss = distance[-1][:, mesh.last] + away * moved, loss[-1][:, mesh.last]
+    if settle is not None:
+        loss = loss + jnp.einsum("ijr,jr->ir", settle[-1][:, :, mesh.last], at_rows.net(distance, loss)[1])
+    ports, inside = at_rows.state(distance, loss)
     return StoredPorts(ports, inside, source, carried)
 
 

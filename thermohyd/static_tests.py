@@ -66,7 +66,7 @@ def blocked_port_readings(valve: Valve, conditions: Conditions) -> dict[str, Flo
     ports, inside = blocked_state(valve, oil, true)
     ties = coupling(valve)
     if ties.storage:
-        stored = stored_ports(valve, oil, conditions, true, ports, ties)
+        stored = stored_ports(valve, oil, conditions, true, ports, inside, ties)
         ports, inside = stored.ports, stored.inside
     return _blocked_values(valve, oil, conditions, true, ports, inside)
 
@@ -80,8 +80,8 @@ def stored_port_rows(
     """
     true = true_conditions(valve, conditions)
     oil = true_oil(valve)
-    steady, _ = blocked_state(valve, oil, true)
-    stored = stored_ports(valve, oil, conditions, true, steady, coupling(valve), push)
+    steady = blocked_state(valve, oil, true)
+    stored = stored_ports(valve, oil, conditions, true, *steady, coupling(valve), push)
     return _blocked_values(valve, oil, conditions, true, stored.ports, stored.inside), stored
 
 

@@ -1,6 +1,8 @@
 """Find effects that could stand in a named one's place: refit with each of them, and keep those that do about as well."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 
@@ -23,6 +25,7 @@ SAME_THING = 0.9999
 MOST_REFITS = 8
 MOST_SWAPS = 3
 BETTER = 0.01
+FAR_BEHIND = 5.0 * ALIKE  # chi-square
 
 
 @dataclass(frozen=True)
@@ -53,11 +56,19 @@ class Rivals:
 
 
 def rivals_of(
-    problem: Problem, final: Fit, name: str, steps: dict, *, scale: float = 1.0, freedom: NoiseFreedom | None = None
+    problem: Problem,
+    final: Fit,
+    name: str,
+    steps: dict,
+    *,
+    scale: float = 1.0,
+    freedom: NoiseFreedom | None = None,
+    hopeless: frozenset[str] = frozenset(),
 ) -> Rivals:
     """Effects that explain what the named one explains, each refitted in its place beside the other effects of `final`.
 
-    scale: of chi-square (1: noise known). freedom: of the noise, for the p-value; None where it is stated.
+    scale: of chi-square (1: noise known). freedom: of the noise, for the p-value; None where it is stated. hopeless: effects that
+    need not be asked, as a refit beside nearly the same model said.
     """
     others = tuple(n for n in final.effects if n != name)
     without = problem.fit(others, {**final.values, name: 0.0})
@@ -88,6 +99,8 @@ def rivals_of(
     at_fault = [s for s in ([] if faults is None else faults.ranked) if not alias(s) and (s.gain > within or twin(s))]
     tried = []
     for s in (*likely[:MOST_REFITS], *at_fault[:FAULTS]):
+        if s.name in hopeless:
+            continue
         start = {**without.values, s.name: s.estimate}
         if named is not None and twin(s):  # the same curve by another name: start where the named one ended
             same = final.values[name] * named.size / s.size * float(np.sign(s.direction @ named.direction))
@@ -119,16 +132,30 @@ def settle_rivals(
 
     Among equals the data of all rows decide who is named first; that they are equals is said either way.
     """
+    hopeless: dict[str, frozenset[str]] = {}
     for _ in range(MOST_SWAPS):
-        rivals = all_rivals(problem, final, steps, scale, freedom)
+        rivals = all_rivals(problem, final, steps, scale, freedom, hopeless)
         best = min((r for rival in rivals.values() for r in rival.tried), key=lambda r: r.chi2_more, default=None)
         if best is None or best.chi2_more >= -BETTER:
             return final, rivals
+        # What was further behind than the swap gains will not draw level by it.
+        behind = FAR_BEHIND - best.chi2_more
+        hopeless = {n: frozenset(r.name for r in rival.tried if r.chi2_more > behind) for n, rival in rivals.items()}
         final = problem.fit(best.fit.effects, best.fit.values, hop_basins=True)
-    return final, all_rivals(problem, final, steps, scale, freedom)
+    return final, all_rivals(problem, final, steps, scale, freedom, hopeless)
 
 
 def all_rivals(
-    problem: Problem, final: Fit, steps: dict, scale: float, freedom: NoiseFreedom | None = None
+    problem: Problem,
+    final: Fit,
+    steps: dict,
+    scale: float,
+    freedom: NoiseFreedom | None = None,
+    hopeless: Mapping[str, frozenset[str]] = MappingProxyType({}),
 ) -> dict[str, Rivals]:
-    return {name: rivals_of(problem, final, name, steps, scale=scale, freedom=freedom) for name in final.effects}
+    """`rivals_of` every effect of `final`; hopeless: by the name of that effect."""
+    none = frozenset()
+    return {
+        name: rivals_of(problem, final, name, steps, scale=scale, freedom=freedom, hopeless=hopeless.get(name, none))
+        for name in final.effects
+    }

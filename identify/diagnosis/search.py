@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, islice
 
 import numpy as np
 from scipy.optimize import nnls
@@ -26,8 +26,10 @@ SINGLES, PAIRS, FAULTS = 10, 6, 4  # refits of each step
 FAR = 3.0  # reduced chi-square from which a model counts as bent by what it misses
 EXPLAINED = 1.1  # reduced chi-square of a refit that leaves nothing to look for elsewhere
 MOST_HOPPING = 3  # refits that go on by basin hopping
-# Evaluations of the model after which a search adds nothing more: of static tests so many, or fewer where these have many
-# readings, and in motion. Four effects take about a thousand: an answer without the last ones beats none.
+HOPPING_REACH = 2.0  # times the lowest chi-square: hopping moved none of a real valve's refits by a tenth of that
+# Evaluations of the model after which a search adds nothing more (one of ports tied together counts for what it takes): of static
+# tests so many, or fewer where these have many readings, and in motion. Four effects take about a thousand: an answer without the
+# last ones beats none.
 MOST_EVALUATIONS, LEAST_EVALUATIONS, MOST_IN_MOTION = 8000, 1500, 1500
 MOST_READINGS = 16_000_000  # evaluated
 GLANCE = 15  # steps of a refit that only has to show which candidate is worth more
@@ -124,7 +126,7 @@ def search(
         if len(chosen) >= most or p_step > level:
             steps.append(Step(scores, {}, (), p_step))
             break
-        if problem.work.evaluations >= enough:
+        if problem.work.cost >= enough:
             steps.append(Step(scores, {}, (), p_step))
             complete = False
             break
@@ -209,7 +211,9 @@ def _singles(
         fit = problem.fit((*chosen, name), start, most_steps=GLANCE)
         if name not in fits or merit(fit) < merit(fits[name]):
             fits[name] = fit
-    for name in sorted(fits, key=lambda n: merit(fits[n]))[:MOST_HOPPING]:
+    lowest = min(map(merit, fits.values()))
+    near = (name for name in sorted(fits, key=lambda n: merit(fits[n])) if merit(fits[name]) <= HOPPING_REACH * lowest)
+    for name in islice(near, MOST_HOPPING):
         fits[name] = problem.fit(fits[name].effects, fits[name].values, hop_basins=True)
     return fits
 
@@ -279,6 +283,8 @@ def _best_pair(
     chosen_pairs = {(a.name, b.name): (a, b) for (a, b), _ in [*cheap[:PAIRS], *partners]}
     for a, b in chosen_pairs.values():
         start = {**current.values, a.name: a.estimate, b.name: b.estimate}
+        if lead in (a.name, b.name):  # downhill from the best single effect, which is no linear estimate any more
+            start = dict(best.values)
         fits.append(problem.fit((*chosen, a.name, b.name), start, most_steps=GLANCE))
     return min(fits, key=merit, default=None)
 
@@ -288,12 +294,18 @@ def _nearly(pairs: list[tuple[tuple[Signature, Signature], float]]) -> bool:
     return len(pairs) > 1 and pairs[1][1] > 0.95 * pairs[0][1]
 
 
+# An effect whose loss costs so many times the threshold by the linear estimate is not asked by a refit.
+FAR_FROM_PRUNED = 10.0
+
+
 def prune(problem: Problem, fit: Fit, chosen: tuple[str, ...], threshold: float) -> tuple[Fit, tuple[str, ...]]:
     """Drop effects whose loss costs less chi-square than naming one must gain: later ones may have replaced them."""
     while chosen:
-        without = {name: problem.fit([n for n in chosen if n != name], fit.values) for name in chosen}
-        weakest = min(chosen, key=lambda name: without[name].chi2)
-        if without[weakest].chi2 - fit.chi2 > threshold:
+        costs = fit.linear_losses()
+        in_doubt = [name for name in chosen if not costs.get(name, 0.0) > FAR_FROM_PRUNED * threshold]
+        without = {name: problem.fit([n for n in chosen if n != name], fit.values) for name in in_doubt}
+        weakest = min(in_doubt, key=lambda name: without[name].chi2, default=None)
+        if weakest is None or without[weakest].chi2 - fit.chi2 > threshold:
             break
         fit, chosen = without[weakest], tuple(n for n in chosen if n != weakest)
     return fit, chosen

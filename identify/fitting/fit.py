@@ -274,17 +274,20 @@ class StaticSearch:
         jacobian = solution.jacobian * np.array([self.plans[name].info.scale for name in self.free])
         return settled_noise(noise, channel_slices(self.tests), solution.residual, jacobian)
 
-    def solve(self, args: FitArgs, start: np.ndarray, held: Mapping[int, float] | None = None) -> LeastSquaresResult:
-        """From `start`, with the parameters of these indices held at these values."""
+    def solve(
+        self, args: FitArgs, start: np.ndarray, held: Mapping[int, float] | None = None, enough: float = np.inf
+    ) -> LeastSquaresResult:
+        """From `start`, with the parameters of these indices held at these values; given up where it promises no end below `enough`."""
         boxes = self.boxes
         for i, value in (held or {}).items():
             boxes[i] = Box(boxes[i].name, value, boxes[i].scale, value, value, held=True)
         tolerance = PROFILE_CLOSE_ENOUGH if held else CLOSE_ENOUGH
-        return solve(residual_of(self.free), boxes, args, start, tolerance=tolerance, believe=BELIEVE_BELOW)
+        close = {"tolerance": tolerance, "believe": BELIEVE_BELOW, "enough": enough}
+        return solve(residual_of(self.free), boxes, args, start, **close)
 
     def basin_hopping(self, best: LeastSquaresResult, noise: dict[Key, ChannelNoise]) -> LeastSquaresResult:
         args = self.args(noise)
-        return basin_hopping(best, self.free, lambda start: self.solve(args, start))
+        return basin_hopping(best, self.free, lambda start, enough: self.solve(args, start, enough=enough))
 
     def outcome(self, result: LeastSquaresResult, restart: bool = False) -> StartOutcome:
         start = dict(zip(self.free, (float(v) for v in result.start), strict=True))

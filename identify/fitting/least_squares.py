@@ -148,14 +148,14 @@ class LeastSquaresResult:
 
 
 @eqx.filter_jit
-def _compiled(residual: Residual, boxes: Boxes, z: Any, args: Any, tolerance: Any, max_steps: int) -> Any:
-    """The whole solve in one program; `boxes`, `z`, `args` and `tolerance` are data."""
+def _compiled(residual: Residual, boxes: Boxes, z: Any, args: Any, tolerance: Any, max_steps: int, enough: Any) -> Any:
+    """The whole solve in one program; all but `residual` and `max_steps` are data."""
     solution = optx.least_squares(
         lambda z, args: residual(boxes.physical(z), args),
         BoxedLevenbergMarquardt(),
         z,
         args,
-        options={"lower": boxes.lower, "upper": boxes.upper, "tolerance": tolerance},
+        options={"lower": boxes.lower, "upper": boxes.upper, "tolerance": tolerance, "enough": enough},
         max_steps=max_steps,
         throw=False,
     )
@@ -171,15 +171,15 @@ def _begin(z: Any, rows: int) -> State:
 
 
 @eqx.filter_jit
-def _advance(boxes: Boxes, z: Any, state: State, residual: Any, columns: Any, tolerance: Any) -> Any:
+def _advance(boxes: Boxes, z: Any, state: State, residual: Any, columns: Any, tolerance: Any, enough: Any) -> Any:
     """One step of the search from the residual and the physical columns at its trial point."""
-    options = {"lower": boxes.lower, "upper": boxes.upper, "tolerance": tolerance}
+    options = {"lower": boxes.lower, "upper": boxes.upper, "tolerance": tolerance, "enough": enough}
     columns = columns * boxes.slope(state.trial)[:, None]
     z, state = BoxedLevenbergMarquardt().advance(z, options, state, residual, columns)
     return z, state, boxes.physical(state.trial)
 
 
-def _step_by_step(both: Both, boxes: Boxes, z: Any, args: Any, tolerance: Any, max_steps: int) -> Any:
+def _step_by_step(both: Both, boxes: Boxes, z: Any, args: Any, tolerance: Any, max_steps: int, enough: Any) -> Any:
     """The same as `_compiled`, driven from the host: what takes long to compile is compiled alone, in a quarter of the time
     that it takes inside a compiled search."""
     trial = boxes.physical(jnp.asarray(z))
@@ -188,7 +188,7 @@ def _step_by_step(both: Both, boxes: Boxes, z: Any, args: Any, tolerance: Any, m
     for step in range(max_steps):
         if step:
             residual, columns = both(trial, args)
-        z, state, trial = _advance(boxes, z, state, residual, columns, tolerance)
+        z, state, trial = _advance(boxes, z, state, residual, columns, tolerance, enough)
         if bool(state.done):
             break
     small = jnp.stack([jnp.asarray(z), boxes.physical(jnp.asarray(z)), boxes.slope(jnp.asarray(z)), state.size])
@@ -205,6 +205,7 @@ def solve(
     max_steps: int = 500,
     both: Both | None = None,
     believe: float = BELIEVE_BELOW,
+    enough: float = np.inf,
 ) -> LeastSquaresResult:
     """Minimise sum(residual(p, args)**2) over the box, from `start` (n,) or the boxes' own starts.
 
@@ -213,16 +214,18 @@ def solve(
     The search stops at the relative offset `tolerance`, or where it cannot get lower. `both`: residual and columns of the
     same problem, compiled by the caller, for one that takes long to compile; the search then runs on the host. `believe`:
     the relative offset up to which an end counts as an optimum, larger where the model is known to a solver's tolerance.
+    enough: the cost below which a search must promise to end, or it is given up on the way.
     Raises RuntimeError in single precision. Never raises for a solve that fails: read `converged` and `message`.
     """
     require_float64("a fit")
     names = [box.name for box in boxes]
     began = np.array([box.start for box in boxes] if start is None else start, dtype=float)
+    begin, limits = free_values(boxes, began), (np.asarray(tolerance), max_steps, np.asarray(enough))
     if both is None:
         assert residual is not None
-        out = _compiled(residual, Boxes.of(boxes), free_values(boxes, began), args, np.asarray(tolerance), max_steps)
+        out = _compiled(residual, Boxes.of(boxes), begin, args, *limits)
     else:
-        out = _step_by_step(both, Boxes.of(boxes), free_values(boxes, began), args, np.asarray(tolerance), max_steps)
+        out = _step_by_step(both, Boxes.of(boxes), begin, args, *limits)
     small, values, columns, evaluations, done = jax.device_get(out)
     z, p, slope, size = small
     steps = int(evaluations) - 1

@@ -79,6 +79,18 @@ def asks_for_more(names: Iterable[str]) -> bool:
     return expensive_to_compile(names) or any(stores(name) for name in names)
 
 
+# Times that an evaluation of a real valve's 1,608 readings took: 12 ms, 25 where lines or a path tie the ports together, 49 where
+# they store oil, 160 with both.
+COUPLED_COST, STORED_COST, BOTH_COST = 2.0, 4.0, 13.0
+
+
+def relative_cost(names: Iterable[str]) -> float:
+    """What an evaluation with these effects takes, in those of effects that leave every row and port apart."""
+    names = tuple(names)
+    tied, lasting = any(map(coupled, names)), any(map(stores, names))
+    return BOTH_COST if tied and lasting else STORED_COST if lasting else COUPLED_COST if tied else 1.0
+
+
 def library_for(tests: Iterable[TestRecord]) -> Library:
     """The part of the library that the columns of these tests can show."""
     tests = list(tests)

@@ -22,7 +22,7 @@ from thermohyd.identify.reduction.monotone_pieces import run_ids
 from .bench_faults import BenchFault, allowance_of, info_of, is_fault
 from .boxes import Box
 from .least_squares import LeastSquaresResult, solve
-from .library import Library, coupled, library_for, stores, with_heat
+from .library import Library, coupled, library_for, relative_cost, stores, with_heat
 from .parameters import IN_MOTION, PARAMETERS, SEEN_IN_MOTION, ParameterPlan
 from .problem_fit import Fit, Work
 from .readings import MotionReadings, Noise, Readings, StaticReadings
@@ -33,18 +33,21 @@ from .static_residuals import prior_rows
 from .uncertainty import Key
 
 
-# A search stops a thousandth of a standard error from its optimum: chi-square is then right to 1e-6.
+# Standard errors from an optimum at which a fit that is to stay stops: chi-square is then right to 1e-6.
 CLOSE_ENOUGH = 1e-4
+# One that is only compared with others: chi-square is right to 1e-3, far below what decides anything. Gauss-Newton halves the
+# way to an optimum with each step where the readings are noisy, so that the last two digits took as long as all before them.
+# Also in motion: a run is known to its solver's tolerance, and its steps change a little from one point to the next.
+CLOSE_TO_COMPARE = 1e-2
 # An end counts as an optimum up to here: a twentieth of a standard error is nothing to anybody.
 BELIEVE = 0.05
-# The same in motion: a run is known to its solver's tolerance, and its steps change a little from one point to the next.
-CLOSE_IN_MOTION = 1e-2
 # Amount from which a search starts where the linearised estimate lies at the neutral value or beyond its limit.
 SMALL_START = 0.05  # of the effect's scale
 START_WITHIN = 3.0  # times the largest usual amount
 MOST_STEPS, PATIENCE = 40, 5  # a refit that crawls is no candidate; one that is to stay may go on
 # A search starts beside an optimum that basin hopping has been through: fewer and shorter moves [um] than a first fit's.
 MOVES, ROUNDS_OF_MOVES = (2.0, 0.7), 2
+BETTER = 1e-5  # relative fall of chi-square that is no rest of another search's way
 
 
 @dataclass(frozen=True)
@@ -139,9 +142,9 @@ class Problem:
 
     @property
     def _closeness(self) -> float:
-        """Standard errors from an optimum at which a search stops."""
+        """Standard errors from an optimum at which a fit that is to stay stops."""
         moves = any(test.in_motion for test in self.tests.values())
-        return CLOSE_IN_MOTION if moves else CLOSE_ENOUGH
+        return CLOSE_TO_COMPARE if moves else CLOSE_ENOUGH
 
     def scale_of(self, name: str) -> float:
         """A natural step of a parameter or an effect's amount."""
@@ -181,7 +184,8 @@ class Problem:
     ) -> Fit:
         """Fit the free parameters and the amounts of `effects`, from `start` (missing entries: nominal, neutral).
 
-        patient: goes on where it crawls, for a fit that is to stay. hop_basins: patient, and over the kinks of the underlap.
+        patient: for a fit that is to stay: to the last digit, and on where it crawls. hop_basins: patient, and over the kinks
+        of the underlap.
         """
         chosen = tuple(name for name in self.library.names if name in set(effects))
         programs = [part.program(chosen) for part in self.readings]
@@ -190,22 +194,26 @@ class Problem:
         free = (*self.free_parameters, *(name for name in order if name in chosen))
         begin = self._start(order, chosen, start or {})
         boxes = [self._box(name, begin[i], name in free) for i, name in enumerate(order)]
-        both = self._both(programs, order)
+        both, cost = self._both(programs, order), relative_cost(chosen)
 
-        def from_point(point: np.ndarray) -> LeastSquaresResult:
+        def from_point(point: np.ndarray, closeness: float = CLOSE_TO_COMPARE) -> LeastSquaresResult:
             result = solve(
-                None, boxes, None, point, tolerance=self._closeness, max_steps=most_steps, both=both, believe=BELIEVE
+                None, boxes, None, point, tolerance=closeness, max_steps=most_steps, both=both, believe=BELIEVE
             )
             self.work.evaluations += result.steps + 1
+            self.work.cost += cost * (result.steps + 1)
             return result
 
-        best = from_point(np.array(begin))
-        for _ in range(PATIENCE if patient or hop_basins else 0):
+        stays = patient or hop_basins
+        best = from_point(np.array(begin), closeness=self._closeness if patient else CLOSE_TO_COMPARE)
+        for _ in range(PATIENCE if stays else 0):
             if best.converged or best.exhausted:
                 break
             best = from_point(best.p)
         if hop_basins:
-            best = basin_hopping(best, order, from_point, moves=MOVES, rounds=ROUNDS_OF_MOVES)
+            best = basin_hopping(best, order, from_point, moves=MOVES, rounds=ROUNDS_OF_MOVES, better=BETTER)
+            if best.converged and best.relative_offset > self._closeness:
+                best = min(best, from_point(best.p, closeness=self._closeness), key=lambda end: end.cost)
         return self._result(chosen, order, free, best)
 
     def evaluate(self, values: Mapping[str, float], effects: Iterable[str] = ()) -> Fit:

@@ -51,9 +51,23 @@ class Fit:
         names = [name for name in self.free if name not in self.active]
         return self.columns[:, [self.order.index(name) for name in names]]
 
+    def linear_losses(self) -> dict[str, float]:
+        """Chi-square that the loss of each of its effects would cost, (amount / standard error)^2 by the columns; NaN where they
+        say nothing."""
+        free = [name for name in self.free if name not in self.active]
+        triangle = np.linalg.qr(self.columns[self.used][:, [self.order.index(name) for name in free]], mode="r")
+        with np.errstate(divide="ignore", invalid="ignore"):
+            try:
+                variance = np.sum(np.linalg.inv(triangle) ** 2, axis=1)
+            except np.linalg.LinAlgError:
+                return {}
+            return {n: self.values[n] ** 2 / v for n, v in zip(free, variance, strict=True) if n in self.effects}
+
 
 @dataclass
 class Work:
-    """What the refits of a record have taken so far: evaluations of the model with its derivatives."""
+    """What the refits of a record have taken so far: evaluations of the model with its derivatives, and their cost in those of
+    ports that neither lines nor storage tie together."""
 
     evaluations: int = 0
+    cost: float = 0.0

@@ -76,15 +76,17 @@ STEEPEST_KINK = 1.0
 def basin_hopping(
     best: LeastSquaresResult,
     names: tuple[str, ...],
-    solve_from: Callable[[np.ndarray], LeastSquaresResult],
+    solve_from: Callable[[np.ndarray, float], LeastSquaresResult],
     *,
     moves: tuple[float, ...] = MOVES,  # of the underlap, um
     rounds: int = MOST_ROUNDS,
+    better: float = BETTER,
 ) -> LeastSquaresResult:
     """Basin hopping in the underlap: restart from `best` with it moved, take what is lower, until no move helps.
 
     Few, warm, cheap solves. Where the search from every side ends at the same place and finds no way down, that place is a
     minimum although its slope does not vanish: it lies on a kink, and the result says so.
+    solve_from: of a start and of the cost below which its end is of use: a search that will not get there may be given up.
     """
     if "underlap" not in names:
         return best
@@ -96,8 +98,8 @@ def basin_hopping(
             for side in (step, -step):
                 moved = start.p.copy()
                 moved[i] += side * MICRON
-                tried = solve_from(moved)
-                if tried.cost < best.cost * (1.0 - BETTER):
+                tried = solve_from(moved, best.cost * (1.0 - better))
+                if tried.cost < best.cost * (1.0 - better):
                     best = tried
         if best is start:
             break

@@ -98,8 +98,8 @@ def boxed_step(
     return step
 
 
-def offset_and_step(linearised: Linearisation, held: Array, size: Array) -> tuple[Array, Array]:
-    """Bates and Watts' relative offset of the free variables, and their full Gauss-Newton step."""
+def offset_and_step(linearised: Linearisation, held: Array, size: Array) -> tuple[Array, Array, Array]:
+    """Bates and Watts' relative offset of the free variables, their full Gauss-Newton step, and the cost that it promises."""
     triangle = jnp.where(held, 0.0, linearised.triangle)
     # Held columns leave a triangle of lower rank in which only part of c belongs to the free ones: that part is U'c.
     left, values, right = jnp.linalg.svd(triangle / size)
@@ -110,7 +110,7 @@ def offset_and_step(linearised: Linearisation, held: Array, size: Array) -> tupl
     explained = jnp.sum(loads**2)
     rest = jnp.maximum(linearised.cost - explained, 0.0) / jnp.maximum(linearised.residual.size - count, 1.0)
     tiny = jnp.finfo(values.dtype).tiny
-    return jnp.sqrt(explained / count / jnp.maximum(rest, tiny)), step
+    return jnp.sqrt(explained / count / jnp.maximum(rest, tiny)), step, linearised.cost - explained
 
 
 def linearise(fn: Any, z: Array, args: Any) -> tuple[Array, Array, Any]:
@@ -119,6 +119,7 @@ def linearise(fn: Any, z: Array, args: Any) -> tuple[Array, Array, Any]:
     return jax.vmap(push, out_axes=(None, 0, None))(jnp.eye(z.size, dtype=z.dtype))
 
 
+TRUSTED = 1.0  # relative offset, in standard errors, from which on the linearisation says where a search will end
 NEAR = 5.0  # times the offset at which a search stops: from there on it ends with the first trial that fails
 
 
@@ -141,7 +142,8 @@ class BoxedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
     """Each step is one evaluation of residual and Jacobian together: nine trials of ten are accepted, so evaluating
     them apart would cost more, and would compile the model twice.
 
-    `options` holds the limits `lower` and `upper` (n,) and the relative offset `tolerance` at which to stop.
+    `options` holds the limits `lower` and `upper` (n,) and the relative offset `tolerance` at which to stop. `enough`: a search
+    that is as near its optimum as `TRUSTED` ends, too, where it promises no lower cost than this.
     """
 
     rtol: float = 1e-12  # of z: for data that the model meets exactly, where the offset has no meaning
@@ -213,7 +215,8 @@ class BoxedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         lower, upper = options["lower"], options["upper"]
         gradient = linearised.triangle.T @ linearised.projection
         held = ((z <= lower) & (gradient >= 0.0)) | ((z >= upper) & (gradient <= 0.0))
-        offset, newton = offset_and_step(linearised, held, used)
+        offset, newton, promised = offset_and_step(linearised, held, used)
+        hopeless = accept & (offset <= TRUSTED) & (promised >= options["enough"])
         small = jnp.all(jnp.abs(newton) <= self.atol + self.rtol * jnp.abs(z))
         # Once the costs are blind, an offset that no longer falls is all that rounding allows.
         stuck = accept & blind & ~state.first & (offset >= state.offset)
@@ -232,7 +235,7 @@ class BoxedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
             radius=radius,
             offset=offset,
             evaluations=state.evaluations + 1,
-            done=failed | (accept & ((offset <= options["tolerance"]) | small | stuck)) | lost | settled,
+            done=failed | (accept & ((offset <= options["tolerance"]) | small | stuck)) | lost | settled | hopeless,
             result=optx.RESULTS.successful,
         )
         return z, new

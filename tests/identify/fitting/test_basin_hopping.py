@@ -30,14 +30,16 @@ BOXES = [Box("underlap", 1.0 * MICRON, MICRON, -20 * MICRON, 20 * MICRON), Box("
 def test_the_deeper_valley_is_found_from_the_wrong_one():
     first = solve(valleys, BOXES)
     assert abs(first.p[0] / MICRON - 2.0) < 0.2
-    best = basin_hopping(first, ("underlap", "other"), lambda start: solve(valleys, BOXES, None, start))
+    best = basin_hopping(
+        first, ("underlap", "other"), lambda start, enough: solve(valleys, BOXES, None, start, enough=enough)
+    )
     assert abs(best.p[0] / MICRON - 6.0) < 0.2
     assert best.cost < first.cost
 
 
 def test_without_the_underlap_there_is_no_basin_to_hop_to():
     first = solve(valleys, BOXES)
-    assert basin_hopping(first, ("clearance", "other"), lambda start: first) is first
+    assert basin_hopping(first, ("clearance", "other"), lambda start, enough: first) is first
 
 
 def test_a_minimum_on_a_kink_is_believed_and_said_to_be_one():
