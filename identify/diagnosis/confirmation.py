@@ -6,7 +6,7 @@ Ecography 40, 2017). A wrong label, or a misfit of one condition that several ef
 """
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -15,6 +15,8 @@ from thermohyd.identify.fitting.bench_faults import condition_levels, info_of
 from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.fitting.problem_fit import Fit
 from thermohyd.identify.reduction.monotone_pieces import piece_bounds, run_ids
+
+from .result import WEAK
 
 
 PROVEN = 10.6  # 2 ln 200: a likelihood ratio of 200 on rows not seen, a p-value of 0.005 at most
@@ -63,7 +65,7 @@ def _stretches(test: TestRecord) -> np.ndarray:
 def predicted_apart(fit: Fit, parts: np.ndarray) -> np.ndarray:
     """Whitened residuals (rows,) of each row, predicted by the model fitted without the row's part: one Gauss-Newton step from `fit`.
 
-    An amount that the rows left do not show goes to 0, as nobody would then have added it.
+    An amount that the rows left do not show goes to 0, as nobody would then have added it. Rows of a part below 0 are in every fit.
     """
     names = [name for name in fit.free if name not in fit.active]
     scales = np.array([_scale(name, fit) for name in names])
@@ -81,7 +83,7 @@ def predicted_apart(fit: Fit, parts: np.ndarray) -> np.ndarray:
     )
     found = fit.residual[: len(parts)].copy()
     whole = np.concatenate([parts, np.full(len(fit.residual) - len(parts), -1)])
-    for part in np.unique(parts):
+    for part in np.unique(parts[parts >= 0]):
         kept = (whole != part) & fit.used
         matrix = np.concatenate([columns[kept], np.diag(weak)])
         target = np.concatenate([fit.residual[kept], weak * start])
@@ -101,10 +103,14 @@ def _scale(name: str, fit: Fit) -> float:
 
 @dataclass(frozen=True)
 class Confirmation:
-    """2 ln E of all effects together over the model without them, and of each over the model without it. scale: of chi-square."""
+    """2 ln E of all effects together over the model without them, and of each over the model without it. scale: of chi-square.
+
+    held_out: of each that is weak, on the rows alone that took no part in its choice, predicted by a fit that did not see them.
+    """
 
     together: float
     each: dict[str, float]
+    held_out: dict[str, float] = field(default_factory=dict)
 
     @property
     def weakest(self) -> str:
@@ -115,20 +121,38 @@ class Confirmation:
         return float(np.exp(-0.5 * max(self.each[name], 0.0)))
 
 
-def confirmation(problem: Problem, fit: Fit, base: Fit, without: Mapping[str, Fit], scale: float) -> Confirmation:
-    """How the effects of `fit` do where they were not fitted. base: without any of them; without {effect: fit without it}."""
+def confirmation(
+    problem: Problem, fit: Fit, base: Fit, without: Mapping[str, Fit], scale: float, held: np.ndarray
+) -> Confirmation:
+    """How the effects of `fit` do where they were not fitted. base: without any of them; without {effect: fit without it}.
+
+    held (rows,): True in the rows that took no part in the choice.
+    """
     parts = parts_left_out(problem.tests)
     square = lambda f: float(np.sum(predicted_apart(f, parts) ** 2))
+    there = lambda f: float(np.sum(predicted_apart(f, np.where(held, 1, -1))[held] ** 2))
     own = square(fit)
     each = {name: (square(without[name]) - own) / scale for name in fit.physics}
-    return Confirmation((square(base) - own) / scale, each)
+    weak = [name for name in fit.physics if strength(fit, without[name], scale) < WEAK]
+    own_there = there(fit) if weak else 0.0
+    held_out = {name: (there(without[name]) - own_there) / scale for name in weak}
+    return Confirmation((square(base) - own) / scale, each, held_out)
+
+
+def strength(fit: Fit, without: Fit, scale: float) -> float:
+    """Of an effect: the root of the chi-square that its loss costs."""
+    return float(np.sqrt(max(without.chi2 - fit.chi2, 0.0) / scale))
 
 
 def unproven(found: Confirmation, names: Iterable[str], most_alike: int = 3) -> str | None:
-    """The effect that has to go: the weakest where it makes things worse, or where all together, or of many each, prove nothing."""
+    """The effect that has to go: the weakest where it makes things worse, or where all together, or of many each, prove nothing; and
+    a weak one that makes the rows worse which took no part in its choice."""
     names = tuple(names)
     if not names:
         return None
+    worst = min(found.held_out, key=lambda name: found.held_out[name], default=None)
+    if worst is not None and found.held_out[worst] <= 0.0:
+        return worst
     least = PROVEN if len(names) > most_alike else 0.0
     if found.each[found.weakest] <= least or found.together <= PROVEN:
         return found.weakest

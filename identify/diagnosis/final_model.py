@@ -16,7 +16,7 @@ from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.fitting.problem_fit import Fit
 
 from .case import LEVEL_OF_ALL_ROWS, Case, Progress
-from .confirmation import Confirmation, confirmation, unproven
+from .confirmation import Confirmation, confirmation, strength, unproven
 from .held_out import Split
 from .left_over import LackOfFit, lack_of_fit, smooth_block
 from .result import MOST_USUAL, HeldOut, Suspect
@@ -143,7 +143,7 @@ def _channel_shares(problem: Problem, base: Fit, without: Fit, fit: Fit) -> list
 
 
 def proven(
-    case: Case, fit: Fit, rivals: dict[str, Rivals], scale: Callable[[Fit], float]
+    case: Case, fit: Fit, rivals: dict[str, Rivals], split: Split, scale: Callable[[Fit], float]
 ) -> tuple[Fit, dict[str, Rivals], Confirmation | None, tuple[Suspect, ...]]:
     """The model without effects that do not predict what they were not fitted to, or that nobody would believe in such an amount:
     the fit, its rivals, the proof, and what went."""
@@ -152,12 +152,13 @@ def proven(
         without = {name: rivals[name].without for name in fit.physics}
         alone = len(fit.physics) == 1
         bare = without[fit.physics[0]] if alone else problem.fit(fit.faults, {n: fit.values[n] for n in fit.order})
-        proof = confirmation(problem, fit, bare, without, scale(fit))
+        proof = confirmation(problem, fit, bare, without, scale(fit), split.held)
         times = times_usual(fit)
         gone = unproven(proof, fit.physics) or next((n for n in fit.physics if times[n] > MOST_USUAL), None)
         if gone is None:
             return fit, rivals, proof, tuple(suspects)
-        suspects.append(Suspect(gone, fit.values[gone], effect_info(gone).unit, proof.each[gone], times[gone]))
+        lost = strength(fit, without[gone], scale(fit))
+        suspects.append(Suspect(gone, fit.values[gone], effect_info(gone).unit, proof.each[gone], times[gone], lost))
         fit = problem.fit(without[gone].effects, without[gone].values, hop_basins=True)
         rivals = all_rivals(problem, fit, case.steps, scale(fit), case.freedom)
     return fit, rivals, None, tuple(suspects)
@@ -243,7 +244,7 @@ def final_model(case: Case, selection: Selection, split: Split, say: Progress = 
     if dropped:
         fit, rivals = settle_rivals(problem, fit, case.steps, scale=scale(fit), freedom=case.freedom)
         left = lack_of_fit(problem, fit, block)
-    fit, rivals, proof, suspects = proven(case, fit, rivals, scale)
+    fit, rivals, proof, suspects = proven(case, fit, rivals, split, scale)
     if suspects:
         left = lack_of_fit(problem, fit, block)
     known = all(n.known for n in case.noise.values())
@@ -261,11 +262,12 @@ def final_model(case: Case, selection: Selection, split: Split, say: Progress = 
         left=left,
         excess=excess,
         scale=scale(fit),
-        # Beside effects that are proven a suspect is a doubt; alone it is a misfit that nothing explains.
+        # Beside effects that are proven a suspect is a doubt; alone it is a misfit that nothing explains, unless it is so weak that
+        # neither the size of the misfit nor a smooth curve shows one without it.
         disagrees=bool(
             left.p_value < LEVEL_OF_LEFT_OVER
             or rough
-            or (suspects and not fit.physics)
+            or (any(not suspect.hint for suspect in suspects) and not fit.physics)
             or _scattered(case, fit)
             or not whole.complete
         ),

@@ -17,7 +17,7 @@ from thermohyd.identify.fitting.problem_fit import Fit
 from .max_t import NoiseFreedom
 from .screening import Screen, Signature, screen
 from .screening_faults import p_of_fault, screen_of_faults
-from .stored_oil import could_explain, within_reach
+from .stored_oil import RELATIVE_REACH, could_explain, within_reach
 
 
 LEVEL = 0.005  # probability of naming anything, at each step of the search, in a record that needs nothing more
@@ -182,30 +182,35 @@ def _singles(
     from it end in local minima. Then every candidate is tried, from the nominal valve too, and the best ones go on by basin hopping.
     """
     fits = {}
-    for s in leading(ranked):
-        if (
-            expensive_to_compile((*chosen, s.name))
-            and not expensive_to_compile(chosen)
-            and s.strength < scores.critical
-        ):
-            continue
-        if stores(s.name) and not any(map(stores, chosen)):
-            continue
-        start = {**current.values, s.name: s.estimate}
-        fits[s.name] = problem.fit((*chosen, s.name), start, most_steps=GLANCE)
-    # Oil stored at the ports where it could explain as much as the best of the others.
-    gain = current.chi2 - min((fit.chi2 for fit in fits.values()), default=current.chi2)
-    asked = could_explain(problem, current, scores, within_reach(gain))
-    for s in (s for s in ranked if s.name in asked and s.name not in fits):
+    dear = lambda name: expensive_to_compile((*chosen, name)) and not expensive_to_compile(chosen)
+
+    def ask(s: Signature) -> None:
         fits[s.name] = problem.fit((*chosen, s.name), {**current.values, s.name: s.estimate}, most_steps=GLANCE)
+
+    lead = leading(ranked)
+    for s in lead:
+        if not dear(s.name) and (any(map(stores, chosen)) or not stores(s.name)):
+            ask(s)
+    # Programs of their own, and oil stored at the ports, where they could explain as much as the best of the others, and enough to
+    # be added at all.
+    gain = current.chi2 - min((fit.chi2 for fit in fits.values()), default=current.chi2)
+    needed = (1.0 - RELATIVE_REACH) * scores.critical**2 * max(1.0, needed_beside(current))
+    least = lambda s: max(within_reach(gain), needed if dear(s.name) else -np.inf)
+    for s in lead:
+        if dear(s.name) and not stores(s.name) and s.gain >= least(s):
+            ask(s)
+    left = [s for s in ranked if stores(s.name) and s.name not in fits]
+    asked = could_explain(problem, current, scores, least(left[0])) if left else []
+    for s in left:
+        if s.name in asked:
+            ask(s)
     rows = max(int(current.used.sum()), 1)
     explained = any(fit.chi2 <= EXPLAINED * rows for fit in fits.values())
     if chosen or explained or current.chi2 <= FAR * rows:
         return fits
     null = {n: current.values[n] for n in ("null_bias",) if n in current.values}
     for name in dict.fromkeys([*fits, *problem.library.names]):
-        dear = stores(name) and name not in fits
-        if name in chosen or dear or (expensive_to_compile((*chosen, name)) and not expensive_to_compile(chosen)):
+        if name in chosen or dear(name) or (stores(name) and name not in fits):
             continue
         start = {**{n: current.values[n] for n in chosen}, **null, name: effect_info(name).scale}
         fit = problem.fit((*chosen, name), start, most_steps=GLANCE)

@@ -100,10 +100,12 @@ def suspect_sentences(suspects: tuple[Suspect, ...]) -> tuple[str, ...]:
     but = lambda s: (
         f"takes {s.times_usual:.0f} times its largest usual amount for that: something else that looks like it is more likely."
         if s.implausible
-        else f"does not predict conditions that are left out of its fit (2 ln E = {s.evidence:.1f}; 10.6 would prove it)."
+        else f"does not predict rows that are left out of its fit (2 ln E = {s.evidence:.1f} over all conditions; 10.6 would prove it)."
     )
+    weak = lambda s: f" At {s.strength:.1f} standard errors it is a hint, no misfit." if s.hint else ""
     return tuple(
-        f"Suspected, not named: {s.name} ({amount(s.name, s.value, s.unit)}) lowers the misfit of the rows it is fitted to, but {but(s)}"
+        f"Suspected, not named: {s.name} ({amount(s.name, s.value, s.unit)}) lowers the misfit of the rows it is fitted to, but "
+        f"{but(s)}{weak(s)}"
         for s in suspects
     )
 

@@ -13,8 +13,10 @@ from thermohyd.identify.diagnosis.confirmation import (
     confirmation,
     parts_left_out,
     predicted_apart,
+    strength,
     unproven,
 )
+from thermohyd.identify.diagnosis.result import WEAK, Suspect
 from thermohyd.identify.noise.correlation import NoiseCorrelation
 from thermohyd.identify.report.diagnosis_report import suspect_sentences
 
@@ -74,7 +76,9 @@ def test_what_one_condition_alone_asks_for_is_not_proven(one):
     misfit = here * (12.0 / np.linalg.norm(here)) + rng.standard_normal(len(here))
     problem = linear_library(misfit, np.zeros((len(here), 1)), {"viscosity_shift": everywhere * 1e-1})
     base, fit = problem.fit(), problem.fit(["viscosity_shift"])
-    found = confirmation(problem, fit, base, {"viscosity_shift": base}, 1.0)
+    found = confirmation(problem, fit, base, {"viscosity_shift": base}, 1.0, PARTS == 1)
+    # Of a strong effect nothing is asked on the rows held out.
+    assert bool(found.held_out) == (strength(fit, base, 1.0) < WEAK)
     if one:
         assert base.chi2 - fit.chi2 > PROVEN  # the rows that it is fitted to ask for it
         assert found.together < PROVEN
@@ -83,6 +87,30 @@ def test_what_one_condition_alone_asks_for_is_not_proven(one):
         assert found.together > 100.0
         assert unproven(found, fit.physics) is None
     assert found.p_value("viscosity_shift") == pytest.approx(np.exp(-0.5 * max(found.each["viscosity_shift"], 0.0)))
+
+
+@pytest.mark.parametrize("everywhere", [True, False])
+def test_a_weak_effect_must_do_better_on_the_rows_held_out(everywhere):
+    """Five standard errors of it in all rows, or in all but those held out, which have a little of the contrary."""
+    held = PARTS == 1
+    rng = np.random.default_rng(5)
+    column = signature(False) / np.linalg.norm(signature(False))
+    misfit = 6.0 * np.where(held & (not everywhere), -0.3 * column, column)
+    misfit = misfit + rng.standard_normal(len(column)) * 0.3
+    problem = linear_library(misfit, np.zeros((len(column), 1)), {"viscosity_shift": column})
+    base, fit = problem.fit(), problem.fit(["viscosity_shift"])
+    found = confirmation(problem, fit, base, {"viscosity_shift": base}, 1.0, held)
+    assert 3.0 < strength(fit, base, 1.0) < WEAK
+    assert found.together > PROVEN
+    assert (found.held_out["viscosity_shift"] > 0.0) == everywhere
+    assert unproven(found, fit.physics) == (None if everywhere else "viscosity_shift")
+
+
+@pytest.mark.parametrize(("strength", "times", "hint"), [(4.0, 0.5, True), (9.0, 0.5, False), (4.0, 8.0, False)])
+def test_a_weak_suspect_is_a_hint(strength, times, hint):
+    suspect = Suspect("pilot_leakage", 1e-9, "m^3/(s sqrt(Pa))", 3.0, times, strength)
+    assert suspect.hint == hint
+    assert ("it is a hint, no misfit" in " ".join(suspect_sentences((suspect,)))) == hint
 
 
 def test_left_out_rows_are_predicted_as_by_a_refit():

@@ -6,7 +6,7 @@ import numpy as np
 from helpers.small_bench import REACH, conditions_only
 
 from thermohyd.effects.library import EFFECTS
-from thermohyd.identify.fitting.library import coupled, expensive_to_compile, library_for, stores
+from thermohyd.identify.fitting.library import coupled, expensive_to_compile, library_for, relative_cost, stores
 
 
 STORED = {"port_compliance_a", "port_compliance_b"}
@@ -61,3 +61,10 @@ def test_programs():
     assert not expensive_to_compile(("throttle_heating", "hysteresis"))
     assert not expensive_to_compile(("supply_droop", "cross_port_leakage"))
     assert expensive_to_compile(("supply_droop", "port_compliance_a"))
+
+
+def test_what_ties_ports_and_rows_together_costs_more():
+    cost = relative_cost
+    assert cost(()) == cost(("hysteresis", "throttle_heating")) == 1.0
+    lines, stored = ("hysteresis", "supply_droop"), ("hysteresis", "port_compliance_a")
+    assert 1.0 < cost(lines) < cost(stored) < cost((*lines, *stored))

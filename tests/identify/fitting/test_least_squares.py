@@ -48,6 +48,20 @@ def test_a_start_on_the_limit_leaves_it() -> None:
     np.testing.assert_allclose(result.p, [2.0, 0.7, 0.3], atol=0.1)
 
 
+def test_a_search_that_promises_no_lower_end_is_given_up() -> None:
+    """Near its optimum a search says where it will end: beside a better one known it need not go there."""
+    data = decay_data(0, 2.0, 0.7, 0.3)
+    best = solve(decay, decay_boxes((0.3, 4.0, 1.5)), data)
+    for enough in (0.9 * best.cost, 0.999 * best.cost):
+        given_up = solve(decay, decay_boxes((0.3, 4.0, 1.5)), data, enough=enough)
+        assert not given_up.converged
+        assert given_up.steps < best.steps
+        assert best.cost < given_up.cost
+    again = solve(decay, decay_boxes((0.3, 4.0, 1.5)), data, enough=1.001 * best.cost)
+    assert again.converged
+    assert again.cost == best.cost
+
+
 @settings(max_examples=40)
 @given(
     seed=st.integers(0, 1000),
