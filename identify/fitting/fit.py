@@ -282,8 +282,8 @@ class StaticSearch:
         for i, value in (held or {}).items():
             boxes[i] = Box(boxes[i].name, value, boxes[i].scale, value, value, held=True)
         tolerance = PROFILE_CLOSE_ENOUGH if held else CLOSE_ENOUGH
-        close = {"tolerance": tolerance, "believe": BELIEVE_BELOW, "enough": enough}
-        return solve(residual_of(self.free), boxes, args, start, **close)
+        residual = residual_of(self.free)
+        return solve(residual, boxes, args, start, tolerance=tolerance, believe=BELIEVE_BELOW, enough=enough)
 
     def basin_hopping(self, best: LeastSquaresResult, noise: dict[Key, ChannelNoise]) -> LeastSquaresResult:
         args = self.args(noise)
