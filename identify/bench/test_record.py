@@ -46,8 +46,15 @@ class Channel:
     freedom: float = np.inf
     # Standard deviation that the position's noise adds to each reading, by the curve's slope; None: positions count as exact.
     position_part: np.ndarray | None = None
+    # What was added to each reading as it was taken along its curve to the smooth sweep's position; None: they are as read.
+    moved: np.ndarray | None = None
     # What made the signal behind it, where a fit estimates that; `value` and `std` are then signals if its gain is free.
     sensor: Sensor | None = None
+
+    @property
+    def as_read(self) -> np.ndarray:
+        """The readings at the positions that were read, rounded as the file has them (rows,)."""
+        return self.value if self.moved is None else self.value - self.moved
 
     @property
     def signal(self) -> str:

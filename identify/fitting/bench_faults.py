@@ -237,8 +237,8 @@ def _elapsed(test: TestRecord) -> np.ndarray | None:
     clock, end = np.zeros(test.rows), 0.0
     for a, b in piece_bounds(test.run):
         own = test.time[a:b]
-        # A clock that starts again with every run says nothing of the pauses.
-        clock[a:b] = own if own[0] >= end and a > 0 else own - own[0] + end
+        # A clock that starts again with every run says nothing of the pauses; one that goes on need not begin at zero.
+        clock[a:b] = own if a == 0 or own[0] >= end else own - own[0] + end
         end = float(clock[a:b].max())
     span = float(np.ptp(clock))
     return (clock - clock.min()) / span if span > 0.0 else None

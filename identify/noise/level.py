@@ -271,7 +271,7 @@ FROM_RESIDUALS = "taken from the fit's residuals"
 def initial_noise(test: TestRecord, channel: Channel) -> ChannelNoise:
     """The noise known before any fit; where nothing is known, a first guess from neighbouring rows."""
     # Positions are left out of it: in a table of a few hundred rows an even grid is a choice, not a rounding.
-    floor = local_steps(channel.value) / np.sqrt(12.0)
+    floor = local_steps(channel.as_read) / np.sqrt(12.0)
     part = np.zeros(test.rows) if channel.position_part is None else channel.position_part
     if channel.std is not None:
         std = np.hypot(np.maximum(channel.std, floor), part)

@@ -244,7 +244,7 @@ def _outliers_fault(test: TestRecord, name: str, rows: Mapping[int, float], mask
     channel = test.channel(name)
     unit = reading_unit(name, channel.signal)
     worst = max(rows, key=lambda row: rows[row])
-    reading = f"{significant(float(channel.value[worst]) * unit.factor, 3)} {unit.label}"
+    reading = f"{significant(float(channel.as_read[worst]) * unit.factor, 3)} {unit.label}"
     what = "one row lies" if len(rows) == 1 else f"{len(rows)} rows lie"
     who = "" if len(rows) == 1 else "the worst "
     then = "left out of the fit" if masked else "so many are no outliers: they stay, and the noise is not normal"
@@ -343,7 +343,14 @@ def _without(test: TestRecord, rows: list[int]) -> TestRecord:
     kept[rows] = False
     cut = lambda column: None if column is None else column[kept]
     channels = tuple(
-        replace(c, value=c.value[kept], std=cut(c.std), rounding=cut(c.rounding), position_part=cut(c.position_part))
+        replace(
+            c,
+            value=c.value[kept],
+            std=cut(c.std),
+            rounding=cut(c.rounding),
+            position_part=cut(c.position_part),
+            moved=cut(c.moved),
+        )
         for c in test.channels
     )
     if isinstance(test, DynamicTest):

@@ -78,7 +78,7 @@ def sweep_axis(test: TestRecord) -> np.ndarray:
     """What a log sweeps: the position, or the imposed load pressure where the position is held and the load varies."""
     if test.load_pressure is None:
         return test.spool_position
-    travel = [float(np.sum(np.abs(np.diff(_medians(a))))) / max(float(np.ptp(a)), 1e-300) if np.ptp(a) > 0 else 0.0
+    travel = [float(np.sum(np.abs(np.diff(running_medians(a))))) / max(float(np.ptp(a)), 1e-300) if np.ptp(a) > 0 else 0.0
               for a in (test.spool_position, test.load_pressure)]  # fmt: skip
     return test.spool_position if travel[0] >= travel[1] else test.load_pressure
 
@@ -130,7 +130,7 @@ def condition_ids(test: TestRecord, window: int = 15) -> np.ndarray:
     most = max(10, test.rows // (500 if window > 1 else 2))  # a column that never rests must not shred the log
     for values, step in columns:
         if np.ptp(values) > step:
-            cuts[_cuts(_medians(values, window), step, most)] = 1
+            cuts[_cuts(running_medians(values, window), step, most)] = 1
     return np.cumsum(cuts)
 
 
@@ -167,7 +167,7 @@ def _cuts(values: np.ndarray, step: float, most: int) -> list[int]:
         step *= 2.0
 
 
-def _medians(values: np.ndarray, window: int = 5) -> np.ndarray:
+def running_medians(values: np.ndarray, window: int = 5) -> np.ndarray:
     """Running median over an odd number of rows, which keeps steps where they are."""
     if window == 1 or len(values) < window:
         return values

@@ -174,7 +174,7 @@ def reduce_test(test: TestRecord, *, max_points: int = 600, log_rows: int = LOG_
     was found.
     """
     if not is_raw_log(test, max_points=max_points, log_rows=log_rows):
-        return as_measured(test)
+        return as_measured(test, along_curve=True)
     test = without_outliers_in_log(test)
     pieces, direction = monotone_pieces(test)
     axis = sweep_axis(test)

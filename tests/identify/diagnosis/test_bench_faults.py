@@ -89,6 +89,16 @@ def test_a_fault_is_no_effect_of_the_valve(name):
     assert "|" not in json.dumps(result.model.__dict__, default=str)
 
 
+def test_the_clock_of_a_drift_is_the_bench_s_where_it_goes_on_from_run_to_run():
+    """A bench that reads several tests in a row starts none of their clocks at zero."""
+    test = small_record().tests["leakage"]
+    assert test.time is not None
+    going_on = replace(test, time=1000.0 + 40.0 * test.run + test.time / 100.0)
+    fault = next(f for f in faults_of({"leakage": going_on}).values() if f.kind == "reading_drift")
+    time = np.asarray(going_on.time)
+    np.testing.assert_allclose(fault.shapes["leakage"], fault.size * (time - time[0]) / np.ptp(time), rtol=1e-12)
+
+
 def test_a_fault_and_an_effect_are_both_found():
     result = diagnosed(zeroed_anew, effects={"hysteresis": 1e-6, "flowmeter_offset": 2e-7}, seed=2)
     assert result.verdict == "named"
