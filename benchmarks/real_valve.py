@@ -132,9 +132,8 @@ def main() -> None:
     record = read_record(RECORD)
     if options.diagnose:
         result = diagnose(record)
-        print(
-            f"{result.seconds:.0f} s\n{result.summary()}".replace(str(RECORD), RECORD.name)
-        )  # no folder of this machine
+        said = result.summary().replace(str(RECORD), RECORD.name)  # a page names no folder of one machine
+        print(f"{result.seconds:.0f} s\n{said}")
         return
     found = [answer for law in options.laws for answer in left_out(record, law)]
     if options.out is not None:
