@@ -57,7 +57,7 @@ def as_measured(test: TestRecord, *, along_curve: bool = False) -> TestRecord:
     no noise.
 
     along_curve: for a fit. Positions go to the smooth sweep, and each reading goes with its own along the slope of its curve
-    (`_along_curve`); else positions stay as read.
+    (`_with_parts`); else positions stay as read.
     """
     stated = test.position_std
     if test.in_motion or sweep_axis(test) is not test.spool_position:
@@ -78,7 +78,7 @@ def as_measured(test: TestRecord, *, along_curve: bool = False) -> TestRecord:
     if beyond == 0.0:
         gain = _followed(test, lines, pieces)
         if abs(gain) <= MOVED:
-            return _along_curve(_with_parts(swept, noise, lines.value, pieces), lines, pieces, along_curve)
+            return _with_parts(swept, noise, lines.value, pieces, along_curve=along_curve)
         return swept if gain > 0.0 else _unrounded(swept, lines, rounding, pieces)
     if stated is None:
         if _followed(test, lines, pieces) > MOVED:
@@ -89,7 +89,7 @@ def as_measured(test: TestRecord, *, along_curve: bool = False) -> TestRecord:
             "sees each reading on the smooth sweep, taken there along its curve"
         )
         swept = replace(swept, notes=(*test.notes, note))
-    return _along_curve(_with_parts(swept, noise, lines.value, pieces), lines, pieces, along_curve)
+    return _with_parts(swept, noise, lines.value, pieces, along_curve=along_curve)
 
 
 def _unrounded(test: TestRecord, lines: _Lines, rounding: float, pieces: np.ndarray) -> TestRecord:
@@ -109,29 +109,32 @@ def _ways(test: TestRecord) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _with_parts(
-    test: TestRecord, noise: np.ndarray | float | None, along: np.ndarray, pieces: np.ndarray
+    test: TestRecord,
+    noise: np.ndarray | float | None,
+    along: np.ndarray,
+    pieces: np.ndarray,
+    *,
+    along_curve: bool = False,
 ) -> TestRecord:
-    """What noise of the positions adds to each reading's, by its curve's slope over the smoother positions `along` (rows,)."""
+    """What noise of the positions adds to each reading's, by its curve's slope over the smoother positions `along` (rows,).
+
+    along_curve: positions go there too, and each reading with its own by that slope. To first order of the noise the misfit of
+    every row stays what it is, and so does its noise: a line that is aside shifts no sweep. But the slopes of the model no longer
+    scatter with the positions' noise, which the misfit has in it as well. Where the readings' noise remembers many rows, a fit
+    sees changes from row to row, and the two look alike: of a valve with nothing wrong, read 12,000 times, curves without
+    meaning explained chi-square 85 so.
+    """
     if noise is None or not np.any(noise):
         return test
-    part = lambda channel: noise * np.abs(_slopes(along, channel.value, pieces))
-    return replace(test, channels=tuple(replace(channel, position_part=part(channel)) for channel in test.channels))
-
-
-def _along_curve(test: TestRecord, lines: _Lines, pieces: np.ndarray, wanted: bool) -> TestRecord:
-    """The test at the positions of its lines, each reading moved with its own by the slope of its curve.
-
-    To first order of the noise the misfit of every row stays what it is, and so does its noise: a line that is aside shifts no
-    sweep. But the slopes of the model no longer scatter with the positions' noise, which the misfit has in it as well. Where
-    the readings' noise remembers many rows, a fit sees changes from row to row, and the two look alike: of a valve with
-    nothing wrong, read 12,000 times, curves without meaning explained chi-square 85 so.
-    """
-    if not wanted:
-        return test
-    aside = np.where(lines.found, lines.value - test.spool_position, 0.0)
-    moved = (_slopes(lines.value, channel.value, pieces) * aside for channel in test.channels)
-    channels = (replace(c, value=c.value + move, moved=move) for c, move in zip(test.channels, moved, strict=True))
-    return replace(test, spool_position=test.spool_position + aside, channels=tuple(channels))
+    channels = []
+    for channel in test.channels:
+        slope = _slopes(along, channel.value, pieces)
+        found = replace(channel, position_part=noise * np.abs(slope))
+        if along_curve:
+            move = slope * (along - test.spool_position)
+            found = replace(found, value=channel.value + move, moved=move)
+        channels.append(found)
+    return replace(test, channels=tuple(channels), spool_position=along if along_curve else test.spool_position)
 
 
 def _slopes(along: np.ndarray, value: np.ndarray, pieces: np.ndarray) -> np.ndarray:
