@@ -196,9 +196,19 @@ class Problem:
         boxes = [self._box(name, begin[i], name in free) for i, name in enumerate(order)]
         both, cost = self._both(programs, order), relative_cost(chosen)
 
-        def from_point(point: np.ndarray, closeness: float = CLOSE_TO_COMPARE) -> LeastSquaresResult:
+        def from_point(
+            point: np.ndarray, enough: float = np.inf, *, closeness: float = CLOSE_TO_COMPARE
+        ) -> LeastSquaresResult:
             result = solve(
-                None, boxes, None, point, tolerance=closeness, max_steps=most_steps, both=both, believe=BELIEVE
+                None,
+                boxes,
+                None,
+                point,
+                tolerance=closeness,
+                max_steps=most_steps,
+                both=both,
+                believe=BELIEVE,
+                enough=enough,
             )
             self.work.evaluations += result.steps + 1
             self.work.cost += cost * (result.steps + 1)

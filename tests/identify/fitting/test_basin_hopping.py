@@ -2,7 +2,9 @@
 
 import jax.numpy as jnp
 import numpy as np
+from helpers.small_diagnosis import small_case
 
+from thermohyd.identify.fitting import problem
 from thermohyd.identify.fitting.boxes import Box
 from thermohyd.identify.fitting.least_squares import solve
 from thermohyd.identify.fitting.starts import basin_hopping, on_a_kink
@@ -59,3 +61,20 @@ def test_a_steep_end_is_not_taken_for_a_kink():
     endless = type(end)(**{**end.__dict__, "exhausted": False})
     assert on_a_kink(endless) is endless
     assert np.isfinite(end.cost)
+
+
+def test_hops_of_a_diagnosis_go_as_far_as_its_other_refits(monkeypatch):
+    """They know the cost that they must promise, and stop where they can be compared: not after a step."""
+    case = small_case("nothing")
+    asked = []
+
+    def noted(*args, **limits):
+        asked.append((limits["tolerance"], limits["enough"]))
+        return solve(*args, **limits)
+
+    monkeypatch.setattr(problem, "solve", noted)
+    fit = case.problem.fit(start=case.base.values, hop_basins=True)
+    tolerances, enough = zip(*asked, strict=True)
+    assert max(tolerances) <= problem.CLOSE_TO_COMPARE
+    assert sum(np.isfinite(enough)) >= 2
+    assert max(e for e in enough if np.isfinite(e)) < 2.0 * fit.chi2
