@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from .flow_balance import eliminate
-from .numerics import linear_recursion
+from .numerics import linear_recursion, recursion_in_blocks
 
 
 # Radau IIA of order 5 (Hairer and Wanner, Solving Ordinary Differential Equations II, table IV.5.6): stiffly accurate, so that
@@ -145,19 +145,10 @@ def _chained(after: Float[Array, "ports 2 rows"], before: Float[Array, "ports 2 
 
 
 def along_rows(carried: Float[Array, "ports 2 rows"], source: Float[Array, "2 rows"]) -> Float[Array, "2 rows"]:
-    """y_i = carried_i y_(i-1) + source_i, y = 0 before the first row, by recursive doubling (as `linear_recursion`)."""
+    """y_i = carried_i y_(i-1) + source_i, y = 0 before the first row."""
     if carried.shape[0] == 1:
         return linear_recursion(carried[0], source)
-    rows = source.shape[-1]
-
-    def double(i: Array, carry: tuple[Array, Array]) -> tuple[Array, Array]:
-        reach, so_far = carry
-        step = 2**i
-        before = lambda values: jnp.where(jnp.arange(rows) >= step, jnp.roll(values, step, axis=-1), 0.0)
-        return _chained(reach, before(reach)), so_far + _follow(reach, before(so_far))
-
-    doublings = max(rows - 1, 1).bit_length()
-    return jax.lax.fori_loop(0, doublings, double, (carried, source))[1]
+    return recursion_in_blocks(carried, source, jnp.eye(2)[:, :, None], _follow, _chained)
 
 
 def of_rows(change: Array, follows: Array, mesh: Mesh, substeps: int) -> tuple[Array, Array]:

@@ -1,10 +1,11 @@
 """Numerics that every part shares: compiling with XLA options that this release knows, double precision, linear recursions.
 
 Single precision is refused, because it gives wrong fits without any sign of it. A linear recursion along the rows of a sweep is
-done in a few doublings: cheap to compile, cheap to run, differentiable.
+run in blocks side by side: cheap to compile, cheap to run, differentiable.
 """
 
 import functools
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -70,19 +71,48 @@ def require_float64(what: str) -> None:
 def linear_recursion(
     keep: Float[Array, "*#lead rows"], source: Float[Array, "*#lead rows"]
 ) -> Float[Array, "*#lead rows"]:
-    """y with y_i = keep_i y_(i-1) + source_i along the last axis, y = 0 before the first row.
+    """y with y_i = keep_i y_(i-1) + source_i along the last axis, y = 0 before the first row."""
+    return recursion_in_blocks(keep, source, jnp.ones(()), jnp.multiply, jnp.multiply)
 
-    Recursive doubling in one loop (Hillis and Steele, Communications of the ACM 29, 1986): of logarithmic depth like
-    `jax.lax.associative_scan`, but one loop body to compile instead of one tree for every call.
+
+def recursion_in_blocks(
+    keep: Float[Array, "... rows"],
+    source: Float[Array, "... rows"],
+    one: Float[Array, "..."],
+    follow: Callable[[Array, Array], Array],
+    chain: Callable[[Array, Array], Array],
+) -> Float[Array, "... rows"]:
+    """y of the shape of `source` with y_i = follow(keep_i, y_(i-1)) + source_i along the last axis, y = 0 before the first row.
+
+    follow: keep times y; chain: one keep after another; both also of several rows at once; `one`: the keep that changes nothing.
+    Blocks of rows are run through side by side from 0, then the blocks one behind the other, and each row is given what its
+    block began with: three passes over the values, however many rows. Recursive doubling takes one per factor of two, 4 to 15
+    times as long for 36 columns of 1,000 to 20,000 rows.
     """
-    keep = jnp.broadcast_to(keep, source.shape)
-    rows = jnp.arange(source.shape[-1])
+    rows = source.shape[-1]
+    length = max(math.isqrt(rows), 1)
+    blocks = -(-rows // length)
 
-    def double(i: Array, carry: tuple[Array, Array]) -> tuple[Array, Array]:
-        reach, so_far = carry
-        step = 2**i
-        before = lambda values: jnp.where(rows >= step, jnp.roll(values, step, axis=-1), 0.0)
-        return reach * before(reach), so_far + reach * before(so_far)
+    def in_blocks(values: Array) -> Array:
+        filled = jnp.concatenate(
+            [values, jnp.zeros((*values.shape[:-1], blocks * length - rows), values.dtype)], axis=-1
+        )
+        return jnp.moveaxis(filled.reshape(*values.shape[:-1], blocks, length), -1, 0)
 
-    doublings = max(source.shape[-1] - 1, 1).bit_length()
-    return jax.lax.fori_loop(0, doublings, double, (keep, source))[1]
+    def next_row(
+        before: tuple[Array, Array], row: tuple[Array, Array]
+    ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+        reach, own = chain(row[0], before[0]), follow(row[0], before[1]) + row[1]
+        return (reach, own), (reach, own)
+
+    def next_block(start: Array, block: tuple[Array, Array]) -> tuple[Array, Array]:
+        return follow(block[0], start) + block[1], start
+
+    keeps, sources = in_blocks(keep), in_blocks(source)
+    begin = jnp.broadcast_to(one, keeps.shape[1:]).astype(keeps.dtype), jnp.zeros_like(sources[0])
+    _, (reach, own) = jax.lax.scan(next_row, begin, (keeps, sources))
+    ends = [jnp.moveaxis(values[-1], -1, 0)[..., None] for values in (reach, own)]
+    _, starts = jax.lax.scan(next_block, jnp.zeros_like(ends[1][0]), tuple(ends))
+    begun = jnp.moveaxis(starts[..., 0], 0, -1)
+    found = jax.vmap(lambda reach: follow(reach, begun))(reach) + own
+    return jnp.moveaxis(found, 0, -1).reshape(*source.shape[:-1], -1)[..., :rows]

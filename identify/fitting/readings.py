@@ -21,7 +21,7 @@ from thermohyd.identify.reduction.monotone_pieces import run_ids
 
 from .bench_faults import BenchFault, corrected
 from .library import Library, coupled, stores, with_heat
-from .library_program import LibraryArgs, RowTerms, library_program, order_of
+from .library_program import LibraryArgs, RowTerms, library_program, library_residual, order_of
 from .parameters import PARAMETERS, ParameterPlan
 from .static_readings import (
     FIELDS,
@@ -153,7 +153,8 @@ class StaticReadings:
             moved = lambda by: self._moved(args, dict(zip(faults, (amounts + by).tolist(), strict=True)))
             residual, columns, by_row = both(own, moved(0.0))
             if any(stores(name) for name in program):  # a row's readings are of the rows before it, too
-                slopes = [(both(own, moved(step))[0] - residual) / step.sum() for step in steps]
+                alone = library_residual(program)
+                slopes = [(alone(own, moved(step)) - residual) / step.sum() for step in steps]
             else:
                 by_row = np.asarray(by_row)
                 slopes = [self._of_rows(fault, by_row[place[fault.info.moves]], white) for fault in faults]

@@ -226,16 +226,26 @@ class BoxedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         step = boxed_step(z, linearised, used, radius, lower, upper, held)
         after = linearised.triangle @ step + linearised.projection
         failed = state.first & ~finite
+        predicted = jnp.sum((linearised.projection - after) * (linearised.projection + after))
+        # Where trials fail at every length the model has a kink. A shorter one that promises no more than the offset at which a
+        # search stops leaves unclaimed is not worth its evaluation.
+        unclaimed = (linearised.cost - promised) * (options["tolerance"] / offset) ** 2
+        fruitless = ~accept & (predicted <= unclaimed)
         new = State(
             first=jnp.array(False),
             trial=jnp.clip(z + step, lower, upper),
-            predicted=jnp.sum((linearised.projection - after) * (linearised.projection + after)),
+            predicted=predicted,
             linearised=linearised,
             size=size,
             radius=radius,
             offset=offset,
             evaluations=state.evaluations + 1,
-            done=failed | (accept & ((offset <= options["tolerance"]) | small | stuck)) | lost | settled | hopeless,
+            done=failed
+            | (accept & ((offset <= options["tolerance"]) | small | stuck))
+            | lost
+            | settled
+            | fruitless
+            | hopeless,
             result=optx.RESULTS.successful,
         )
         return z, new

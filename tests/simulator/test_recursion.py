@@ -1,10 +1,11 @@
-"""The recursion by doublings against a plain loop, and its derivatives."""
+"""Linear recursions along rows against a plain loop, and their derivatives."""
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from thermohyd.chain_in_time import along_rows
 from thermohyd.numerics import linear_recursion
 
 
@@ -32,6 +33,18 @@ def test_each_lead_may_have_its_own_keep():
     np.testing.assert_allclose(
         linear_recursion(jnp.asarray(keep), jnp.asarray(source)), plain(keep, source), atol=1e-13
     )
+
+
+@pytest.mark.parametrize("rows", [1, 2, 7, 30])
+def test_two_ports_that_follow_each_other(rows):
+    rng = np.random.default_rng(rows)
+    carried, source = rng.uniform(-0.7, 0.7, (2, 2, rows)), rng.standard_normal((2, rows))
+    y, expected = np.zeros(2), []
+    for row in range(rows):
+        y = carried[..., row] @ y + source[:, row]
+        expected.append(y)
+    found = along_rows(jnp.asarray(carried), jnp.asarray(source))
+    np.testing.assert_allclose(found, np.transpose(expected), atol=1e-13)
 
 
 def test_nothing_passes_a_keep_of_zero():

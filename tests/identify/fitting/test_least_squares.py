@@ -181,6 +181,20 @@ def test_a_search_does_not_grope_in_what_a_model_is_known_to() -> None:
         np.testing.assert_allclose(result.p, smooth.p, rtol=1e-3)
 
 
+def test_a_search_on_a_kink_ends_where_shorter_steps_promise_nothing() -> None:
+    """Beside a kink trials fail at every length; halved down to rounding they took twice as many evaluations as these."""
+    data = decay_data(3, 2.0, 0.7, 0.3)
+
+    def kinked(p: jax.Array, values: jax.Array) -> jax.Array:
+        return jnp.concatenate([decay(p, values), 0.3 + 3.0 * jnp.abs(p[2:] - 0.4)])
+
+    to_rounding = solve(kinked, decay_boxes(), data)
+    result = solve(kinked, decay_boxes(), data, tolerance=1e-2)
+    assert result.steps < 0.6 * to_rounding.steps
+    assert result.cost < to_rounding.cost * (1.0 + 1e-4)
+    assert not result.converged
+
+
 def test_single_precision_is_refused_in_one_sentence() -> None:
     jax.config.update("jax_enable_x64", False)
     try:

@@ -12,7 +12,13 @@ from helpers.small_bench import VALVE, conditions_only, record_of
 from thermohyd.effects.edges import PortComplianceA
 from thermohyd.effects.library import with_effects
 from thermohyd.identify.fitting.library import library_for
-from thermohyd.identify.fitting.library_program import LibraryArgs, RowTerms, order_of, residual_and_columns
+from thermohyd.identify.fitting.library_program import (
+    LibraryArgs,
+    RowTerms,
+    order_of,
+    residual_alone,
+    residual_and_columns,
+)
 from thermohyd.identify.fitting.parameters import PARAMETERS
 from thermohyd.identify.fitting.static_readings import (
     base_valve,
@@ -72,11 +78,13 @@ def test_columns_against_forward_mode():
         program = jax.jit(lambda p: residual_and_columns(EFFECTS, p, args))
         residual, columns, _ = program(point)
         before, of_none, _ = program(neutral)
+        alone = jax.jit(lambda p: residual_alone(EFFECTS, p, args))(point)
         look = jax.jit(lambda c: columns_of_stored(EFFECTS[:1], EFFECTS[1:], point[:-2], c, args))
         seen, of_amounts = look(point[-2:])
         seen_before, of_neutral = look(jnp.zeros(2))
         expected, slopes = jax.jit(lambda p: (plainly(p), jax.jacfwd(plainly)(p)))(point)
     np.testing.assert_allclose(residual, expected, atol=1e-6 * float(jnp.max(jnp.abs(expected))))
+    np.testing.assert_allclose(alone, residual, atol=1e-9 * float(jnp.max(jnp.abs(expected))))
     for name, own, other in zip(order_of(EFFECTS), columns, slopes.T, strict=True):
         size = float(jnp.max(jnp.abs(other)))
         assert np.all(np.isfinite(np.asarray(own)))
