@@ -6,6 +6,7 @@ run in blocks side by side: cheap to compile, cheap to run, differentiable.
 
 import functools
 import math
+import os
 from collections.abc import Callable
 from typing import Any
 
@@ -35,8 +36,9 @@ def _known(name: str, value: Any) -> bool:
 
 
 def known_options(options: dict[str, Any]) -> dict[str, Any]:
-    """Those of the options of XLA that this release knows."""
-    return {name: value for name, value in options.items() if _known(name, value)}
+    """Those of the options of XLA that this release knows, without those that the user's XLA_FLAGS say."""
+    said = os.environ.get("XLA_FLAGS", "")
+    return {name: value for name, value in options.items() if f"--{name}=" not in said and _known(name, value)}
 
 
 def jitted(function: Callable, options: dict[str, Any]) -> Any:

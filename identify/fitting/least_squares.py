@@ -19,7 +19,14 @@ import optimistix as optx
 from thermohyd.numerics import require_float64
 
 from .boxes import Box, Boxes, free_values
-from .trust_region import BoxedLevenbergMarquardt, State, gram_schmidt
+from .trust_region import (
+    BoxedLevenbergMarquardt,
+    Linearisation,
+    State,
+    fall_of_cost,
+    gram_schmidt,
+    reduced_on_host,
+)
 
 
 # Their criterion, in units of the parameters' own standard errors: an optimum missed by a thousandth of one.
@@ -162,37 +169,65 @@ def _compiled(residual: Residual, boxes: Boxes, z: Any, args: Any, tolerance: An
     state = solution.state
     physical, slope = boxes.physical(solution.value), boxes.slope(solution.value)
     small = jnp.stack([solution.value, physical, slope, state.size])
-    return small, state.linearised.residual, state.linearised.columns, state.evaluations, state.done
+    return small, state.residual, state.columns, state.evaluations, state.done
+
+
+# Variables of a search that is driven from the host come in multiples of this, so that all searches share few programs.
+VARIABLES = 8
 
 
 @eqx.filter_jit
-def _begin(z: Any, rows: int) -> State:
-    return BoxedLevenbergMarquardt().init(None, z, None, None, jax.ShapeDtypeStruct((rows,), z.dtype), None, None)
+def _begin(z: Any) -> State:
+    return BoxedLevenbergMarquardt().init(None, z, None, None, jax.ShapeDtypeStruct((0,), z.dtype), None, None)
 
 
 @eqx.filter_jit
-def _advance(boxes: Boxes, z: Any, state: State, residual: Any, columns: Any, tolerance: Any, enough: Any) -> Any:
-    """One step of the search from the residual and the physical columns at its trial point."""
+def _advance(
+    boxes: Boxes, z: Any, state: State, gained: Any, finite: Any, reduced: Linearisation, tolerance: Any, enough: Any
+) -> Any:
+    """One step of the search from the linearisation at its trial point: (z, state, the next trial, its physical slopes)."""
     options = {"lower": boxes.lower, "upper": boxes.upper, "tolerance": tolerance, "enough": enough}
-    columns = columns * boxes.slope(state.trial)[:, None]
-    z, state = BoxedLevenbergMarquardt().advance(z, options, state, residual, columns)
-    return z, state, boxes.physical(state.trial)
+    z, state = BoxedLevenbergMarquardt().advance(z, options, state, gained, finite, lambda: reduced)
+    return z, state, boxes.physical(state.trial), boxes.slope(state.trial)
 
 
-def _step_by_step(both: Both, boxes: Boxes, z: Any, args: Any, tolerance: Any, max_steps: int, enough: Any) -> Any:
+def _step_by_step(
+    both: Both, boxes: Sequence[Box], z: np.ndarray, args: Any, tolerance: Any, max_steps: int, enough: Any
+) -> Any:
     """The same as `_compiled`, driven from the host: what takes long to compile is compiled alone, in a quarter of the time
-    that it takes inside a compiled search."""
-    trial = boxes.physical(jnp.asarray(z))
-    residual, columns = both(trial, args)
-    state: State = _begin(jnp.asarray(z), residual.size)
-    for step in range(max_steps):
-        if step:
-            residual, columns = both(trial, args)
-        z, state, trial = _advance(boxes, z, state, residual, columns, tolerance, enough)
-        if bool(state.done):
+    that it takes inside a compiled search. Rows and held variables are no matter of the step: one small program serves all."""
+    moving = np.array([i for i, box in enumerate(boxes) if not box.held], dtype=int)
+    n = len(moving)
+    size = max(-(-n // VARIABLES), 1) * VARIABLES
+    idle = Box("", 0.0, 1.0, 0.0, 0.0, held=True)
+    own = Boxes.of([*(boxes[i] for i in moving), *[idle] * (size - n)])
+    everything = Boxes.of(boxes)
+    free = jnp.asarray(np.append(np.asarray(z, dtype=float)[moving], np.zeros(size - n)))
+    p, slope = np.array(everything.physical(jnp.asarray(z))), np.asarray(own.slope(free))
+    state: State = _begin(free)
+    kept: tuple[np.ndarray, np.ndarray] | None = None
+    for _ in range(max_steps):
+        residual, columns = (np.asarray(part) for part in both(jnp.asarray(p), args))
+        gained = np.asarray(0.0 if kept is None else fall_of_cost(kept[0], residual))
+        reduced = reduced_on_host(columns[moving] * slope[:n, None], residual, size)
+        finite = np.asarray(np.all(np.isfinite(residual)) and np.all(np.isfinite(columns[moving])))
+        free, state, trial, slopes = _advance(own, free, state, gained, finite, reduced, tolerance, enough)
+        accepted, done, trial, slope = jax.device_get((state.accepted, state.done, trial, slopes))
+        if kept is None or accepted:
+            kept = residual, columns
+        p[moving] = trial[:n]
+        if done:
             break
-    small = jnp.stack([jnp.asarray(z), boxes.physical(jnp.asarray(z)), boxes.slope(jnp.asarray(z)), state.size])
-    return small, state.linearised.residual, state.linearised.columns, state.evaluations, state.done
+    assert kept is not None
+    end = np.array(z, dtype=float)
+    end[moving] = np.asarray(free)[:n]
+    residual, columns = kept
+    columns = columns * np.asarray(everything.slope(jnp.asarray(end)))[:, None]
+    lengths = np.sqrt(np.sum(columns**2, axis=1))
+    lengths[moving] = np.asarray(state.size)[:n]
+    whole = jnp.asarray(end)
+    small = np.stack([end, np.asarray(everything.physical(whole)), np.asarray(everything.slope(whole)), lengths])
+    return small, residual, columns, state.evaluations, state.done
 
 
 def solve(
@@ -225,7 +260,7 @@ def solve(
         assert residual is not None
         out = _compiled(residual, Boxes.of(boxes), begin, args, *limits)
     else:
-        out = _step_by_step(both, Boxes.of(boxes), begin, args, *limits)
+        out = _step_by_step(both, boxes, begin, args, *limits)
     small, values, columns, evaluations, done = jax.device_get(out)
     z, p, slope, size = small
     steps = int(evaluations) - 1

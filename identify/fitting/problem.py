@@ -10,7 +10,6 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 
 from thermohyd.identify.bench.record import BenchRecord
@@ -237,7 +236,7 @@ class Problem:
     ) -> Fit:
         order = self._order(programs, present)
         point = np.array([values.get(n, self.plans[n].start if n in self.plans else 0.0) for n in order], dtype=float)
-        residual, columns = (np.asarray(part) for part in self._both(programs, order)(point, None))
+        residual, columns = self._both(programs, order)(point, None)
         still = np.zeros(len(point), dtype=int)
         cost = float(np.sum(residual**2))
         result = LeastSquaresResult(point, point, point, cost, residual, columns.T, still, True, "", 0, 0.0)
@@ -336,7 +335,7 @@ class Problem:
                 residuals.append(residual)
                 blocks.append(block)
             residuals.append((vector[:count] - value) * weight)
-            return jnp.asarray(np.concatenate(residuals)), jnp.asarray(np.concatenate([*blocks, slopes], axis=1))
+            return np.concatenate(residuals), np.concatenate([*blocks, slopes], axis=1)
 
         return both
 

@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 
 from thermohyd.effects.library import classes_of, with_effects
 from thermohyd.identify.noise.whitening import whiten
-from thermohyd.numerics import jitted, known_options
+from thermohyd.numerics import OPTIONS, jitted, known_options
 
 from .library_program import LibraryArgs, filtered, rowwise_valve, split, spread_over_rows
 from .static_readings import STORED_GROUP, groups_of, predict_group
@@ -38,7 +38,7 @@ def storage_columns(
 @functools.cache
 def _compiled(effects: tuple[str, ...], stored: tuple[str, ...], classes: tuple[type, ...]) -> Any:
     del classes
-    options = known_options({"xla_cpu_use_fusion_emitters": False})
+    options = known_options(OPTIONS)
     return jitted(functools.partial(columns_of_stored, effects, stored), options)
 
 

@@ -26,13 +26,12 @@ from jaxtyping import Array, Bool, Float, Int, PyTree, Scalar
 
 
 class Linearisation(NamedTuple):
-    """The problem at an accepted point: R of J = Q R, c = Q'r, and what they say. Cost is r'r."""
+    """The problem at a point as far as a step needs it: R of J = Q R (m, n), c = Q'r, the cost r'r, and m."""
 
-    residual: Float[Array, " m"]
-    columns: Float[Array, "n m"]  # J transposed: its columns lie contiguous in memory
     triangle: Float[Array, "n n"]
     projection: Float[Array, " n"]
     cost: Float[Array, ""]
+    rows: Float[Array, ""]
 
 
 def triangular(columns: Float[Array, "n m"], residual: Float[Array, " m"]) -> tuple[Array, Array]:
@@ -108,7 +107,7 @@ def offset_and_step(linearised: Linearisation, held: Array, size: Array) -> tupl
     step = -(right.T @ (loads / jnp.where(alive, values, 1.0))) / size
     count = jnp.maximum(jnp.sum(alive.astype(values.dtype)), 1.0)
     explained = jnp.sum(loads**2)
-    rest = jnp.maximum(linearised.cost - explained, 0.0) / jnp.maximum(linearised.residual.size - count, 1.0)
+    rest = jnp.maximum(linearised.cost - explained, 0.0) / jnp.maximum(linearised.rows - count, 1.0)
     tiny = jnp.finfo(values.dtype).tiny
     return jnp.sqrt(explained / count / jnp.maximum(rest, tiny)), step, linearised.cost - explained
 
@@ -119,16 +118,38 @@ def linearise(fn: Any, z: Array, args: Any) -> tuple[Array, Array, Any]:
     return jax.vmap(push, out_axes=(None, 0, None))(jnp.eye(z.size, dtype=z.dtype))
 
 
+def fall_of_cost(before: Array | np.ndarray, after: Array | np.ndarray) -> Any:
+    """r'r - s's of two residuals, as (r - s)'(r + s): it loses less where the two are nearly equal."""
+    return ((before - after) * (before + after)).sum()
+
+
+def reduced_on_host(columns: np.ndarray, residual: np.ndarray, size: int) -> Linearisation:
+    """The linearisation of columns (n, m) and residual (m,), with columns of zeros up to `size`; zeros where they are not finite."""
+    n, m = columns.shape
+    triangle, projection = np.zeros((size, size)), np.zeros(size)
+    cost = np.sum(residual**2)
+    if np.isfinite(cost) and np.all(np.isfinite(columns)):
+        _, whole = gram_schmidt(np.vstack([columns, residual]).T)
+        triangle[:n, :n], projection[:n] = whole[:n, :n], whole[:n, n]
+    return Linearisation(jnp.asarray(triangle), jnp.asarray(projection), jnp.asarray(cost), jnp.asarray(float(m)))
+
+
 TRUSTED = 1.0  # relative offset, in standard errors, from which on the linearisation says where a search will end
 NEAR = 5.0  # times the offset at which a search stops: from there on it ends with the first trial that fails
 
 
 class State(eqx.Module):
-    """What `BoxedLevenbergMarquardt` carries from one evaluation to the next."""
+    """What `BoxedLevenbergMarquardt` carries from one evaluation to the next.
+
+    residual, columns: of the last accepted point; empty where who evaluates the model keeps them.
+    """
 
     first: Bool[Array, ""]
+    accepted: Bool[Array, ""]  # whether the last trial was taken
     trial: Float[Array, " n"]
     predicted: Float[Array, ""]  # decrease of the cost that the linearisation promises for `trial`
+    residual: Float[Array, " m"]
+    columns: Float[Array, "n m"]  # J transposed: its columns lie contiguous in memory
     linearised: Linearisation
     size: Float[Array, " n"]  # Marquardt's scaling: largest column norms so far
     radius: Float[Array, ""]
@@ -158,11 +179,12 @@ class BoxedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         zero = jnp.zeros((), kind)
         return State(
             first=jnp.array(True),
+            accepted=jnp.array(False),
             trial=y,
             predicted=zero,
-            linearised=Linearisation(
-                jnp.zeros(m, kind), jnp.zeros((n, m), kind), jnp.zeros((n, n), kind), jnp.zeros(n, kind), zero
-            ),
+            residual=jnp.zeros(m, kind),
+            columns=jnp.zeros((n, m), kind),
+            linearised=Linearisation(jnp.zeros((n, n), kind), jnp.zeros(n, kind), zero, zero),
             size=jnp.zeros(n, kind),
             radius=zero,
             offset=jnp.array(jnp.inf, kind),
@@ -175,31 +197,44 @@ class BoxedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         self, fn: Any, y: Any, args: Any, options: dict[str, Any], state: State, tags: Any
     ) -> tuple[Array, State, Any]:
         residual, columns, aux = linearise(fn, state.trial, args)
-        z, new = self.advance(y, options, state, residual, columns)
+        cost = jnp.sum(residual**2)
+        finite = jnp.isfinite(cost) & jnp.all(jnp.isfinite(columns))
+
+        def reduced() -> Linearisation:
+            triangle, projection = triangular(columns, residual)
+            # A start without finite values is refused on the host; LAPACK's SVD may not return from them.
+            sound = lambda values: jnp.where(finite, values, 0.0)
+            rows = jnp.asarray(residual.size, dtype=cost.dtype)
+            return Linearisation(sound(triangle), sound(projection), cost, rows)
+
+        z, new = self.advance(y, options, state, fall_of_cost(state.residual, residual), finite, reduced)
+        kept = lambda now, before: jnp.where(new.accepted, now, before)
+        new = eqx.tree_at(
+            lambda s: (s.residual, s.columns), new, (kept(residual, state.residual), kept(columns, state.columns))
+        )
         return z, new, aux
 
     def advance(
-        self, y: Array, options: dict[str, Any], state: State, residual: Array, columns: Array
+        self,
+        y: Array,
+        options: dict[str, Any],
+        state: State,
+        gained: Array,
+        finite: Array,
+        reduced: Callable[[], Linearisation],
     ) -> tuple[Array, State]:
-        """Judge the trial by its residual and columns, and make the next one."""
-        cost = jnp.sum(residual**2)
-        finite = jnp.isfinite(cost) & jnp.all(jnp.isfinite(columns))
-        # (r - s)(r + s) loses less than r^2 - s^2 when the two are nearly equal.
-        gained = jnp.sum((state.linearised.residual - residual) * (state.linearised.residual + residual))
+        """Judge the trial, and make the next one.
+
+        gained: the fall of the cost to the trial (`fall_of_cost`); finite: whether all of its residual and columns are; reduced:
+        its linearisation, asked for where the trial is taken.
+        """
         # Below this the costs cannot tell the points apart any more, and the linearisation is the better judge.
         resolution = 1e-12 * state.linearised.cost
         blind = (state.predicted <= resolution) & (jnp.abs(gained) <= 100.0 * resolution)
         ratio = jnp.where(blind, 1.0, gained / jnp.where(state.predicted > 0.0, state.predicted, 1.0))
         accept = state.first | (finite & (state.predicted > 0.0) & (ratio > 1e-4))
         ratio = jnp.where(finite, ratio, -1.0)
-
-        def take() -> Linearisation:
-            triangle, projection = triangular(columns, residual)
-            # A start without finite values is refused on the host; LAPACK's SVD may not return from them.
-            sound = lambda values: jnp.where(finite, values, 0.0)
-            return Linearisation(residual, columns, sound(triangle), sound(projection), cost)
-
-        linearised = jax.lax.cond(accept, take, lambda: state.linearised)
+        linearised = jax.lax.cond(accept, reduced, lambda: state.linearised)
         z = jnp.where(accept, state.trial, y)
         norms = jnp.sqrt(jnp.sum(linearised.triangle**2, axis=0))
         size = jnp.maximum(state.size, norms)
@@ -233,8 +268,11 @@ class BoxedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         fruitless = ~accept & (predicted <= unclaimed)
         new = State(
             first=jnp.array(False),
+            accepted=accept,
             trial=jnp.clip(z + step, lower, upper),
             predicted=predicted,
+            residual=state.residual,
+            columns=state.columns,
             linearised=linearised,
             size=size,
             radius=radius,
