@@ -113,8 +113,8 @@ def recursion_in_blocks(
     keeps, sources = in_blocks(keep), in_blocks(source)
     begin = jnp.broadcast_to(one, keeps.shape[1:]).astype(keeps.dtype), jnp.zeros_like(sources[0])
     _, (reach, own) = jax.lax.scan(next_row, begin, (keeps, sources))
-    ends = [jnp.moveaxis(values[-1], -1, 0)[..., None] for values in (reach, own)]
-    _, starts = jax.lax.scan(next_block, jnp.zeros_like(ends[1][0]), tuple(ends))
+    by_block = lambda values: jnp.moveaxis(values[-1], -1, 0)[..., None]
+    _, starts = jax.lax.scan(next_block, jnp.zeros_like(by_block(own)[0]), (by_block(reach), by_block(own)))
     begun = jnp.moveaxis(starts[..., 0], 0, -1)
     found = jax.vmap(lambda reach: follow(reach, begun))(reach) + own
     return jnp.moveaxis(found, 0, -1).reshape(*source.shape[:-1], -1)[..., :rows]

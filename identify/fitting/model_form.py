@@ -13,7 +13,7 @@ from thermohyd.effects.library import factor_on, find_effect
 from thermohyd.identify.bench.record import BenchRecord
 from thermohyd.identify.bench.test_record import TestRecord
 
-from .library import Library
+from .library import Library, asks_for_more
 from .outcome import Fitted
 from .parameters import ParameterPlan, effect_plan, heat_retention, identified_by_default, plan_parameters, readings_of
 from .problem import Problem
@@ -66,11 +66,14 @@ def refit(problem: Problem, effects: Iterable[str], values: Mapping[str, float])
     """A problem of static tests with the other law, and its fit with the same effects free: from `values` and from the nominal
     edges, over the kinks of the underlap. Noise, priors, rows and learned terms stay as they are.
 
-    The program holds no other effects: nobody searches here, and what is not there need not be compiled.
+    The programs are those of any effects, which other records and the cache on disk share; where they take long to compile, one
+    of these effects alone, since nobody searches here.
     """
     effects = tuple(effects)
-    present = {*effects, str(factor_on("viscosity"))}
-    library = Library(tuple(name for name in problem.library.names if name in present), {})
+    library = problem.library
+    if asks_for_more(effects):
+        present = {*effects, str(factor_on("viscosity"))}
+        library = Library(tuple(name for name in library.names if name in present), {})
     record, plans = _with_plans(problem.record, problem.plans, problem.tests)
     there = replace(problem, record=record, plans=plans, library=library)
     kept = {name: value for name, value in values.items() if name == "null_bias" or name not in there.plans}
