@@ -68,17 +68,18 @@ def mesh_of(need: Float[Array, " rows"], substeps: int) -> Mesh:
 
 
 class Chain(eqx.Module):
-    """What all steps are solved with: C (2, #steps) with 0 at the start of a run, where the ports are steady, and the length of
-    a step [s]."""
+    """What all steps are solved with: C (2, #steps) with 0 at the start of a run, where the ports are steady, the length of
+    a step [s], and the pressures [Pa] before the first one, of no meaning where C is 0 there."""
 
     compliance: Float[Array, "2 steps"]
     step: Float[Array, " steps"]
+    begin: Float[Array, "2"]
 
     def imbalance(
         self, pressure: Float[Array, "nodes 2 steps"], net: Float[Array, "nodes 2 steps"]
     ) -> Float[Array, "nodes 2 steps"]:
         """C (p - p of the start) - step sum A net [m3] of every stage."""
-        return self.compliance * (pressure - _before(pressure[-1])) - self.step * jnp.einsum("kl,lpr->kpr", STAGES, net)
+        return self.compliance * (pressure - self._start(pressure)) - self.step * jnp.einsum("kl,lpr->kpr", STAGES, net)
 
     def condense(
         self, imbalance: Float[Array, "nodes 2 steps"], slope: Float[Array, "nodes ports 2 steps"]
@@ -109,7 +110,7 @@ class Chain(eqx.Module):
     def moves(self, change: Array, follows: Array) -> Float[Array, "nodes 2 steps"]:
         """Changes of all stages, those of the steps before taken along."""
         end = along_rows(follows[-1], change[-1])
-        start = jnp.concatenate([jnp.zeros((2, 1)), end[:, :-1]], axis=1)
+        start = _before(end, jnp.zeros(2))
         return change + jnp.stack([_follow(stage, start) for stage in follows])
 
     def error(
@@ -121,16 +122,21 @@ class Chain(eqx.Module):
     ) -> Float[Array, " steps"]:
         """How much a step misses, by an embedded one of order 3 (Hairer and Wanner, II, IV.8): the pressure at its end as a share
         of `span`, and the flow that this makes as a share of the largest."""
-        start, own = _before(pressure[-1]), slope[-1, 0] if slope.shape[1] == 1 else jnp.einsum("iir->ir", slope[-1])
-        defect = self.step * _before(net[-1]) + self.compliance * jnp.einsum("k,kpr->pr", EMBEDDED, pressure - start)
+        start, own = self._start(pressure), slope[-1, 0] if slope.shape[1] == 1 else jnp.einsum("iir->ir", slope[-1])
+        defect = self.step * _before(net[-1], net[-1, :, 0]) + self.compliance * jnp.einsum(
+            "k,kpr->pr", EMBEDDED, pressure - start
+        )
         missed = jnp.abs(defect / (self.compliance / GAMMA - self.step * own))
         largest = jnp.maximum(jnp.max(jnp.abs(net)), SMALLEST_FLOW)
         return jnp.max(missed * (1.0 / span + jnp.abs(own) / largest), axis=0)
 
+    def _start(self, pressure: Float[Array, "nodes 2 steps"]) -> Float[Array, "2 steps"]:
+        return _before(pressure[-1], self.begin)
 
-def _before(end: Float[Array, "2 steps"]) -> Float[Array, "2 steps"]:
-    """What the step before ended with; of no meaning where a run starts."""
-    return jnp.concatenate([end[:, :1], end[:, :-1]], axis=1)
+
+def _before(end: Float[Array, "2 steps"], begin: Float[Array, "2"]) -> Float[Array, "2 steps"]:
+    """What the step before ended with, `begin` before the first; of no meaning where a run starts."""
+    return jnp.concatenate([begin[:, None], end[:, :-1]], axis=1)
 
 
 def _follow(follows: Float[Array, "ports 2 rows"], start: Float[Array, "2 rows"]) -> Float[Array, "2 rows"]:

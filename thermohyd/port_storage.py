@@ -212,6 +212,14 @@ def _slopes(
     return _Slopes(pressure, net, push(along)[:, None])
 
 
+class PortsBefore(eqx.Module):
+    """Pressures [Pa] of both ports at the first row, where that row ends a piece of a longer log that came before; without
+    `known` the first row is steady, as the start of a run is."""
+
+    pressure: Float[Array, "2"]
+    known: Bool[Array, ""]
+
+
 class StoredPorts(eqx.Module):
     """Ports at every row and the conditions inside the lines, and what the pressures follow: the row before by `carried`
     ((2, 2, rows), or (1, 2, rows) of ports apart), and what depends on the row alone, `source` (2, rows), 0 at the solution."""
@@ -231,6 +239,7 @@ def stored_ports(
     within: Conditions,
     coupling: Coupling,
     push: Float[Array, "2 rows"] | None = None,
+    begun: PortsBefore | None = None,
 ) -> StoredPorts:
     """Both ports closed, with what is stored there.
 
@@ -240,16 +249,23 @@ def stored_ports(
     Rows whose pressures were not found are NaN.
     push [Pa]: takes the place of all that pressures follow, so that every row depends on its own parameters, on its own
     `push` and, through `source`, on nothing else: `along_rows` then makes the whole derivative.
+    begun: the first row goes on from a piece before.
     Raises ValueError where the conditions have no time.
     """
     substeps = max(effect.substeps for effect in coupling.storage)
     sweep = _sweep(read)
     whole = true.supply_pressure - true.return_pressure
-    up, down = true.supply_pressure - steady.pressure, steady.pressure - true.return_pressure
-    upper = up < down
-    away = jnp.where(upper, -1.0, 1.0)
     compliance = sum((effect.compliance() for effect in coupling.storage), start=jnp.zeros((2, 1)))
     compliance = jnp.where(sweep.starts, 0.0, compliance)
+    guess, lasts, begin = steady.pressure, sweep.span, steady.pressure[:, 0]
+    if begun is not None:
+        # C (p - p of the start) = 0 with any C, in no time: the first row stays where it was.
+        begin = jnp.where(begun.known, begun.pressure, begin)
+        compliance = compliance.at[:, 0].set(jnp.where(begun.known, 1.0, compliance[:, 0]))
+        guess, lasts = guess.at[:, 0].set(begin), lasts.at[0].set(jnp.where(begun.known, 0.0, lasts[0]))
+    up, down = true.supply_pressure - guess, guess - true.return_pressure
+    upper = up < down
+    away = jnp.where(upper, -1.0, 1.0)
 
     lost = jnp.zeros_like(away)
     if coupling.lines:
@@ -265,7 +281,7 @@ def stored_ports(
     def laid_out(mesh: Mesh) -> tuple[_Ties, Chain]:
         own, thin, tied, heavy, side = mesh.spread((valve, oil, coupling, compliance, upper))
         ties = jax.vmap(lambda at: _ties(own, thin, true_conditions(own, at), tied, side))(sweep.at(mesh))
-        return ties, Chain(heavy, sweep.span[mesh.owner] * mesh.width)
+        return ties, Chain(heavy, lasts[mesh.owner] * mesh.width, begin)
 
     def search(i: Array, state: tuple[Mesh, Array, Array, Array, Array]) -> tuple[Mesh, Array, Array, Array, Array]:
         """From a mesh, pressures at its nodes, what lines lose there and the need for steps row by row to the same on a mesh that
@@ -302,19 +318,19 @@ def stored_ports(
             moved = jnp.maximum(jnp.max(jnp.abs(own - distance) / span), jnp.max(jnp.abs(lost - loss) / span))
             return own, lost, chain.error(s.pressure, s.balance, s.slope, span), moved, turns + 1
 
-        begin = (distance, loss, jnp.zeros_like(mesh.width), jnp.asarray(jnp.inf), jnp.asarray(0))
-        distance, loss, error, *_ = jax.lax.while_loop(going, turn, begin)
+        first_turn = (distance, loss, jnp.zeros_like(mesh.width), jnp.asarray(jnp.inf), jnp.asarray(0))
+        distance, loss, error, *_ = jax.lax.while_loop(going, turn, first_turn)
         # A step of twice the length would miss by some four times as much where a flow has a kink.
         need = jax.ops.segment_max(error / mesh.width**2, mesh.owner, num_segments=need.shape[0])
         return mesh, jax.vmap(_Ties.pressure)(ties, distance), distance, loss, jnp.where(sweep.starts, 0.0, need)
 
     # First where the steady pressures change most, then where that search missed most.
-    share = steady.pressure / whole
+    share = guess / whole
     need = jnp.where(sweep.starts, 0.0, jnp.max(jnp.abs(jnp.diff(share, prepend=share[:, :1], axis=1)), axis=0))
     mesh = mesh_of(need, substeps)
     none = jnp.zeros((len(PARTS), 2, mesh.owner.size))
-    begin = (mesh, none, none, none, need)
-    mesh, _, distance, loss, _ = jax.lax.stop_gradient(jax.lax.fori_loop(0, 2, search, begin))
+    nothing = (mesh, none, none, none, need)
+    mesh, _, distance, loss, _ = jax.lax.stop_gradient(jax.lax.fori_loop(0, 2, search, nothing))
 
     # One turn more, which moves nothing: by it what the imbalances depend on reaches the pressures.
     ties, chain = laid_out(mesh)

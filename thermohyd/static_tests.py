@@ -15,7 +15,7 @@ from jaxtyping import Array, Float
 from .conditions import Conditions
 from .coupled_ports import coupled_blocked_ports, coupled_connected_ports, coupled_loaded_ports
 from .oil import Oil, density
-from .port_storage import StoredPorts, stored_ports
+from .port_storage import PortsBefore, StoredPorts, stored_ports
 from .ports import Ports, blocked_ports, connected_ports, loaded_ports, return_temperature
 from .valve import Valve, coupling, heat_kept, metering_edges, read_out, true_conditions, true_oil
 
@@ -61,14 +61,33 @@ def blocked_port_readings(valve: Valve, conditions: Conditions) -> dict[str, Flo
     leakage_flow is read in the return (volume at return conditions), supply_flow in the supply (at supply conditions): one
     mass flow unless the ports store oil, which needs conditions with the time of every row.
     """
+    return _blocked_readings(valve, conditions)[0]
+
+
+@eqx.filter_jit
+def blocked_port_readings_after(
+    valve: Valve, conditions: Conditions, before: PortsBefore
+) -> tuple[dict[str, Float[Array, " rows"]], Float[Array, "2"]]:
+    """`blocked_port_readings` of a piece of a longer log, whose ports may store oil, and what the next piece begins with.
+
+    The first row of a piece is the last one of the piece before, at the pressures that this ended with. Second: the pressures
+    of the ports at the last row [Pa].
+    """
+    readings, ports = _blocked_readings(valve, conditions, before)
+    return readings, ports.pressure[:, -1]
+
+
+def _blocked_readings(
+    valve: Valve, conditions: Conditions, before: PortsBefore | None = None
+) -> tuple[dict[str, Float[Array, " rows"]], Ports]:
     true = true_conditions(valve, conditions)
     oil = true_oil(valve)
     ports, inside = blocked_state(valve, oil, true)
     ties = coupling(valve)
     if ties.storage:
-        stored = stored_ports(valve, oil, conditions, true, ports, inside, ties)
+        stored = stored_ports(valve, oil, conditions, true, ports, inside, ties, begun=before)
         ports, inside = stored.ports, stored.inside
-    return _blocked_values(valve, oil, conditions, true, ports, inside)
+    return _blocked_values(valve, oil, conditions, true, ports, inside), ports
 
 
 def stored_port_rows(

@@ -3,7 +3,7 @@
 The simulator's valve is built for the rows of a test: parameters, effects, and learned terms row by row.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, ClassVar
@@ -19,14 +19,14 @@ from rich.console import Console
 
 from thermohyd.conditions import Conditions
 from thermohyd.effects.effect import AbstractReadingEffect
-from thermohyd.effects.library import classes_of, effect, effect_info, factor_on, with_effects
+from thermohyd.effects.library import effect, effect_info
 from thermohyd.identify.bench.columns import column_unit, reading_unit
 from thermohyd.identify.bench.errors import BenchInputError
 from thermohyd.identify.bench.record import BenchRecord
 from thermohyd.identify.bench.test_record import TestRecord
 from thermohyd.identify.bench.units import from_si
 from thermohyd.identify.fitting.starts import reversed_channels, warning_of
-from thermohyd.identify.fitting.static_readings import base_valve, conditions_of, pad, predict, read_by, with_parameters
+from thermohyd.identify.fitting.static_readings import base_valve, conditions_of, pad
 from thermohyd.identify.reduction.reduce import smooth_sweep
 from thermohyd.identify.result import Result
 from thermohyd.numerics import require_float64
@@ -37,6 +37,7 @@ from thermohyd.valve import Valve
 from .fitted_range import COLUMN, Outside, names_of_rows, outside, sentences
 from .learned_terms import ABSOLUTE, term_values
 from .model import Model
+from .pieces import predicted_in_pieces
 from .predict_motion import as_read, as_static, require_actuator, signal_of_reading, unit_of
 from .simulation_output import note_lines, simulation_files, simulation_json, simulation_table, spare_the_record
 
@@ -116,19 +117,6 @@ def row_terms(model: Model, test: TestRecord) -> dict[str, Float[Array, " padded
     return {quantity: pad(change) for quantity, change in found.items()}
 
 
-def with_terms(valve: Valve, terms: dict[str, Float[Array, " rows"]]) -> Valve:
-    """The valve with learned changes of its quantities, one per row."""
-    for quantity, change in terms.items():
-        factor = factor_on(quantity)
-        if factor is not None:
-            valve = with_effects(valve, {factor: change - 1.0})
-            continue
-        own = getattr(valve, quantity)
-        changed = own + change if quantity in ABSOLUTE else own * change
-        valve = with_parameters(valve, (quantity,), changed[None])
-    return valve
-
-
 def require_columns(model: Model, test: TestRecord) -> None:
     """Raise BenchInputError where an effect of the model needs a column that the test does not have."""
     for name in acting_effects(model):
@@ -149,38 +137,6 @@ READINGS = {
     "flow_gain": ("flow",),
     "load_flow": ("flow",),
 }
-# Rows per evaluation: large logs are predicted piece by piece, so that what the balances need of memory stays flat.
-CHUNK = 16384
-
-
-@eqx.filter_jit
-def readings_and_slopes(
-    valve: Valve,
-    free: tuple[str, ...],
-    values: Float[Array, " free"],
-    amounts: dict[str, Array],
-    classes: tuple[type, ...],
-    terms: dict[str, Array],
-    conditions: dict[str, Conditions],
-) -> tuple[dict, dict]:
-    """Every channel's readings, and their derivatives to the free parameters and amounts (one row per reading).
-
-    amounts: of every effect that acts row by row, the free ones too. classes: those behind their names, on which a compiled
-    program depends too. terms: see `row_terms`.
-    """
-    del classes
-
-    def of(v: Float[Array, " free"]) -> dict:
-        changed = {name: v[i] for i, name in enumerate(free)}
-        own = tuple(name for name in free if name not in amounts)
-        of_parameters = with_parameters(valve, own, jnp.stack([changed[name] for name in own])) if own else valve
-        of_effects = with_effects(of_parameters, {name: changed.get(name, a) for name, a in amounts.items()})
-        return predict(with_terms(of_effects, terms), conditions)
-
-    if not free:
-        found = of(values)
-        return found, jax.tree.map(lambda a: a[:, None][:, :0], found)
-    return of(values), jax.jacfwd(of)(values)
 
 
 @eqx.filter_jit
@@ -252,19 +208,6 @@ class Simulation(Result):
         return "" if self.record is None else self.record.source
 
 
-Piece = tuple[Conditions, dict[str, Array]]
-
-
-def _pieces(test: TestRecord, terms: dict[str, Array]) -> Iterator[tuple[slice, Piece]]:
-    whole = conditions_of(test), terms
-    if test.rows <= CHUNK:
-        yield slice(0, test.rows), whole
-        return
-    for first in range(0, test.rows, CHUNK):
-        index = jnp.minimum(jnp.arange(first, first + CHUNK), test.rows - 1)
-        yield slice(first, min(first + CHUNK, test.rows)), jax.tree.map(lambda a, index=index: a[index], whole)
-
-
 def predict_test(model: Model, record: BenchRecord, test: TestRecord) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """{channel: (reading, standard deviation)} for each row of a test, SI units.
 
@@ -283,15 +226,7 @@ def predict_test(model: Model, record: BenchRecord, test: TestRecord) -> dict[st
     valve = valve_without_effects(model, record)
     values = jnp.asarray([model.value(name) for name in rowwise], dtype=float)
     amounts = {name: jnp.asarray(amount) for name, amount in acting.items() if name not in filters}
-    columns = {name: np.empty((1 + len(rowwise), test.rows)) for name in channels}
-    for rows, (conditions, terms) in _pieces(test, row_terms(model, test)):
-        found, slopes = readings_and_slopes(
-            valve, rowwise, values, amounts, classes_of(amounts), terms, {test.name: conditions}
-        )
-        count = rows.stop - rows.start
-        for name in channels:
-            columns[name][0, rows] = np.asarray(found[test.name][read_by(test, name)])[:count]
-            columns[name][1:, rows] = np.asarray(slopes[test.name][read_by(test, name)])[:count].T
+    columns = predicted_in_pieces(valve, rowwise, values, amounts, row_terms(model, test), test, channels)
     out: dict[str, tuple[np.ndarray, np.ndarray]] = {}
     for name in channels:
         slope = dict(zip(("", *rowwise), columns[name], strict=True))  # the reading itself under no name
