@@ -136,6 +136,7 @@ PERFORMANCE = {
     "load_error": "m",
     "null_consumption": "W",
 }
+OF_THE_VALVE = ("null_consumption",)  # those that no jack is in
 _SEEN = ("temperature", *LAWS, "clearance")
 _HEATING = 3  # its place among the causes
 
@@ -162,7 +163,8 @@ def performance_drifts(
 ) -> dict[str, Drift]:
     """{figure: Drift} of the actuator's performance at null over temperatures [K], at supply and return pressures [Pa].
 
-    The figures are those of `thermohyd.performance`; what the bench's instruments add to the valve is left out, as there.
+    The figures are those of `thermohyd.performance`, of an unequal jack those that no jack is in; what the bench's instruments
+    add to the valve is left out, as there.
     Heating is what the oil's viscosity, density, bulk modulus and the clearance leave of the drift: its specific heat, and
     its absolute temperature in throttling and in the isentropic stiffening of the chambers.
 
@@ -178,11 +180,12 @@ def performance_drifts(
     built = without_instruments(valve)
     kelvin = jnp.asarray(temperatures, dtype=float)
     conditions = null_conditions(kelvin, supply_pressure + 0.0 * kelvin, return_pressure + 0.0 * kelvin)
-    value, slopes = _figures(built, actuator, conditions)
+    names = tuple(PERFORMANCE) if actuator.symmetric else OF_THE_VALVE
+    value, slopes = _figures(built, actuator if actuator.symmetric else Actuator(), conditions)
     drifts = {}
     for field in fields(value):
         figure, slope = np.asarray(getattr(value, field.name)), np.array(getattr(slopes, field.name))
-        if field.name not in PERFORMANCE or not figure.all():
+        if field.name not in names or not figure.all():
             continue
         parts = slope[1:]
         parts[-1] *= thermal_growth(built)

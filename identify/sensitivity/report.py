@@ -264,7 +264,7 @@ def sensitivity_page(result: SensitivityResult, figures: dict[str, bytes], versi
         spread=words.spread_row(result),
         drift_columns=words.DRIFT_COLUMNS,
         drifts=words.drift_rows(result),
-        actuator=words.actuator_sentence(result),
+        actuator=words.actuator_sentence(result.actuator),
         next_test=words.next_test_sentences(result),
         information=words.information_sentences(result),
         of=result.information.of,
@@ -292,7 +292,7 @@ def print_sensitivity(result: SensitivityResult, console: Console) -> None:
     )
     console.print(heading("Drift with temperature, and the causes of it [%/K]"), highlight=False)
     console.print(_drifts(result))
-    _line(console, words.actuator_sentence(result))
+    _line(console, words.actuator_sentence(result.actuator))
     console.print(heading("What to measure"), highlight=False)
     for sentence in words.next_test_sentences(result):
         _line(console, sentence)

@@ -199,11 +199,6 @@ class Source:
         Raises BenchInputError, and RuntimeError where the fit does not converge.
         """
         model = self.own_model()
-        if any(key.endswith(("_a", "_b")) for key in self.settings.actuator):
-            raise BenchInputError(
-                "the settings' [actuator] is a jack of unequal sides, and the figures of this study are those of a symmetric "
-                "one: give piston_area and chamber_volume (thermohyd servo takes either)"
-            )
         if self.record is not None and not self.record.static_tests:
             raise BenchInputError(
                 "holds dynamic tests only; sensitivity studies a valve at the conditions of its static tests",

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from thermohyd.actuator import Actuator
 from thermohyd.identify.bench.shown_units import BAR, CELSIUS, KINDS, figure_unit, significant
 
 from .drift import CAUSES
@@ -146,13 +147,16 @@ def drift_rows(result: SensitivityResult) -> list[list[str]]:
 DRIFT_COLUMNS = ("figure", ">value", "unit", ">%/K", *(f">{cause}" for cause in CAUSES))
 
 
-def actuator_sentence(result: SensitivityResult) -> str:
+def actuator_sentence(a: Actuator) -> str:
     """Whose performance it is."""
-    a = result.actuator
-    # One number each: the formulas are for a symmetric jack.
-    area, volume = float(a.areas) * 1e4, float(a.volumes) * 1e6
+    area, volume = (
+        " and ".join(f"{side:g}" for side in np.ravel(values)) for values in (a.areas * 1e4, a.volumes * 1e6)
+    )
     gains = f"loop {float(a.amplifier_gain):g} A/V and {float(a.sensor_gain):g} V/m"
-    return f"Actuator: piston {area:g} cm2, chambers {volume:g} cm3, mass {float(a.moving_mass):g} kg, {gains}."
+    said = f"Actuator: piston {area} cm2, chambers {volume} cm3, mass {float(a.moving_mass):g} kg, {gains}."
+    if a.symmetric:
+        return said
+    return f"{said} With unequal sides there is no formula for omega_h, xi_h and its loop: thermohyd servo has the margins."
 
 
 def test_in_words(choice: TestChoice) -> str:

@@ -38,7 +38,7 @@ def record_in(folder: Path) -> Path:
     table: dict[str, list[str]] = {"time [s]": [], "run": [], "command [V]": []}
     for number, step in enumerate(BENCH.steps, 1):
         run = output_of(BENCH.run(step))
-        found = dict(zip(READINGS, readings(BENCH.machine(run)).T, strict=True))
+        found: dict[str, np.ndarray] = dict(zip(READINGS, readings(BENCH.machine(run)).T, strict=True))
         table["time [s]"] += [f"{t:.4f}" for t in run.time]
         table["run"] += [str(number)] * len(run.time)
         table["command [V]"] += [f"{c / GAIN:.5f}" for c in run.command]

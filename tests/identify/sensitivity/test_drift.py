@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from thermohyd.actuator import seed_actuator
+from thermohyd.actuator import Actuator, seed_actuator
 from thermohyd.actuator_performance import performance
 from thermohyd.conditions import operating_points
 from thermohyd.identify.sensitivity.curves import COLUMNS, nominal_rows, slopes_at
@@ -76,6 +76,15 @@ def test_performance_drifts_as_its_differences_do(found):
         if model is COLD:  # what the other causes leave must be nothing where no heat is kept
             heating = drift.parts[CAUSES.index("heating")]
             np.testing.assert_allclose(heating, 0.0, atol=1e-12 * np.abs(drift.value).max(), err_msg=name)
+
+
+def test_of_an_unequal_jack_what_is_the_valve_s():
+    valve = valve_of_model(COLD)
+    found = performance_drifts(valve, Actuator(piston_area_a=12e-4, piston_area_b=8e-4), KELVIN, SUPPLY)
+    assert tuple(found) == ("null_consumption",)
+    same = performance_drifts(valve, seed_actuator(), KELVIN, SUPPLY)["null_consumption"]
+    for name in ("value", "slope", "parts"):
+        np.testing.assert_array_equal(getattr(found["null_consumption"], name), getattr(same, name))
 
 
 def test_viscosity_part_is_that_of_a_thinner_oil():

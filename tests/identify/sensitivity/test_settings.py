@@ -5,7 +5,8 @@ import pytest
 from thermohyd.identify.bench.errors import BenchInputError
 from thermohyd.identify.sensitivity.factors import FACTORS, factors_of
 from thermohyd.identify.sensitivity.settings import Settings, factors_with, read_settings
-from thermohyd.identify.sensitivity.source import Source, seed_model, subject_of_model
+from thermohyd.identify.sensitivity.source import Source, actuator_of, seed_model, subject_of_model
+from thermohyd.identify.sensitivity.words import actuator_sentence
 
 
 WHOLE = """
@@ -83,8 +84,13 @@ def test_intervals_are_cut_where_a_factor_cannot_go():
         factors_of(seed_model(), 313.15, 70e5, tolerances={"clearence": 1e-6})
 
 
-def test_a_jack_of_unequal_sides_is_not_for_the_formulas(tmp_path):
+def test_a_jack_of_unequal_sides_is_a_subject_too(tmp_path):
     settings = settings_of(tmp_path, "[actuator]\npiston_area_a = '12 cm^2'\npiston_area_b = '8 cm^2'")
     assert settings.actuator == pytest.approx({"piston_area_a": 12e-4, "piston_area_b": 8e-4})
-    with pytest.raises(BenchInputError, match="are those of a symmetric one: give piston_area"):
-        Source(settings).subject()
+    subject = Source(settings).subject()
+    jack = actuator_of(subject, settings)
+    assert jack is not None
+    assert not jack.symmetric
+    sentence = actuator_sentence(jack)
+    assert "piston 12 and 8 cm2" in sentence
+    assert "thermohyd servo has the margins" in sentence
