@@ -5,6 +5,7 @@ random valves alike; then each kind of balance with its own effects only.
 """
 
 import functools
+from dataclasses import replace
 
 import equinox as eqx
 import jax
@@ -18,6 +19,7 @@ from reference.oil import Oil as ReferenceOil, walther
 from reference.valve import Effects, Rows, Valve as ReferenceValve
 
 from thermohyd.conditions import Conditions
+from thermohyd.edge import EDGE_LAWS, EdgeLaw
 from thermohyd.effects.library import EFFECTS, with_effects
 from thermohyd.oil import oil_from_definition
 from thermohyd.oil_definition import OilDefinition
@@ -39,7 +41,7 @@ CASES, ROWS = 2 * (len(KNOWN) + 2), 66
 
 
 @functools.cache
-def program(balance: str, effects: tuple[str, ...]):
+def program(balance: str, effects: tuple[str, ...], law: EdgeLaw):
     """(parameters and the pressure at which null bias holds, oil, width, amounts, operating points), each with a leading axis
     of cases -> {channel: (cases, rows)}."""
 
@@ -50,7 +52,7 @@ def program(balance: str, effects: tuple[str, ...]):
             tuple(oil_values),
         )
         known = {n: parameters[i] for i, n in enumerate((*NAMES, "null_pressure"))}
-        valve = Valve(oil=oil, stroke=STROKE, slot_width=width, **known)
+        valve = Valve(oil=oil, stroke=STROKE, slot_width=width, edge_law=law, **known)
         valve = with_effects(valve, {name: amounts[i] for i, name in enumerate(effects)})
         at = Conditions(**points)
         if balance == "blocked":
@@ -60,11 +62,11 @@ def program(balance: str, effects: tuple[str, ...]):
     return jax.jit(jax.vmap(simulate))
 
 
-def run(balance: str, effects: tuple[str, ...], *cases) -> dict[str, np.ndarray]:
+def run(balance: str, effects: tuple[str, ...], *cases, law: EdgeLaw = "orifice") -> dict[str, np.ndarray]:
     count = len(cases[0])
     filled = jax.tree.map(lambda a: jnp.asarray(np.resize(a, (CASES, *np.shape(a)[1:]))), cases)
     with quick_compile():
-        found = program(balance, effects)(*filled)
+        found = program(balance, effects, law)(*filled)
     return {channel: np.asarray(value)[:count] for channel, value in found.items()}
 
 
@@ -216,17 +218,22 @@ def random_case(seed):
     return parameters, oils, amounts, points
 
 
-@pytest.mark.parametrize("balance", ["blocked", "connected", "loaded"])
-def test_random_subsets_of_effects(balance):
+LAWS = [(balance, law) for law in EDGE_LAWS for balance in ("blocked", "connected", "loaded")]
+
+
+@pytest.mark.parametrize(("balance", "law"), LAWS)
+def test_random_subsets_of_effects(balance, law):
     parameters, oils, amounts, points = random_case(23)
-    found = run(balance, ALL, parameters, oils, np.full(CASES, 12e-3), amounts, points)
-    for i in range(CASES):
-        at = {name: column[i] for name, column in points.items()}
+    found = run(balance, ALL, parameters, oils, np.full(CASES, 12e-3), amounts, points, law=law)
+    # Where the clearance follows the pressure the reference integrates a film for every one that it tries: a few valves and rows.
+    each, rows_seen = (1, ROWS) if law == "orifice" else (CASES // 4, 16)
+    for i in range(0, CASES, each):
+        at = {name: column[i, :rows_seen] for name, column in points.items()}
         rows = Rows(at.pop("position"), **(at | {"run": at["run"].astype(int)}))
         oil = ReferenceOil(*oils[i][:2], density=oils[i][2])
-        effects = Effects(**dict(zip(ALL, amounts[i], strict=True)))
+        effects, valve = Effects(**dict(zip(ALL, amounts[i], strict=True))), ReferenceValve(12e-3, *parameters[i])
         for test in (test for test in reference.TESTS if BALANCES[test] == balance):
             channel = reference.READING[test]
-            expected = reference.TESTS[test](ReferenceValve(12e-3, *parameters[i]), oil, rows, effects)[channel]
-            worst = float(np.max(np.abs(found[channel][i] - expected)) / np.max(np.abs(expected)))
+            expected = reference.TESTS[test](replace(valve, edge_law=law), oil, rows, effects)[channel]
+            worst = float(np.max(np.abs(found[channel][i, :rows_seen] - expected)) / np.max(np.abs(expected)))
             assert worst < 1e-7, f"{test}, valve {i}: {worst:.1e} of the largest reading, 1e-7 allowed"

@@ -1,6 +1,7 @@
 """Blocked ports that store oil: rows of a fourth model, exact checks, derivatives, and beside everything else that ties ports."""
 
 import functools
+from dataclasses import replace
 
 import equinox as eqx
 import jax
@@ -10,7 +11,9 @@ import pytest
 from helpers.quick_compile import quick_compile
 from helpers.valves import NAMES, STROKE, seed_valve
 from reference import conformance
-from reference.oil import walther
+from reference.oil import seed_oil as reference_oil, walther
+from reference.port_storage import swept as reference_sweep
+from reference.valve import Effects, Rows, Valve as ReferenceValve
 
 from thermohyd.chain_in_time import along_rows
 from thermohyd.conditions import Conditions
@@ -189,6 +192,28 @@ def test_derivatives(tied):
             worst = np.max(np.abs(numeric - forward[i]), axis=1) / (1e-9 + np.max(np.abs(forward[i]), axis=1))
             print(i, worst)
             assert np.all(worst < 1e-4)
+
+
+def test_edges_by_lubrication_theory_whose_clearance_follows_the_pressure():
+    """A sweep of the second law beside the reference, which integrates its film at every pressure that it meets."""
+    read = short_sweep()
+    of_edges = {"edge_radius": 12e-6, "clearance": 2.5e-6, "underlap": 4e-6, "null_bias": 1e-6}
+    amounts, compliance = {"pressure_clearance": 4e-14}, (4e-13, 1.5e-13)
+    valve = with_effects(replace(seed_valve(**of_edges), edge_law="lubrication"), amounts)
+    ports = (PortComplianceA(compliance[0], SUBSTEPS), PortComplianceB(compliance[1], SUBSTEPS))
+    valve = eqx.tree_at(lambda v: v.effects, valve, (*valve.effects, *ports), is_leaf=lambda x: x is valve.effects)
+    with quick_compile():
+        found = blocked_port_readings(valve, read)
+    rows = Rows(
+        *(np.asarray(c) for c in (read.position, read.supply_pressure, read.return_pressure, read.temperature)),
+        time=np.asarray(read.time), run=np.asarray(read.run).astype(int),
+    )  # fmt: skip
+    plain = ReferenceValve(12e-3, **of_edges, edge_law="lubrication")
+    expected = reference_sweep(plain, reference_oil(), rows, Effects(**amounts), compliance, tolerance=1e-8)
+    for channel, values in expected.items():
+        worst = float(np.max(np.abs(found[channel] - values)) / np.max(np.abs(values)))
+        print(f"{channel}: {worst:.1e} of the largest reading, 2e-6 allowed")
+        assert worst < 2e-6
 
 
 def test_lines_that_lose_more_than_an_open_edge():
