@@ -24,7 +24,7 @@ from .valve import Valve, heat_kept, metering_edges, true_conditions
 
 
 # The search ends where a turn moves every pressure by less than this share of the supply's; the next one squares it.
-CLOSE = 1e-7
+CLOSE = 3e-6
 ROUGH = 1e-3  # the same of the search that only shows where steps are needed
 # From the steady state of sweeps of 12 and 60 s: 6 turns where 1e-13 m3/Pa is stored, 12 at 1e-12, 30 at 1e-10.
 MOST_TURNS = 40
@@ -230,6 +230,126 @@ class StoredPorts(eqx.Module):
     carried: Float[Array, "ports 2 rows"]
 
 
+class _Task(eqx.Module):
+    """What is to be solved, row by row: the pressure between both ends (`whole`), C with 0 where the ports are steady, the time
+    since the row before (`lasts`), the pressures before the first row, those where the search begins and the end that each is
+    counted from (`upper`; away: d distance/d p, 1 or -1)."""
+
+    valve: Valve
+    oil: Oil
+    true: Conditions
+    coupling: Coupling
+    sweep: _Sweep
+    whole: Float[Array, " rows"]
+    compliance: Float[Array, "2 rows"]
+    lasts: Float[Array, " rows"]
+    begin: Float[Array, "2"]
+    guess: Float[Array, "2 rows"]
+    upper: Bool[Array, "2 rows"]
+    away: Float[Array, "2 rows"]
+
+    def laid_out(self, mesh: Mesh) -> tuple[_Ties, Chain]:
+        """The ports' ties at the stages of every step, and how the steps follow each other."""
+        apart = (self.valve, self.oil, self.coupling, self.compliance, self.upper)
+        own, thin, tied, heavy, side = mesh.spread(apart)
+        ties = jax.vmap(lambda at: _ties(own, thin, true_conditions(own, at), tied, side))(self.sweep.at(mesh))
+        return ties, Chain(heavy, self.lasts[mesh.owner] * mesh.width, self.begin)
+
+    def at_rows(self) -> _Ties:
+        return _ties(self.valve, self.oil, self.true, self.coupling, self.upper)
+
+
+def _task(
+    valve: Valve,
+    oil: Oil,
+    read: Conditions,
+    true: Conditions,
+    steady: Ports,
+    coupling: Coupling,
+    begun: PortsBefore | None,
+) -> _Task:
+    sweep = _sweep(read)
+    compliance = sum((effect.compliance() for effect in coupling.storage), start=jnp.zeros((2, 1)))
+    compliance = jnp.where(sweep.starts, 0.0, compliance)
+    guess, lasts, begin = steady.pressure, sweep.span, steady.pressure[:, 0]
+    if begun is not None:
+        # C (p - p of the start) = 0 with any C, in no time: the first row stays where it was.
+        begin = jnp.where(begun.known, begun.pressure, begin)
+        compliance = compliance.at[:, 0].set(jnp.where(begun.known, 1.0, compliance[:, 0]))
+        guess, lasts = guess.at[:, 0].set(begin), lasts.at[0].set(jnp.where(begun.known, 0.0, lasts[0]))
+    upper = true.supply_pressure - guess < guess - true.return_pressure
+    whole, away = true.supply_pressure - true.return_pressure, jnp.where(upper, -1.0, 1.0)
+    return _Task(valve, oil, true, coupling, sweep, whole, compliance, lasts, begin, guess, upper, away)
+
+
+def _at_ends(
+    upper: Bool[Array, "nodes 2 steps"], lost: Float[Array, "nodes 2 steps"], coupling: Coupling
+) -> tuple[Array, Array]:
+    """What the lines lose at the end that a port's distance is counted from, and at the other one."""
+    if not coupling.lines:
+        return jnp.zeros(()), jnp.zeros(())
+    supply, return_ = lost[:, :1], lost[:, 1:]
+    return jnp.where(upper, supply, return_), jnp.where(upper, return_, supply)
+
+
+def _searched(
+    task: _Task, lost: Float[Array, "2 rows"], substeps: int
+) -> tuple[Mesh, Float[Array, "nodes 2 steps"], Float[Array, "nodes 2 steps"]]:
+    """A mesh that follows the need, and the distances and what the lines lose at its nodes; lost: what they lose where nothing is
+    stored."""
+    sweep = task.sweep
+    from_end = jnp.where(task.upper, task.true.supply_pressure - task.guess, task.guess - task.true.return_pressure)
+
+    def search(i: Array, state: tuple[Mesh, Array, Array, Array, Array]) -> tuple[Mesh, Array, Array, Array, Array]:
+        """From a mesh, pressures at its nodes, what lines lose there and the need for steps row by row to the same on a mesh that
+        follows the need, with the distances."""
+        before, pressure, _, loss, need = state
+        mesh = mesh_of(need, substeps)
+        ties, chain = task.laid_out(mesh)
+        span, outwards, first = mesh.spread((task.whole, task.away, from_end))
+        c = ties.flows.conditions
+        found = _interpolated(pressure, before, mesh)
+        distance = jnp.where(ties.upper, c.supply_pressure[:, None] - found, found - c.return_pressure[:, None])
+        distance = jnp.where(sweep.starts[mesh.owner] | (i == 0), first, distance)
+        loss = jnp.where(sweep.starts[mesh.owner] | (i == 0), mesh.spread(lost), _interpolated(loss, before, mesh))
+        close = jnp.where(i == 0, ROUGH, CLOSE)
+
+        def going(state: tuple[Array, Array, Array, Array, Array]) -> Array:
+            *_, largest, turns = state
+            return (largest > close) & (turns < MOST_TURNS)
+
+        def kept_inside(before: Array, after: Array) -> Array:
+            """The distance from an end behind a turn."""
+            crosses = (before * after < 0.0) & (jnp.abs(before) > AT_THE_END * span)
+            return jnp.where(crosses, KEPT * before, jnp.maximum(after, -MOST_BEYOND * span))
+
+        def turn(state: tuple[Array, Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array, Array]:
+            distance, loss, _, _, turns = state
+            s = _slopes(ties, distance, loss, outwards)
+            moves = chain.moves(*chain.condense(chain.imbalance(s.pressure, s.balance), s.slope))
+            lost = jnp.clip(s.lost(loss, moves), -MOST_BEYOND * span, span)
+            (near, far), (near_then, far_then) = (_at_ends(ties.upper, loss_, task.coupling) for loss_ in (loss, lost))
+            own = near_then + kept_inside(distance - near, distance + outwards * moves - near_then)
+            other = span - far_then - kept_inside(span - distance - far, span - own - far_then)
+            own = jnp.where(own < 0.5 * span, own, other)
+            moved = jnp.maximum(jnp.max(jnp.abs(own - distance) / span), jnp.max(jnp.abs(lost - loss) / span))
+            return own, lost, chain.error(s.pressure, s.balance, s.slope, span), moved, turns + 1
+
+        begin = (distance, loss, jnp.zeros_like(mesh.width), jnp.asarray(jnp.inf), jnp.asarray(0))
+        distance, loss, error, *_ = jax.lax.while_loop(going, turn, begin)
+        # A step of twice the length would miss by some four times as much where a flow has a kink.
+        need = jax.ops.segment_max(error / mesh.width**2, mesh.owner, num_segments=need.shape[0])
+        return mesh, jax.vmap(_Ties.pressure)(ties, distance), distance, loss, jnp.where(sweep.starts, 0.0, need)
+
+    # First where the steady pressures change most, then where that search missed most.
+    share = task.guess / task.whole
+    need = jnp.where(sweep.starts, 0.0, jnp.max(jnp.abs(jnp.diff(share, prepend=share[:, :1], axis=1)), axis=0))
+    mesh = mesh_of(need, substeps)
+    none = jnp.zeros((len(PARTS), 2, mesh.owner.size))
+    mesh, _, distance, loss, _ = jax.lax.fori_loop(0, 2, search, (mesh, none, none, none, need))
+    return mesh, distance, loss
+
+
 def stored_ports(
     valve: Valve,
     oil: Oil,
@@ -253,89 +373,18 @@ def stored_ports(
     Raises ValueError where the conditions have no time.
     """
     substeps = max(effect.substeps for effect in coupling.storage)
-    sweep = _sweep(read)
-    whole = true.supply_pressure - true.return_pressure
-    compliance = sum((effect.compliance() for effect in coupling.storage), start=jnp.zeros((2, 1)))
-    compliance = jnp.where(sweep.starts, 0.0, compliance)
-    guess, lasts, begin = steady.pressure, sweep.span, steady.pressure[:, 0]
-    if begun is not None:
-        # C (p - p of the start) = 0 with any C, in no time: the first row stays where it was.
-        begin = jnp.where(begun.known, begun.pressure, begin)
-        compliance = compliance.at[:, 0].set(jnp.where(begun.known, 1.0, compliance[:, 0]))
-        guess, lasts = guess.at[:, 0].set(begin), lasts.at[0].set(jnp.where(begun.known, 0.0, lasts[0]))
-    up, down = true.supply_pressure - guess, guess - true.return_pressure
-    upper = up < down
-    away = jnp.where(upper, -1.0, 1.0)
-
-    lost = jnp.zeros_like(away)
+    task = _task(valve, oil, read, true, steady, coupling, begun)
+    lost = jnp.zeros_like(task.away)
     if coupling.lines:
-        lost = jax.lax.stop_gradient(_ties(valve, oil, true, coupling, upper).missing(steady, within, lost))
-
-    def at_ends(upper: Bool[Array, "nodes 2 steps"], lost: Float[Array, "nodes 2 steps"]) -> tuple[Array, Array]:
-        """What the lines lose at the end that a port's distance is counted from, and at the other one."""
-        if not coupling.lines:
-            return jnp.zeros(()), jnp.zeros(())
-        supply, return_ = lost[:, :1], lost[:, 1:]
-        return jnp.where(upper, supply, return_), jnp.where(upper, return_, supply)
-
-    def laid_out(mesh: Mesh) -> tuple[_Ties, Chain]:
-        own, thin, tied, heavy, side = mesh.spread((valve, oil, coupling, compliance, upper))
-        ties = jax.vmap(lambda at: _ties(own, thin, true_conditions(own, at), tied, side))(sweep.at(mesh))
-        return ties, Chain(heavy, lasts[mesh.owner] * mesh.width, begin)
-
-    def search(i: Array, state: tuple[Mesh, Array, Array, Array, Array]) -> tuple[Mesh, Array, Array, Array, Array]:
-        """From a mesh, pressures at its nodes, what lines lose there and the need for steps row by row to the same on a mesh that
-        follows the need, with the distances."""
-        before, pressure, _, loss, need = state
-        mesh = mesh_of(need, substeps)
-        ties, chain = laid_out(mesh)
-        span, outwards, first = mesh.spread((whole, away, jnp.where(upper, up, down)))
-        c = ties.flows.conditions
-        found = _interpolated(pressure, before, mesh)
-        distance = jnp.where(ties.upper, c.supply_pressure[:, None] - found, found - c.return_pressure[:, None])
-        distance = jnp.where(sweep.starts[mesh.owner] | (i == 0), first, distance)
-        loss = jnp.where(sweep.starts[mesh.owner] | (i == 0), mesh.spread(lost), _interpolated(loss, before, mesh))
-        close = jnp.where(i == 0, ROUGH, CLOSE)
-
-        def going(state: tuple[Array, Array, Array, Array, Array]) -> Array:
-            *_, largest, turns = state
-            return (largest > close) & (turns < MOST_TURNS)
-
-        def kept_inside(before: Array, after: Array) -> Array:
-            """The distance from an end behind a turn."""
-            crosses = (before * after < 0.0) & (jnp.abs(before) > AT_THE_END * span)
-            return jnp.where(crosses, KEPT * before, jnp.maximum(after, -MOST_BEYOND * span))
-
-        def turn(state: tuple[Array, Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array, Array]:
-            distance, loss, _, _, turns = state
-            s = _slopes(ties, distance, loss, outwards)
-            moves = chain.moves(*chain.condense(chain.imbalance(s.pressure, s.balance), s.slope))
-            lost = jnp.clip(s.lost(loss, moves), -MOST_BEYOND * span, span)
-            (near, far), (near_then, far_then) = (at_ends(ties.upper, loss), at_ends(ties.upper, lost))
-            own = near_then + kept_inside(distance - near, distance + outwards * moves - near_then)
-            other = span - far_then - kept_inside(span - distance - far, span - own - far_then)
-            own = jnp.where(own < 0.5 * span, own, other)
-            moved = jnp.maximum(jnp.max(jnp.abs(own - distance) / span), jnp.max(jnp.abs(lost - loss) / span))
-            return own, lost, chain.error(s.pressure, s.balance, s.slope, span), moved, turns + 1
-
-        first_turn = (distance, loss, jnp.zeros_like(mesh.width), jnp.asarray(jnp.inf), jnp.asarray(0))
-        distance, loss, error, *_ = jax.lax.while_loop(going, turn, first_turn)
-        # A step of twice the length would miss by some four times as much where a flow has a kink.
-        need = jax.ops.segment_max(error / mesh.width**2, mesh.owner, num_segments=need.shape[0])
-        return mesh, jax.vmap(_Ties.pressure)(ties, distance), distance, loss, jnp.where(sweep.starts, 0.0, need)
-
-    # First where the steady pressures change most, then where that search missed most.
-    share = guess / whole
-    need = jnp.where(sweep.starts, 0.0, jnp.max(jnp.abs(jnp.diff(share, prepend=share[:, :1], axis=1)), axis=0))
-    mesh = mesh_of(need, substeps)
-    none = jnp.zeros((len(PARTS), 2, mesh.owner.size))
-    nothing = (mesh, none, none, none, need)
-    mesh, _, distance, loss, _ = jax.lax.stop_gradient(jax.lax.fori_loop(0, 2, search, nothing))
+        lost = task.at_rows().missing(steady, within, lost)
+    # Nothing that the search is given has a derivative: loops would carry one for every column of a Jacobian.
+    known_task, lost = jax.lax.stop_gradient((task, lost))
+    mesh, distance, loss = _searched(known_task, lost, substeps)
 
     # One turn more, which moves nothing: by it what the imbalances depend on reaches the pressures.
-    ties, chain = laid_out(mesh)
+    ties, chain = task.laid_out(mesh)
     known_ties, known_chain = jax.lax.stop_gradient((ties, chain))
-    known = _slopes(known_ties, distance, loss, mesh.spread(away))
+    known = _slopes(known_ties, distance, loss, mesh.spread(task.away))
     net, missing = _net(ties, distance, loss)
     pressure, settle = jax.vmap(_Ties.pressure)(ties, distance), None
     if known.lines is not None:
@@ -344,11 +393,11 @@ def stored_ports(
     condensed = known_chain.condense(chain.imbalance(pressure, net), known.slope)
     source, carried = of_rows(*condensed, mesh, substeps)
     moved = along_rows(carried, source)
-    moved = jnp.where(jnp.abs(moved) < FOUND * whole, moved, jnp.nan)
+    moved = jnp.where(jnp.abs(moved) < FOUND * task.whole, moved, jnp.nan)
     if push is not None:
         moved = jax.lax.stop_gradient(moved) + push
-    at_rows = _ties(valve, oil, true, coupling, upper)
-    distance, loss = distance[-1][:, mesh.last] + away * moved, loss[-1][:, mesh.last]
+    at_rows = task.at_rows()
+    distance, loss = distance[-1][:, mesh.last] + task.away * moved, loss[-1][:, mesh.last]
     if settle is not None:
         loss = loss + jnp.einsum("ijr,jr->ir", settle[-1][:, :, mesh.last], at_rows.net(distance, loss)[1])
     ports, inside = at_rows.state(distance, loss)
