@@ -18,6 +18,7 @@ from thermohyd.identify.bench.errors import BenchInputError
 from thermohyd.identify.cli import jax_setup
 from thermohyd.identify.cli.commands import app
 from thermohyd.identify.cli.process import consoles
+from thermohyd.numerics import known_options
 
 
 def stand_in(monkeypatch, name: str, **functions) -> None:
@@ -280,6 +281,15 @@ def test_cache_is_the_users_own_and_optional(tmp_path):
     assert cache_seen_by_jax(tmp_path / "file") == ["None"]
     own = str(tmp_path / "own")
     assert cache_seen_by_jax(tmp_path / "unused", JAX_COMPILATION_CACHE_DIR=own) == [own]
+
+
+def test_the_user_s_own_xla_flags_go_before_ours(monkeypatch):
+    ours = {"xla_backend_optimization_level": 1, "xla_llvm_disable_expensive_passes": True}
+    monkeypatch.setenv("XLA_FLAGS", "--xla_backend_optimization_level=3")
+    assert known_options(ours) == {"xla_llvm_disable_expensive_passes": True}
+    monkeypatch.delenv("XLA_FLAGS")
+    assert known_options(ours) == ours
+    assert known_options({"xla_no_such_option": True}) == {}
 
 
 def test_programs_go_between_records_once_the_process_holds_much(monkeypatch):
