@@ -6,8 +6,9 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
+from .conditions import Conditions, sweep_direction
 from .flow_balance import eliminate
 from .numerics import linear_recursion, recursion_in_blocks
 
@@ -29,6 +30,7 @@ EMBEDDED = np.array([-13.0 - 7.0 * _ROOT, -13.0 + 7.0 * _ROOT, -1.0]) / 3.0
 # One row in so many is cut into `substeps` steps, one in so many into a quarter of them, and the others into an eighth.
 ONE_IN_MOST, ONE_IN_SOME = 16, 2
 SMALLEST_FLOW = 1e-30  # m3/s, to divide by
+SHORTEST = 1e-6  # s: rows at one and the same time
 
 
 class Mesh(eqx.Module):
@@ -65,6 +67,50 @@ def mesh_of(need: Float[Array, " rows"], substeps: int) -> Mesh:
     place = jnp.arange(total) - (ends - counts)[owner]
     width = 1.0 / counts[owner].astype(float)
     return Mesh(owner, place.astype(float) * width, width, place, ends - 1)
+
+
+class Sweep(eqx.Module):
+    """Conditions as read row by row, with directions, starts of runs and the time since the row before [s]."""
+
+    read: Conditions
+    starts: Bool[Array, " rows"]
+    span: Float[Array, " rows"]
+
+    def at(self, mesh: Mesh) -> Conditions:
+        """Conditions as read at the stages of every step (nodes, steps).
+
+        Positions, pressures and temperatures are linear from row to row. The direction is that of the motion that ends at
+        a row, and so is the rate.
+        """
+        share = mesh.share()
+
+        def between_rows(column: Float[Array, " rows"]) -> Float[Array, "nodes steps"]:
+            before = jnp.where(self.starts, column, jnp.concatenate([column[:1], column[:-1]]))
+            return column[mesh.owner] - (1.0 - share) * (column - before)[mesh.owner]
+
+        same = lambda column: jnp.broadcast_to(column[mesh.owner], share.shape)
+        nodes = {
+            name: between_rows(getattr(self.read, name))
+            for name in ("position", "supply_pressure", "return_pressure", "temperature")
+        }
+        nodes |= {name: same(column) for name in ("direction", "run", "rate")
+                  if (column := getattr(self.read, name)) is not None}  # fmt: skip
+        # Made node by node under vmap, where the columns have the shape that Conditions are checked for.
+        return jax.vmap(lambda columns: Conditions(**columns))(nodes)
+
+
+def sweep_of(read: Conditions) -> Sweep:
+    """Raises ValueError where the conditions have no time."""
+    if read.time is None:
+        raise ValueError("what blocked ports store needs conditions with the time of every row")
+    run = jnp.zeros_like(read.time) if read.run is None else read.run
+    direction = read.direction
+    if direction is None:
+        direction = jax.lax.stop_gradient(sweep_direction(read.position, run))
+    starts = jnp.concatenate([jnp.ones(1, dtype=bool), jnp.diff(run) != 0.0])
+    whole = eqx.tree_at(lambda c: (c.run, c.direction), read, (run, direction), is_leaf=lambda leaf: leaf is None)
+    span = jnp.maximum(jnp.diff(read.time, prepend=read.time[:1]), SHORTEST)
+    return Sweep(whole, starts, jnp.where(starts, 1.0, span))
 
 
 class Chain(eqx.Module):

@@ -15,8 +15,8 @@ from jaxtyping import Array, Bool, Float
 
 from thermohyd.effects.effect import Coupling
 
-from .chain_in_time import PARTS, Chain, Mesh, along_rows, mesh_of, of_rows
-from .conditions import Conditions, sweep_direction
+from .chain_in_time import PARTS, Chain, Mesh, Sweep, along_rows, mesh_of, of_rows, sweep_of
+from .conditions import Conditions
 from .coupled_ports import crossing_conductance, lost_in_lines, ports_with_crossing, with_pressures
 from .oil import Oil, density
 from .ports import Between, PortFlows, Ports, port_flows, return_temperature
@@ -36,50 +36,6 @@ FOUND = 1e-6
 KEPT = 0.02
 AT_THE_END = 1e-6
 MOST_BEYOND = 0.1  # of the pressure between both: where a turn may lead beyond supply or return
-SHORTEST = 1e-6  # s: rows at one and the same time
-
-
-class _Sweep(eqx.Module):
-    """Conditions as read row by row, with directions, starts of runs and the time since the row before [s]."""
-
-    read: Conditions
-    starts: Bool[Array, " rows"]
-    span: Float[Array, " rows"]
-
-    def at(self, mesh: Mesh) -> Conditions:
-        """Conditions as read at the stages of every step (nodes, steps).
-
-        Positions, pressures and temperatures are linear from row to row. The direction is that of the motion that ends at
-        a row, and so is the rate.
-        """
-        share = mesh.share()
-
-        def between_rows(column: Float[Array, " rows"]) -> Float[Array, "nodes steps"]:
-            before = jnp.where(self.starts, column, jnp.concatenate([column[:1], column[:-1]]))
-            return column[mesh.owner] - (1.0 - share) * (column - before)[mesh.owner]
-
-        same = lambda column: jnp.broadcast_to(column[mesh.owner], share.shape)
-        nodes = {
-            name: between_rows(getattr(self.read, name))
-            for name in ("position", "supply_pressure", "return_pressure", "temperature")
-        }
-        nodes |= {name: same(column) for name in ("direction", "run", "rate")
-                  if (column := getattr(self.read, name)) is not None}  # fmt: skip
-        # Made node by node under vmap, where the columns have the shape that Conditions are checked for.
-        return jax.vmap(lambda columns: Conditions(**columns))(nodes)
-
-
-def _sweep(read: Conditions) -> _Sweep:
-    if read.time is None:
-        raise ValueError("what blocked ports store needs conditions with the time of every row")
-    run = jnp.zeros_like(read.time) if read.run is None else read.run
-    direction = read.direction
-    if direction is None:
-        direction = jax.lax.stop_gradient(sweep_direction(read.position, run))
-    starts = jnp.concatenate([jnp.ones(1, dtype=bool), jnp.diff(run) != 0.0])
-    whole = eqx.tree_at(lambda c: (c.run, c.direction), read, (run, direction), is_leaf=lambda leaf: leaf is None)
-    span = jnp.maximum(jnp.diff(read.time, prepend=read.time[:1]), SHORTEST)
-    return _Sweep(whole, starts, jnp.where(starts, 1.0, span))
 
 
 class _Ties(eqx.Module):
@@ -239,7 +195,7 @@ class _Task(eqx.Module):
     oil: Oil
     true: Conditions
     coupling: Coupling
-    sweep: _Sweep
+    sweep: Sweep
     whole: Float[Array, " rows"]
     compliance: Float[Array, "2 rows"]
     lasts: Float[Array, " rows"]
@@ -268,7 +224,7 @@ def _task(
     coupling: Coupling,
     begun: PortsBefore | None,
 ) -> _Task:
-    sweep = _sweep(read)
+    sweep = sweep_of(read)
     compliance = sum((effect.compliance() for effect in coupling.storage), start=jnp.zeros((2, 1)))
     compliance = jnp.where(sweep.starts, 0.0, compliance)
     guess, lasts, begin = steady.pressure, sweep.span, steady.pressure[:, 0]
