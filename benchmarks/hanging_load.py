@@ -5,7 +5,7 @@ areas, mass, oil or volts per millimetre: what stands in for them below scales t
 relative. The loop compares volts with volts, x_c = X_n 1.42 (reference - position)/10 V; the offset of its output is part of the
 null bias. Known from its author: a small orifice joins the chambers.
 A valve of a stated load for each of LOADS, the best one shown; in each fit all fourteen runs are integrated and seven count.
-`python benchmarks/hanging_load.py FOLDER` writes figures.json and a picture there.
+`python benchmarks/hanging_load.py FOLDER` prints all of it, the motor's curve too, and writes figures.json and a picture there.
 """
 
 import json
@@ -153,6 +153,11 @@ def main() -> None:
             }  # fmt: skip
             if what not in best or found.chi2 < best[what][1].chi2:
                 best[what] = off, found, load
+    for what, (_, _, load) in best.items():
+        print(f"{what}, load {load:+.1f}, the best one:")
+        for name, p in results[f"load {load:+.1f}, {what}"]["parameters"].items():
+            kind = "relative" if p["relative"] else "absolute"
+            print(f"  {name:22s} {p['value']:12.4g} +- {p['std']:8.2g} {p['unit']:18s} {kind}")
     results["motor rotation"] = rotation_figures()
     (folder / "figures.json").write_text(json.dumps(results, indent=2) + "\n")
     picture(steps, number, best, folder / "hanging_load.png")
