@@ -157,7 +157,7 @@ def main() -> None:
         print(f"{what}, load {load:+.1f}, the best one:")
         for name, p in results[f"load {load:+.1f}, {what}"]["parameters"].items():
             kind = "relative" if p["relative"] else "absolute"
-            print(f"  {name:22s} {p['value']:12.4g} +- {p['std']:8.2g} {p['unit']:18s} {kind}")
+            print(f"  {name:22s} {p['value']:12.4g} +- {p['std']:8.2g} {p['unit']:26s} {kind}")
     results["motor rotation"] = rotation_figures()
     (folder / "figures.json").write_text(json.dumps(results, indent=2) + "\n")
     picture(steps, number, best, folder / "hanging_load.png")
@@ -203,12 +203,14 @@ def parameters(problem: Problem, fit: Fit) -> dict[str, dict]:
     found = {}
     for name, std in zip(fit.free, spread, strict=True):
         relative = problem.plans[name].relative if name in problem.plans else None
+        # An effect's amount is in SI with the area and the pressure that stand in.
+        stands_in = name not in problem.plans
         size, unit = (1.0, "SI") if relative is None else (relative.size, relative.unit)
         found[name] = {
             "value": fit.values[name] / size,
             "std": std / size,
-            "unit": unit,
-            "relative": relative is not None,
+            "unit": f"{unit} of what stands in" if stands_in else unit,
+            "relative": relative is not None or stands_in,
         }
     return found
 
