@@ -46,7 +46,8 @@ def fit_with(
     library = library_for(plain.tests.values())
     plans = {**plain.plans, **effect_plans(effects, plain.record)}
     problem = Problem(plain.record, plain.tests, plain.plans, library, white_noise(plain.noise))
-    fit = problem.fit(effects, _best_start(problem, plain, effects).values, hop_basins=True)
+    # Far, as the plain fit goes: of 126 records with a hidden effect three had ended 4 to 10 um of underlap off.
+    fit = problem.fit(effects, _best_start(problem, plain, effects).values, hop_basins=True, far=True)
     begun = Fitted(plain.record, plain.tests, plans, fit.free, plain.noise, fit.solution, plain.starts, plain.warnings)
     return settled(problem, fit, begun, rounds=rounds, enough=enough)
 

@@ -179,12 +179,13 @@ class Problem:
         *,
         patient: bool = False,
         hop_basins: bool = False,
+        far: bool = False,
         most_steps: int = MOST_STEPS,
     ) -> Fit:
         """Fit the free parameters and the amounts of `effects`, from `start` (missing entries: nominal, neutral).
 
         patient: for a fit that is to stay: to the last digit, and on where it crawls. hop_basins: patient, and over the kinks
-        of the underlap.
+        of the underlap; far: as far as a first fit goes.
         """
         chosen = tuple(name for name in self.library.names if name in set(effects))
         programs = [part.program(chosen) for part in self.readings]
@@ -220,7 +221,8 @@ class Problem:
                 break
             best = from_point(best.p)
         if hop_basins:
-            best = basin_hopping(best, order, from_point, moves=MOVES, rounds=ROUNDS_OF_MOVES, better=BETTER)
+            near = {} if far else {"moves": MOVES, "places": (), "rounds": ROUNDS_OF_MOVES}
+            best = basin_hopping(best, order, from_point, better=BETTER, **near)
             if best.converged and best.relative_offset > self._closeness:
                 best = min(best, from_point(best.p, closeness=self._closeness), key=lambda end: end.cost)
         return self._result(chosen, order, free, best)

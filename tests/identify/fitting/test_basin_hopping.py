@@ -39,6 +39,21 @@ def test_the_deeper_valley_is_found_from_the_wrong_one():
     assert best.cost < first.cost
 
 
+def test_a_narrow_valley_at_a_zero_lap_is_found_from_far():
+    """No step from the wide one at 10.2 um ends in it."""
+
+    def two(p, args):
+        u = p[0] / MICRON
+        return jnp.stack([jnp.minimum(2.0 * jnp.abs(u - 0.3), 1.5 + 0.1 * jnp.abs(u - 10.2)) + 0.5, p[1] - 3.0])
+
+    solve_from = lambda start, enough: solve(two, BOXES, None, start, enough=enough)
+    first = solve_from([10.0 * MICRON, 0.0], np.inf)
+    assert abs(first.p[0] / MICRON - 10.2) < 0.2
+    assert abs(basin_hopping(first, ("underlap", "other"), solve_from).p[0] / MICRON - 0.3) < 0.2
+    near = basin_hopping(first, ("underlap", "other"), solve_from, places=())
+    assert abs(near.p[0] / MICRON - 10.2) < 0.2
+
+
 def test_without_the_underlap_there_is_no_basin_to_hop_to():
     first = solve(valleys, BOXES)
     assert basin_hopping(first, ("clearance", "other"), lambda start, enough: first) is first
