@@ -26,7 +26,7 @@ from .parameters import IN_MOTION, PARAMETERS, SEEN_IN_MOTION, ParameterPlan
 from .problem_fit import Fit, Work
 from .readings import MotionReadings, Noise, Readings, StaticReadings
 from .sensed import Sensed, SignalRows, sensed_channels, traced
-from .starts import basin_hopping
+from .starts import basin_hopping, on_a_kink
 from .static_readings import channel_slices
 from .static_residuals import prior_rows
 from .uncertainty import Key
@@ -224,7 +224,8 @@ class Problem:
             near = {} if far else {"moves": MOVES, "places": (), "rounds": ROUNDS_OF_MOVES}
             best = basin_hopping(best, order, from_point, better=BETTER, **near)
             if best.converged and best.relative_offset > self._closeness:
-                best = min(best, from_point(best.p, closeness=self._closeness), key=lambda end: end.cost)
+                again = on_a_kink(from_point(best.p, closeness=self._closeness))
+                best = min(best, again, key=lambda end: end.cost)
         return self._result(chosen, order, free, best)
 
     def evaluate(self, values: Mapping[str, float], effects: Iterable[str] = ()) -> Fit:

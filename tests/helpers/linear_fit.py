@@ -74,6 +74,7 @@ class LinearProblem(Problem):
         *,
         patient: bool = False,
         hop_basins: bool = False,
+        far: bool = False,
         most_steps: int = 0,
     ) -> Fit:
         chosen = tuple(name for name in self.library.names if name in set(effects))
