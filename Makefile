@@ -60,7 +60,7 @@ typecheck: $(VENV)/.installed-dev
 		| sed -e 's|$(CURDIR)/build/typecheck/||' -e 's,thermohyd/\(identify\|data\)/,\1/,'
 
 pytest: $(VENV)/.installed-dev
-	$(BIN)/pytest -n 2 --dist loadfile --max-worker-restart=0
+	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder --max-worker-restart=0
 
 quick: $(VENV)/.installed-dev
 	$(BIN)/ruff check --quiet
