@@ -17,12 +17,11 @@ from thermohyd.identify.fitting.model_form import OTHER, evidence, other_law, wi
 from thermohyd.identify.fitting.outcome import Fitted, Key, fit_result
 from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.fitting.problem_fit import Fit
-from thermohyd.identify.fitting.problem_solution import solution_of
+from thermohyd.identify.fitting.problem_solution import gls_covariance, solution_of
 from thermohyd.identify.fitting.relative import effect_plans
 from thermohyd.identify.fitting.result import FitResult
-from thermohyd.identify.fitting.uncertainty import Block, Covariance, covariance_of
+from thermohyd.identify.fitting.uncertainty import Covariance
 from thermohyd.identify.model.learned_terms import LearnedTerm
-from thermohyd.identify.noise.correlation import NoiseCorrelation
 from thermohyd.identify.noise.level import ChannelNoise
 from thermohyd.identify.report.diagnosis_report import further_sentences, headline, in_a_row, suspect_sentences
 
@@ -35,6 +34,7 @@ from .model_average import with_rivals
 from .next_test import check_of, next_test, what_shows
 from .other_law import ANOTHER_LAW, OtherLawSays, what_the_other_law_says
 from .record_noise import NoiseEstimate, first_noise
+from .remaining_misfit import Remaining, remaining_misfit, weighed_again
 from .result import (
     Alternative,
     ChannelNoiseFound,
@@ -53,38 +53,35 @@ from .search import LEVEL, Selection
 from .where import regions
 
 
-def gls_covariance(fit: Fit, scale: float, priors: int) -> Covariance:
-    """(J'J)^-1 of the whitened problem over `fit.free`; scale: variance of the whitened residuals where it exceeds 1.
-
-    priors: rows at the end that are no readings.
-    """
-    columns = fit.columns[:, [fit.order.index(name) for name in fit.free]][fit.used]
-    active = np.array([fit.solution.active[fit.order.index(name)] for name in fit.free])
-    rows = len(columns) - priors
-    block = Block(slice(0, rows), np.zeros(rows, dtype=int), NoiseCorrelation(), max(scale, 1.0))
-    return covariance_of(columns, fit.free, active, [block], slice(rows, rows + priors))
-
-
 def result_of(
     problem: Problem,
     fit: Fit,
     fitted: Fitted,
     noise: dict[Key, NoiseEstimate],
     scale: float,
+    remaining: Remaining | None = None,
 ) -> FitResult:
-    """Everything that a plain fit reports, for `fit`; error bars by generalised least squares with the noise estimated."""
+    """Everything that a plain fit reports, for `fit`; error bars by generalised least squares with the noise estimated, and with
+    what the model misses."""
     white = problem.with_noise(first_noise(as_channel_noise(noise)))
     solution = solution_of(problem, fit, white.evaluate(fit.values, fit.effects))
     plans = fitted.plans | effect_plans(fit.effects, problem.record)
     whole = replace(fitted, plans=plans, free=fit.free, noise=as_channel_noise(noise), solution=solution)
-    return with_faults_apart(fit_result(whole, gls_covariance(fit, scale, len(problem.parameters))), problem.faults)
+    return with_faults_apart(fit_result(whole, _covariance(problem, fit, scale, remaining)), problem.faults)
 
 
-def _spread(problem: Problem, model: FinalModel) -> dict[int, dict[str, float]]:
+def _covariance(problem: Problem, fit: Fit, scale: float, remaining: Remaining | None) -> Covariance:
+    priors = len(problem.parameters)
+    return gls_covariance(fit, scale, priors) if remaining is None else remaining.covariance(fit, priors)
+
+
+def _spread(
+    problem: Problem, rivals: Mapping[str, Rivals], scale: float, remaining: Remaining | None
+) -> dict[int, dict[str, float]]:
     """{id of a rival's fit: {entry: standard error}} of all rivals that the data allow."""
     found = {}
-    for rival in (r for rivals in model.rivals.values() for r in rivals.alike):
-        known = gls_covariance(rival.fit, model.scale, len(problem.parameters))
+    for rival in (r for own in rivals.values() for r in own.alike):
+        known = _covariance(problem, rival.fit, scale, remaining)
         std = np.sqrt(np.maximum(np.diag(known.matrix), 0.0))
         found[id(rival.fit)] = {n: float(std[i]) for i, n in enumerate(rival.fit.free) if i not in known.why}
     return found
@@ -115,16 +112,21 @@ def conclude(
         problem, fit, term = learn_term(problem, fit, smooth[0])
         left = lack_of_fit(problem, fit, smooth_block(problem, len(fit.residual)))
         smooth = (_learned(smooth[0], term), *smooth[1:])
-    held = _held_out(case, split, model, fit, term, smooth, first, say)
+    # Error bars know a misfit that remains. Of runs in time there is no such curve, and a learned term is one.
+    asked = model.disagrees and term is None and not problem.in_motion
+    remaining = remaining_misfit(problem, fit, say) if asked else None
+    held = _held_out(case, split, model, fit, term, smooth, first, remaining, say)
     before = result_of(case.problem, base, case.fitted, case.noise, scale=max(base.chi2 / len(base.residual), 1.0))
-    after = result_of(problem, fit, case.fitted, case.noise, scale=max(fit.chi2 / len(fit.residual), 1.0))
+    kept = fit if remaining is None else remaining.fit
+    after = result_of(problem, kept, case.fitted, case.noise, max(fit.chi2 / len(fit.residual), 1.0), remaining)
     if term is None:
-        after = with_rivals(after, model.rivals, _spread(problem, model))
+        rivals = model.rivals if remaining is None else weighed_again(problem, model.rivals, remaining)
+        after = with_rivals(after, rivals, _spread(problem, rivals, model.scale, remaining))
     says = None
     if model_form and not problem.in_motion:
         say("the final model with the other law of the edge")
         says = what_the_other_law_says(problem, fit, first.critical)
-        after = _with_both_laws(after, fit, says, case)
+        after = _with_both_laws(after, fit, says, case, remaining)
     after = with_evidence(after, model, problem.faults)
     seen = _evidence(case, model.rivals)
     named = (_named(name, after, model, says, problem.faults) for name in fit.physics)
@@ -209,6 +211,7 @@ def conclude(
         learned=(term,) if term else (),
         suspects=model.suspects,
         proof=None if model.proof is None else model.proof.together,
+        discrepancy=() if remaining is None else remaining.channels,
     )
 
 
@@ -233,12 +236,16 @@ def _held_out(
     term: LearnedTerm | None,
     smooth: tuple[Variation, ...],
     first: Screen,
+    remaining: Remaining | None,
     say: Progress,
 ) -> HeldOut:
     """The ideal and the final model fitted to the other rows, on the rows held out."""
     chosen = case.problem.with_rows(~split.held)
     base = chosen.fit(start=case.base.values)
-    final = chosen.fit(fit.effects, fit.values) if fit.effects else base
+    weighed = remaining is not None and remaining.weighed.discrepancy is not None
+    if remaining is not None:
+        chosen = remaining.weighing(chosen)
+    final = chosen.fit(fit.effects, fit.values) if fit.effects or weighed else base
     spared = set(fit.effects) | {r.name for rival in model.rivals.values() for r in rival.alike}
     exchanged = exchange_fits(chosen, final, [s.name for s in first.ranked], spared, say)
     judge: Problem = case.problem
@@ -256,12 +263,20 @@ def _learned(variation: Variation, term: LearnedTerm) -> Variation:
     return replace(variation, coefficients=term.coefficients, learned=True)
 
 
-def _with_both_laws(after: FitResult, fit: Fit, says: OtherLawSays, case: Case) -> FitResult:
-    """The final model's result with what the other law makes of its parameters. The whitened rows are independent readings."""
+def _with_both_laws(
+    after: FitResult, fit: Fit, says: OtherLawSays, case: Case, remaining: Remaining | None
+) -> FitResult:
+    """The final model's result with what the other law makes of its parameters. The whitened rows are independent readings.
+
+    fit: the final model before anything that remained was allowed for.
+    """
     there = replace(case.fitted, record=says.problem.record, plans=dict(says.problem.plans))
     rows = len(fit.residual) - len(says.problem.parameters)
     scale = max(min(fit.chi2, says.fit.chi2) / rows, 1.0)
-    other = result_of(says.problem, says.fit, there, case.noise, scale=max(says.fit.chi2 / rows, 1.0))
+    beside = says.fit
+    if remaining is not None:
+        beside = remaining.weighing(says.problem).fit(beside.effects, beside.values)
+    other = result_of(says.problem, beside, there, case.noise, max(says.fit.chi2 / rows, 1.0), remaining)
     speaks = evidence(fit.chi2 / scale, says.fit.chi2 / scale, len(fit.free), len(says.fit.free), rows)
     return with_model_form(after, other_law(after, other, speaks))
 

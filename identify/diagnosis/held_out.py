@@ -47,12 +47,18 @@ def _held_in_motion(test: TestRecord) -> tuple[np.ndarray, str]:
     return held, f"the last {100 * SHARE:.0f} % of every run"
 
 
+def conditions_of_rows(test: TestRecord) -> tuple[np.ndarray, np.ndarray]:
+    """Temperature, supply pressure and rate of each of a static test's conditions (conditions, 3), as numbers of their levels, and
+    the number (rows,) of each row's."""
+    levels = np.stack([_level(test.temperature, 1.0), _level(test.supply_pressure, 0.02), _rates(test)], axis=1)
+    conditions, number = np.unique(levels, axis=0, return_inverse=True)
+    return conditions, number.reshape(-1)
+
+
 def _held_rows(test: TestRecord) -> tuple[np.ndarray, str]:
     if test.in_motion:
         return _held_in_motion(test)
-    levels = np.stack([_level(test.temperature, 1.0), _level(test.supply_pressure, 0.02), _rates(test)], axis=1)
-    conditions, number = np.unique(levels, axis=0, return_inverse=True)
-    number = number.reshape(-1)
+    conditions, number = conditions_of_rows(test)
     for columns in ((0, 1, 2), (0, 1)):  # first keep every rate in the fit too, then do without
         chosen = _kept_back(conditions, number, columns)
         if len(chosen):

@@ -129,6 +129,27 @@ class NamedEffect:
 
 
 @dataclass(frozen=True)
+class ChannelDiscrepancy:
+    """What the final model misses of one channel, as the error bars of its parameters allow for it.
+
+    std: of a reading, beside its noise, SI (or of its signal). of_each_sweep: share of its variance that is not common to the
+    sweeps. length: share of a sweep's readings over which it stays alike.
+    """
+
+    test: str
+    channel: str
+    std: float
+    of_each_sweep: float
+    length: float
+    signal: str = ""
+
+    @property
+    def unit(self) -> DisplayUnit:
+        """In which it is shown."""
+        return reading_unit(self.channel, self.signal)
+
+
+@dataclass(frozen=True)
 class Candidate:
     """One effect of the library beside the ideal valve: can this record show it, and does it?
 
@@ -292,6 +313,8 @@ class DiagnosisResult(Result):
     suspects: tuple[Suspect, ...] = ()
     # 2 ln E of all effects together on rows left out, each condition once; None where nothing is named.
     proof: float | None = None
+    # What the final model misses beside the noise, where a misfit remains: error bars hold it.
+    discrepancy: tuple[ChannelDiscrepancy, ...] = ()
 
     @property
     def plain_model(self) -> str:

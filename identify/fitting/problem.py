@@ -20,6 +20,7 @@ from thermohyd.identify.reduction.monotone_pieces import run_ids
 
 from .bench_faults import BenchFault, allowance_of, info_of, is_fault
 from .boxes import Box
+from .discrepancy import Discrepancy
 from .least_squares import LeastSquaresResult, solve
 from .library import Library, coupled, library_for, relative_cost, stores, with_heat
 from .parameters import IN_MOTION, PARAMETERS, SEEN_IN_MOTION, ParameterPlan
@@ -55,7 +56,7 @@ class Problem:
     residuals and columns), counted as in a fit's residual. known_effects: {name: amount}, present and held, in motion only.
     also: held parameters that stand in the vector of motion all the same, so that a later fit which frees them finds its
     program compiled. faults: of the bench, that may be freed like effects of the library; of static tests. work: one count for
-    the problem and all that are made from it.
+    the problem and all that are made from it. discrepancy: what the model is known to miss, a part of the readings' error.
     """
 
     record: BenchRecord
@@ -69,6 +70,7 @@ class Problem:
     also: tuple[str, ...] = ()
     faults: Mapping[str, BenchFault] = field(default_factory=dict)
     work: Work = field(default_factory=Work)
+    discrepancy: Discrepancy | None = None
 
     def with_noise(self, noise: Noise) -> "Problem":
         return replace(self, noise=noise)
@@ -80,6 +82,10 @@ class Problem:
     def with_terms(self, *terms: LearnedTerm) -> "Problem":
         """The same problem with learned smooth terms in the model, instead of those that it had."""
         return replace(self, terms=terms)
+
+    def with_discrepancy(self, discrepancy: Discrepancy | None) -> "Problem":
+        """The same problem whose readings are known to the noise and to this."""
+        return replace(self, discrepancy=discrepancy)
 
     @cached_property
     def readings(self) -> tuple[Readings, ...]:
@@ -338,7 +344,12 @@ class Problem:
                 residuals.append(residual)
                 blocks.append(block)
             residuals.append((vector[:count] - value) * weight)
-            return np.concatenate(residuals), np.concatenate([*blocks, slopes], axis=1)
+            residual, columns = np.concatenate(residuals), np.concatenate([*blocks, slopes], axis=1)
+            if self.discrepancy is not None:
+                real = self._real_rows(len(residual))
+                residual[real] = self.discrepancy.whitened(residual[real])
+                columns[:, real] = self.discrepancy.whitened(columns[:, real])
+            return residual, columns
 
         return both
 

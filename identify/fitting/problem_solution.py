@@ -5,13 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from thermohyd.identify.noise.correlation import NoiseCorrelation
 from thermohyd.identify.noise.level import ChannelNoise
 
 from .least_squares import LeastSquaresResult
 from .problem import Problem
 from .problem_fit import Fit
 from .static_readings import channel_slices
-from .uncertainty import Key, settled_noise
+from .uncertainty import Block, Covariance, Key, covariance_of, settled_noise
 
 
 def solution_of(problem: Problem, fit: Fit, seen: Fit | None = None) -> LeastSquaresResult:
@@ -38,6 +39,18 @@ def solution_of(problem: Problem, fit: Fit, seen: Fit | None = None) -> LeastSqu
         whole, p=whole.p[pick], z=whole.z[pick], start=whole.start[pick], active=whole.active[pick],
         cost=float(np.sum(residual**2)), residual=residual, jacobian=jacobian,
     )  # fmt: skip
+
+
+def gls_covariance(fit: Fit, scale: float, priors: int) -> Covariance:
+    """(J'J)^-1 of the whitened problem over `fit.free`; scale: variance of the whitened residuals where it exceeds 1.
+
+    priors: rows at the end that are no readings.
+    """
+    columns = fit.columns[:, [fit.order.index(name) for name in fit.free]][fit.used]
+    active = np.array([fit.solution.active[fit.order.index(name)] for name in fit.free])
+    rows = len(columns) - priors
+    block = Block(slice(0, rows), np.zeros(rows, dtype=int), NoiseCorrelation(), max(scale, 1.0))
+    return covariance_of(columns, fit.free, active, [block], slice(rows, rows + priors))
 
 
 def noise_settled_by(problem: Problem, fit: Fit, noise: Mapping[Key, ChannelNoise]) -> dict[Key, ChannelNoise]:

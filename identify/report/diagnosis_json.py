@@ -18,6 +18,7 @@ from .fit_json import fields_of, fit_json, plain
 
 
 NOISE = ("test", "channel", "std", "source", "correlation", "correlation_source", "effective_size", "rows")
+DISCREPANCY = ("test", "channel", "std", "of_each_sweep", "length")
 HELD_OUT = ("before", "after", "gap_closed", "rows", "what", "reduced_chi2_before", "reduced_chi2_after", "exchange")
 
 
@@ -58,6 +59,7 @@ def diagnosis_json(result: DiagnosisResult) -> dict[str, Any]:
         "parameter_shifts": [fields_of(s, "name", "unit", "before", "after", "std_after") for s in result.shifts],
         "evidence": [_evidence(evidence) for evidence in result.evidence],
         "noise": [fields_of(noise, *NOISE) for noise in result.noise],
+        "discrepancy": [fields_of(found, *DISCREPANCY) for found in result.discrepancy],
         **fields_of(result, "left_over_p", "seconds", "evaluations", "notes", "warnings"),
         "units": "SI: m, Pa (gauge), K, m3/s",
         "fit_before": {

@@ -63,6 +63,7 @@ def diagnosis_page(result: DiagnosisResult, figures: dict[str, bytes], version: 
         evidence=evidence,
         held_out=_sentence(words.held_out(result)),
         left_over=_sentence(words.left_over(result)),
+        discrepancy=words.discrepancy(result),
         variations=words.variations(result),
         candidates=words.candidate_rows(result),
         silent=[s for s in (words.absorbed(result), words.impossible(result)) if s],

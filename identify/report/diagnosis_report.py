@@ -250,6 +250,7 @@ def _facts(result: DiagnosisResult, rows: int) -> Table:
         ("edge law", model_form_sentences(result.after)[:rows]),
         ("next test", [] if result.next_test is None else [result.next_test.sentence]),
         ("left over", [words.left_over(result)]),
+        ("known to", [words.discrepancy(result)]),
         ("empirical", words.variations(result)[: max(1, rows - 3)]),
         ("absorbed", [words.absorbed(result)]),
         ("least seen", [words.would_show(result)] if result.verdict == "consistent" else []),

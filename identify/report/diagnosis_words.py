@@ -360,6 +360,25 @@ def left_over(result: DiagnosisResult) -> str:
     return f"{words}, most in {worst.reading}, {worst.place}: bench {worst.miss} ({worst.share} of what is left)."
 
 
+SMALL = 0.1  # of a channel's noise: what the model misses is then nothing to speak of
+
+
+def discrepancy(result: DiagnosisResult) -> str:
+    """How far readings are believed beside a misfit that remains; empty where nothing remains."""
+    noise = {(n.test, n.channel): n.std for n in result.noise}
+    known = [
+        f"{found.unit.words(found.std, 2)} ({found.test.replace('_', ' ')}, {found.channel.replace('_', ' ')})"
+        for found in result.discrepancy
+        if found.std > SMALL * noise.get((found.test, found.channel), 0.0)
+    ]
+    if not known:
+        return ""
+    return (
+        f"Beside their noise readings count as known to {', '.join(known)}, which is what the model misses: error bars hold that, and "
+        "values are those that predict runs left out best."
+    )
+
+
 def variations(result: DiagnosisResult) -> list[str]:
     """What would have to vary with what to close the rest: empirical, and said to be so."""
     sentences = [_variation(found) for found in result.variations]

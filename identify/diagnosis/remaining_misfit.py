@@ -1,0 +1,293 @@
+"""Where a misfit remains: which parameters predict best, and how far may they be trusted?
+
+Beside its noise each channel has what the model misses: a curve over the position that all its sweeps share, and one that each sweep has
+of its own, with a size and a length of their own (Kennedy and O'Hagan, Journal of the Royal Statistical Society B 63, 2001). Sizes are
+those of highest restricted likelihood (MacKay, Neural Computation 4, 1992), the length is the one under which runs that were left out are
+least surprising (log score: Gneiting and Raftery, Journal of the American Statistical Association 102, 2007). Error bars hold that. Whether
+readings are weighed by it as well, or by their noise alone, is asked of the same runs: by which parameters their readings are met best.
+docs/diagnosis.md section 14.1.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
+
+from thermohyd.identify.bench.test_record import TestRecord
+from thermohyd.identify.fitting.discrepancy import Discrepancy
+from thermohyd.identify.fitting.problem import Problem
+from thermohyd.identify.fitting.problem_fit import Fit
+from thermohyd.identify.fitting.problem_solution import gls_covariance
+from thermohyd.identify.fitting.uncertainty import Covariance
+from thermohyd.identify.reduction.monotone_pieces import piece_bounds, sweep_ids
+
+from .confirmation import MOST, parts_left_out
+from .held_out import conditions_of_rows
+from .left_over import whitened
+from .result import ChannelDiscrepancy
+from .rivals import Rival, Rivals
+from .screening import Projection
+
+
+# Shares of a sweep's readings over which what is missed stays alike: narrower is noise, wider the parameters follow.
+LENGTHS = (0.05, 0.15, 0.5)
+CURVES = {0.05: 24, 0.15: 12, 0.5: 6}  # of a sweep: three for each length, so that the law between them is the kernel's
+MOST_CURVES, FEWEST_CURVES = 300, 3  # of all sweeps of a channel; of one sweep
+ROUNDS, SETTLED = 4, 0.05  # of size and fit in turn, until no size changes by more than this
+MOST_TURNS = 40  # of the search for the sizes
+SMALLEST, LARGEST = 1e-8, 1e8  # variance of a curve, against the noise
+WITHIN = 5.0  # natural steps that a parameter may lie away where the runs left say nothing of it
+
+
+@dataclass(frozen=True)
+class Curves:
+    """Curves (rows, k) over a channel's sweeps, of unit variance at every row in units of the channel's typical noise, whitened.
+
+    key: test, channel. common: whether all sweeps share them.
+    """
+
+    key: tuple[str, str]
+    common: bool
+    columns: np.ndarray
+
+
+@dataclass(frozen=True)
+class Beside:
+    """A fit beside a discrepancy, curves of one length and of these sizes (variances, in those of the noise); None: beside the noise.
+
+    fit: rows whitened by noise and discrepancy. scale: reduced chi-square of it, at least 1.
+    """
+
+    fit: Fit
+    scale: float
+    length: float = 0.0
+    sizes: np.ndarray | None = None
+    discrepancy: Discrepancy | None = None
+
+
+@dataclass(frozen=True)
+class Remaining:
+    """What a model misses as a part of the readings' error. believed: under which runs left out are least surprising.
+
+    weighed: what the fit that is kept weighs its readings by. score: of `believed` on runs left out, in units of log likelihood, over
+    that of the noise widened to the misfit. errors: mean square misfit of runs left out by the parameters of `weighed`, over that
+    by those of the noise alone; the geometric mean over the channels.
+    """
+
+    weighed: Beside
+    believed: Beside
+    score: float
+    errors: float
+    channels: tuple[ChannelDiscrepancy, ...]
+
+    @property
+    def fit(self) -> Fit:
+        return self.weighed.fit
+
+    def covariance(self, fit: Fit, priors: int) -> Covariance:
+        """Of a fit weighed as this one: the sandwich of `weighed` between what is `believed`. priors: rows that are no readings."""
+        plain = gls_covariance(fit, 1.0, priors)
+        bread = plain.matrix[np.ix_(plain.alive, plain.alive)]
+        columns = fit.columns[:, [fit.order.index(fit.free[i]) for i in plain.alive]].T
+        back = columns if self.weighed.discrepancy is None else self.weighed.discrepancy.whitened(columns)
+        size = np.sqrt(np.append(np.full(back.shape[1] - priors, self.believed.scale), np.ones(priors)))
+        believed = self.believed.discrepancy
+        half = back * size if believed is None else np.concatenate([back * size, back @ believed.columns], axis=1)
+        matrix = np.zeros_like(plain.matrix)
+        matrix[np.ix_(plain.alive, plain.alive)] = bread @ (half @ half.T) @ bread
+        return replace(plain, matrix=0.5 * (matrix + matrix.T))
+
+    def weighing(self, problem: Problem) -> Problem:
+        """A problem of the same tests whose fits are weighed likewise; of the rows that it uses, if not all."""
+        sizes = self.weighed.sizes
+        if sizes is None or problem.used is None:
+            return problem.with_discrepancy(self.weighed.discrepancy)
+        curves = _curves(problem, self.weighed.length, len(self.fit.residual))
+        columns = [c.columns * np.sqrt(size) for c, size in zip(curves, sizes, strict=True)]
+        return problem.with_discrepancy(Discrepancy(np.concatenate(columns, axis=1)))
+
+
+def remaining_misfit(problem: Problem, fit: Fit, say: Callable[[str], None] = lambda _: None) -> Remaining:
+    """The discrepancy beside `fit`, and the fit that predicts runs left out best."""
+    say("how far readings may be trusted beside the misfit")
+    parts = runs_left_out(problem.tests)
+    tried = [Beside(fit, _scale(problem, fit)), *(_fitted(problem, fit, length) for length in LENGTHS)]
+    found = [left_out(problem, beside, parts) for beside in tried]
+    scores, errors = [score for score, _ in found], [error - found[0][1] for _, error in found]
+    believed, weighed = tried[int(np.argmax(scores))], tried[int(np.argmin(errors))]
+    if weighed.discrepancy is not None:
+        beside = problem.with_discrepancy(weighed.discrepancy)
+        weighed = replace(weighed, fit=beside.fit(fit.effects, weighed.fit.values, patient=True))
+    return Remaining(
+        weighed, believed, max(scores) - scores[0], float(np.exp(min(errors))), tuple(_channels(problem, believed))
+    )
+
+
+def weighed_again(problem: Problem, rivals: Mapping[str, Rivals], remaining: Remaining) -> dict[str, Rivals]:
+    """The rivals that were alike, fitted with the same weights."""
+    if remaining.weighed.discrepancy is None:
+        return dict(rivals)
+    beside = remaining.weighing(problem)
+
+    def again(rival: Rival) -> Rival:
+        fit = beside.fit(rival.fit.effects, rival.fit.values)
+        return replace(rival, fit=fit, chi2_more=(fit.chi2 - remaining.fit.chi2) / remaining.weighed.scale)
+
+    return {name: replace(r, tried=tuple(again(rival) for rival in r.alike)) for name, r in rivals.items()}
+
+
+def runs_left_out(tests: Mapping[str, TestRecord]) -> np.ndarray:
+    """Number of the part (rows,) that each row belongs to, below 0 where it is in every fit.
+
+    Conditions and rates of each test that has several, so that another rate of the same test stays; else as for the proof of a name.
+    """
+    count, by_test = 0, {}
+    for name, test in tests.items():
+        number = np.zeros(test.rows, dtype=int) if test.in_motion else conditions_of_rows(test)[1]
+        several = len(np.unique(number)) > 1
+        by_test[name] = count + number if several else np.full(test.rows, -1)
+        count += len(np.unique(number)) if several else 0
+    if count == 0:
+        return parts_left_out(tests)
+    by_test = {name: np.where(number < 0, -1, number % MOST) for name, number in by_test.items()}
+    return np.concatenate([by_test[name] for name, test in tests.items() for _ in test.channels])
+
+
+def _scale(problem: Problem, fit: Fit) -> float:
+    rows = len(fit.residual) - len(problem.parameters)
+    return max(fit.chi2 / max(rows - len(fit.free), 1), 1.0)
+
+
+def _fitted(problem: Problem, fit: Fit, length: float) -> Beside:
+    """Sizes and fit in turn, for curves of one length."""
+    curves = list(_curves(problem, length, len(fit.residual)))
+    columns = np.concatenate([c.columns for c in curves], axis=1)
+    which = np.repeat(np.arange(len(curves)), [c.columns.shape[1] for c in curves])
+    seen, found, sizes, discrepancy = fit, fit, np.ones(len(curves)), Discrepancy(columns)
+    for _ in range(ROUNDS):
+        before, sizes = sizes, likeliest_sizes(seen, columns, which, sizes)
+        discrepancy = Discrepancy(columns * np.sqrt(sizes)[which])
+        found = problem.with_discrepancy(discrepancy).fit(fit.effects, found.values)
+        seen = replace(problem.evaluate(found.values, found.effects), free=found.free, active=found.active)
+        changed = np.abs(np.sqrt(sizes) - np.sqrt(before)) > SETTLED * np.sqrt(np.maximum(sizes, 1.0))
+        if not changed.any():
+            break
+    return Beside(found, _scale(problem, found), length, sizes, discrepancy)
+
+
+def _channels(problem: Problem, beside: Beside) -> Iterator[ChannelDiscrepancy]:
+    """What the channels' readings are known to beside their noise, of each whose curves are larger than nothing."""
+    if beside.sizes is None:
+        return
+    for number, (test, channel) in enumerate(problem.rows()):
+        common, own = beside.sizes[2 * number : 2 * number + 2]
+        std = _typical(problem, (test, channel)) * np.sqrt(common + own)
+        signal = problem.tests[test].channel(channel).signal
+        yield ChannelDiscrepancy(test, channel, float(std), float(own / (common + own)), beside.length, signal)
+
+
+def _typical(problem: Problem, key: tuple[str, str]) -> float:
+    return float(np.sqrt(np.mean(problem.noise.std[key] ** 2)))
+
+
+def _curves(problem: Problem, length: float, rows: int) -> Iterator[Curves]:
+    """Of each channel the curves that its sweeps share, then those of each sweep; rows: of a fit's residual."""
+    for key, place in problem.rows().items():
+        test = problem.tests[key[0]]
+        rank = np.empty(test.rows)
+        rank[np.argsort(test.place, kind="stable")] = np.arange(test.rows) / max(test.rows - 1, 1)
+        sweeps = list(piece_bounds(sweep_ids(test)))
+        shared = kernel_curves(rank, length, CURVES[length])
+        each = min(CURVES[length], max(FEWEST_CURVES, MOST_CURVES // len(sweeps)))
+        of_one = kernel_curves(rank, length, each)
+        own = np.zeros((test.rows, each * len(sweeps)))
+        for number, (start, stop) in enumerate(sweeps):
+            own[start:stop, number * each : (number + 1) * each] = of_one[start:stop]
+        for common, columns in ((True, shared), (False, own)):
+            block = np.zeros((rows, columns.shape[1]))
+            block[place] = whitened(problem, key, columns * _typical(problem, key))
+            yield Curves(key, common, block)
+
+
+def kernel_curves(place: np.ndarray, length: float, count: int) -> np.ndarray:
+    """(rows, count): sums of squares are the variance of a Matern 3/2 process of this length, 1 but for what `count` points miss.
+
+    By inducing points (Quinonero-Candela and Rasmussen, Journal of Machine Learning Research 6, 2005). place (rows,): 0 to 1.
+    """
+    points = np.linspace(0.0, 1.0, count)
+
+    def kernel(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        away = np.sqrt(3.0) * np.abs(a[:, None] - b[None, :]) / length
+        return (1.0 + away) * np.exp(-away)
+
+    lower = cholesky(kernel(points, points) + 1e-9 * np.eye(count), lower=True)
+    return solve_triangular(lower, kernel(place, points).T, lower=True).T
+
+
+def likeliest_sizes(fit: Fit, columns: np.ndarray, which: np.ndarray, begin: np.ndarray) -> np.ndarray:
+    """Variance of each group of curves, in units of the noise, of highest likelihood of what the free parameters leave.
+
+    columns (rows, k): of unit variance; which (k,): the group of each.
+    """
+    projection = Projection.beside(fit.nuisance)
+    residual, left = projection(fit.residual), projection(columns)
+    gram, load = left.T @ left, left.T @ residual
+    sizes = np.clip(begin, 1e-3, LARGEST)
+    groups = [which == number for number in range(len(begin))]
+    for _ in range(MOST_TURNS):
+        inverse = np.linalg.inv(gram + np.diag(1.0 / sizes[which]))
+        mean, spread = inverse @ load, np.diag(inverse)
+        before = sizes.copy()
+        for number, own in enumerate(groups):
+            known = float(own.sum() - np.sum(spread[own]) / before[number])  # coefficients that the readings determine
+            sizes[number] = np.clip(float(mean[own] @ mean[own]) / max(known, 1e-9), SMALLEST, LARGEST)
+        if np.all(np.abs(np.log(sizes / before)) < SETTLED) or np.all(sizes <= 10.0 * SMALLEST):
+            break
+    return sizes
+
+
+def left_out(problem: Problem, beside: Beside, parts: np.ndarray) -> tuple[float, float]:
+    """(log likelihood of the rows of each part, mean over the channels of the log of their mean square misfit), each part predicted by
+    parameters that did not see it: one Gauss-Newton step from the fit. Curves are not predicted, only allowed for.
+    """
+    fit, scale = beside.fit, beside.scale
+    seen = fit if beside.discrepancy is None else problem.evaluate(fit.values, fit.effects)
+    white = problem.with_noise(problem.noise.white).evaluate(fit.values, fit.effects)
+    names = [name for name in fit.free if name not in fit.active]
+    steps = np.array([problem.scale_of(name) for name in names])
+    slopes = lambda f: f.columns[:, [f.order.index(name) for name in names]] * steps
+    jacobian, plain = slopes(seen), slopes(white)
+    curves = np.zeros((len(seen.residual), 0)) if beside.discrepancy is None else beside.discrepancy.columns
+    whole = np.concatenate([parts, np.full(len(seen.residual) - len(parts), -1)])
+    score, misses = 0.0, white.residual.copy()
+    for part in np.unique(parts[parts >= 0]):
+        kept, left = whole != part, whole == part
+        both = np.concatenate([jacobian[kept], seen.residual[kept, None]], axis=1)
+        among = np.eye(curves.shape[1]) * scale + curves[kept].T @ curves[kept]
+        across = curves[kept].T @ both
+        normal = (both.T @ both - across.T @ cho_solve(cho_factor(among), across)) / scale
+        matrix = normal[:-1, :-1] + np.eye(len(names)) / WITHIN**2
+        step = -np.linalg.solve(matrix, normal[:-1, -1])
+        misses[left] += plain[left] @ step
+        spread = cholesky(np.linalg.inv(0.5 * (matrix + matrix.T)), lower=True)
+        score += _log_likelihood(
+            seen.residual[left] + jacobian[left] @ step,
+            np.concatenate([curves[left], jacobian[left] @ spread], axis=1),
+            scale,
+        )
+    errors = []
+    for place in problem.rows().values():
+        own = misses[place][parts[place] >= 0]
+        if len(own):
+            errors.append(np.log(np.mean(own**2)))
+    return score, float(np.mean(errors))
+
+
+def _log_likelihood(miss: np.ndarray, spread: np.ndarray, scale: float) -> float:
+    """Of rows (n,) with the covariance scale + spread spread', without its constant."""
+    lower = cholesky(np.eye(spread.shape[1]) * scale + spread.T @ spread, lower=True)
+    explained = solve_triangular(lower, spread.T @ miss, lower=True)
+    square = (float(miss @ miss) - float(explained @ explained)) / scale
+    volume = 2.0 * float(np.sum(np.log(np.diag(lower)))) + (len(miss) - len(lower)) * np.log(scale)
+    return -0.5 * (square + volume)

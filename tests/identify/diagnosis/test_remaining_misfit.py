@@ -1,0 +1,71 @@
+"""Where a misfit remains: sizes of curves, the choice by runs left out, and error bars that hold the truth."""
+
+import numpy as np
+import pytest
+from helpers.linear_fit import linear_fit
+from helpers.small_bench import VALVE
+from helpers.small_diagnosis import small_diagnosis
+
+from thermohyd.identify.diagnosis.remaining_misfit import kernel_curves, likeliest_sizes
+from thermohyd.identify.fitting.discrepancy import Discrepancy
+
+
+def test_a_discrepancy_whitens_by_the_inverse_root_of_its_covariance() -> None:
+    generator = np.random.default_rng(3)
+    columns = generator.normal(size=(12, 4)) * [0.0, 0.1, 2.0, 30.0]
+    values = generator.normal(size=(5, 12))
+    got = Discrepancy(columns).whitened(values)
+    covariance = np.eye(12) + columns @ columns.T
+    assert got @ got.T == pytest.approx(values @ np.linalg.solve(covariance, values.T), rel=1e-10)
+    assert Discrepancy(0.0 * columns).whitened(values) == pytest.approx(values, abs=0.0)
+
+
+@pytest.mark.parametrize(("length", "count"), [(0.05, 24), (0.15, 12), (0.5, 6)])
+def test_curves_have_unit_variance_and_the_kernels_correlation(length: float, count: int) -> None:
+    place = np.linspace(0.0, 1.0, 101)
+    curves = kernel_curves(place, length, count)
+    covariance = curves @ curves.T
+    assert np.diag(covariance) == pytest.approx(1.0, abs=0.12)  # what the points between which it is laid miss
+    assert np.diag(covariance).mean() == pytest.approx(1.0, abs=0.07)
+    away = np.sqrt(3.0) * 0.1 / length
+    seen = np.mean(np.diag(covariance, 10))
+    assert seen == pytest.approx((1.0 + away) * np.exp(-away), abs=0.01)
+
+
+def test_sizes_of_curves_are_found_beside_parameters_that_take_a_part_of_them() -> None:
+    generator = np.random.default_rng(5)
+    place = np.linspace(0.0, 1.0, 400)
+    curves = [
+        kernel_curves(place, 0.05, 24),
+        np.roll(kernel_curves(place, 0.05, 24), 200, axis=0),
+        kernel_curves(place, 0.15, 12),
+    ]
+    truth, found = np.array([25.0, 4.0, 0.0]), []
+    columns, which = np.concatenate(curves, axis=1), np.repeat([0, 1, 2], [24, 24, 12])
+    nuisance = np.stack([np.ones(400), place], axis=1)
+    for _ in range(20):
+        coefficients = np.sqrt(truth)[which] * generator.normal(size=60)
+        fit = linear_fit(columns @ coefficients + generator.normal(size=400) + 30.0 * place, nuisance)
+        padded = np.concatenate([columns, np.zeros((len(fit.residual) - 400, 60))])
+        found.append(likeliest_sizes(fit, padded, which, np.ones(3)))
+    assert np.exp(np.mean(np.log(found), axis=0)[:2]) == pytest.approx(truth[:2], rel=0.3)
+    assert np.median(found, axis=0)[2] < 0.5
+
+
+def test_error_bars_beside_a_misfit_hold_what_the_model_misses() -> None:
+    result = small_diagnosis("outside")
+    assert {(found.test, found.channel) for found in result.discrepancy} == {
+        (c.test, c.channel) for c in result.after.channels
+    }
+    assert all(found.std >= 0.0 and 0.0 <= found.of_each_sweep <= 1.0 for found in result.discrepancy)
+    assert "readings count as known to" in result.summary()
+    assert [found["channel"] for found in result.to_dict()["discrepancy"]] == [f.channel for f in result.discrepancy]
+    for name, estimate in result.after.parameters.items():
+        if estimate.std:
+            assert abs(estimate.value - getattr(VALVE, name)) < 4.0 * estimate.std, name
+
+
+def test_nothing_is_added_to_the_error_where_nothing_remains() -> None:
+    result = small_diagnosis("pilot")
+    assert result.discrepancy == ()
+    assert result.to_dict()["discrepancy"] == []
