@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from .bench.errors import BenchInputError
     from .bench.read import read_record
     from .bench.record import ActuatorData, BenchRecord, StartValue, ValveData
+    from .comparison.result import ComparisonResult
+    from .comparison.study import compare
     from .diagnosis.case import Case, choose, open_case
     from .diagnosis.conclusion import conclude
     from .diagnosis.diagnose import diagnose
@@ -43,6 +45,8 @@ _HOME = {
     "bench.errors": ("BenchInputError",),
     "bench.read": ("read_record",),
     "bench.record": ("ActuatorData", "BenchRecord", "StartValue", "ValveData"),
+    "comparison.result": ("ComparisonResult",),
+    "comparison.study": ("compare",),
     "diagnosis.case": ("Case", "choose", "open_case"),
     "diagnosis.conclusion": ("conclude",),
     "diagnosis.diagnose": ("diagnose",),

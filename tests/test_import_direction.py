@@ -40,6 +40,7 @@ FACES = {
     f"{IDENTIFY}.{name}"
     for name in (
         "bench.record",
+        "comparison.result",
         "fitting.result",
         "diagnosis.result",
         "seed.study",

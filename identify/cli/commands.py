@@ -5,13 +5,14 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from .process import plain_failures
+from .process import fail, plain_failures
 from .run_command import begin, of_each_record, run_study, say_where, show
 
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from thermohyd.identify.comparison.result import ComparisonResult
     from thermohyd.identify.result import Result
 
     from .run_command import Progress, Work
@@ -140,6 +141,45 @@ def diagnose_command(
         )
 
     of_each_record(benches, out, json, diagnoses)
+
+
+@app.command("compare")
+def compare_command(
+    first: Annotated[Path, typer.Argument(metavar="A", help="Folder of the first record, such as before an overhaul.")],
+    second: Annotated[Path, typer.Argument(metavar="B", help="Folder of the second: differences are B minus A.")],
+    out: Out = None,
+    json: Json = False,
+    same_bench: Annotated[
+        bool,
+        typer.Option(
+            "--same-bench/--other-bench",
+            help="Instruments and oil are the same in both records as far as the data agree, or each record has its own.",
+        ),
+    ] = True,
+) -> None:
+    """Which parameters and effects differ between two records of one valve, or of two valves of a type, and by how much.
+
+    With --out: compare.json, report.html and the picture as PNG and SVG.
+    """
+
+    def prepared(progress: "Progress") -> "Callable[[Progress], ComparisonResult]":
+        from thermohyd.identify.bench.read import read_record
+
+        records = []
+        for bench in (first, second):
+            progress(f"reading {bench}")
+            records.append(read_record(bench))
+
+        def study(progress: "Progress") -> "ComparisonResult":
+            from thermohyd.identify.comparison.study import compare
+
+            return compare(records[0], records[1], same_bench=same_bench, progress=progress)
+
+        return study
+
+    compared = run_study(out, json, "report.html", prepared, lambda found: found.warnings)
+    if not compared.converged:
+        fail(f"the joint fit did not converge: {compared.message}")
 
 
 @app.command("simulate")

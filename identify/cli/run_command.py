@@ -43,10 +43,14 @@ def of_each_record(benches: list[Path], out: str | None, json: bool, work: "Call
             fail(trouble)
 
 
-def run_study(
-    out: str | None, json: bool, page: str, prepare: "Callable[[Progress], Callable[[Progress], Result]]"
-) -> None:
-    """The frame of a study. prepare: reads what it is about, before JAX starts, and gives what computes it."""
+def run_study[Found: "Result"](
+    out: str | None,
+    json: bool,
+    page: str,
+    prepare: "Callable[[Progress], Callable[[Progress], Found]]",
+    warnings: "Callable[[Found], Iterable[str]]" = lambda study: (),
+) -> "Found":
+    """The frame of a study, which it returns. prepare: reads what it is about, before JAX starts, and gives what computes it."""
     with plain_failures():
         from .jax_setup import set_up_jax
         from .several_records import progress_on
@@ -58,7 +62,8 @@ def run_study(
             set_up_jax()
             study = compute(progress)
             save(study, folder, progress)
-        show(study, folder, consoles, json, page)
+        show(study, folder, consoles, json, page, warnings=warnings(study))
+    return study
 
 
 def begin(out: str | None, json: bool) -> "tuple[Path | None, Consoles]":

@@ -51,6 +51,22 @@ BETTER = 1e-5  # relative fall of chi-square that is no rest of another search's
 
 
 @dataclass(frozen=True)
+class System:
+    """A problem as `solve` takes it: entries in order, those that are free, their boxes, residuals with columns (entries, rows).
+
+    chosen: the effects and faults among the free ones. real: of so many rows those that are no pads, the priors of all
+    parameters behind them.
+    """
+
+    chosen: tuple[str, ...]
+    order: tuple[str, ...]
+    free: tuple[str, ...]
+    boxes: list[Box]
+    both: Callable[[Any, Any], tuple[Any, Any]]
+    real: Callable[[int], np.ndarray]
+
+
+@dataclass(frozen=True)
 class Problem:
     """One record's refits. plans: of every parameter, held ones too. `used` (rows,) masks rows out of a fit (they still have
     residuals and columns), counted as in a fit's residual. known_effects: {name: amount}, present and held, in motion only.
@@ -178,6 +194,17 @@ class Problem:
         """Where each channel's rows lie in a `Fit`'s residual."""
         return channel_slices(self.tests, size=lambda rows: rows)
 
+    def system(self, effects: Iterable[str] = (), start: Mapping[str, float] | None = None) -> System:
+        """What a fit with `effects` freed solves, begun at `start`; one who solves several at once puts them together."""
+        chosen = tuple(name for name in self.library.names if name in set(effects))
+        programs = [part.program(chosen) for part in self.readings]
+        chosen = (*chosen, *(name for name in self.faults if name in set(effects)))
+        order = self._order(programs, chosen)
+        free = (*self.free_parameters, *(name for name in order if name in chosen))
+        begin = self._start(order, chosen, start or {})
+        boxes = [self._box(name, begin[i], name in free) for i, name in enumerate(order)]
+        return System(chosen, order, free, boxes, self._both(programs, order), self._real_rows)
+
     def fit(
         self,
         effects: Iterable[str] = (),
@@ -193,14 +220,9 @@ class Problem:
         patient: for a fit that is to stay: to the last digit, and on where it crawls. hop_basins: patient, and over the kinks
         of the underlap; far: as far as a first fit goes.
         """
-        chosen = tuple(name for name in self.library.names if name in set(effects))
-        programs = [part.program(chosen) for part in self.readings]
-        chosen = (*chosen, *(name for name in self.faults if name in set(effects)))
-        order = self._order(programs, chosen)
-        free = (*self.free_parameters, *(name for name in order if name in chosen))
-        begin = self._start(order, chosen, start or {})
-        boxes = [self._box(name, begin[i], name in free) for i, name in enumerate(order)]
-        both, cost = self._both(programs, order), relative_cost(chosen)
+        system = self.system(effects, start)
+        chosen, order, free, begin = system.chosen, system.order, system.free, [box.start for box in system.boxes]
+        boxes, both, cost = system.boxes, system.both, relative_cost(chosen)
 
         def from_point(
             point: np.ndarray, enough: float = np.inf, *, closeness: float = CLOSE_TO_COMPARE

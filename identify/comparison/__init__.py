@@ -1,0 +1,1 @@
+"""How do two records of one valve, or of two valves on one bench, differ?"""
