@@ -192,28 +192,41 @@ def share(hits: int, of: int) -> str:
     return f"{hits} of {of}, {hits / of:.1%} ({band.low:.1%} to {band.high:.1%})"
 
 
+def _of_effects(good: list[dict[str, Any]], effects: set[str], *, rivals: bool) -> list[dict[str, Any]]:
+    rows = [row for a in good for name, row in a["rows"].items() if row["ci95"] and name in effects]
+    return [row for row in rows if bool(row["alternatives"]) == rivals]
+
+
 def table(answers: dict[str, dict[str, Any]]) -> str:
     good = [a for a in answers.values() if "error" not in a]
     pairs = [(a, name) for a in good for name in a["differing"]]
     named = [(a, name) for a, name in pairs if a["rows"].get(name, {}).get("state") == "differs"]
-    of_rival = [
+    of_rivals = [
         (a, name)
         for a, name in pairs
         if (a, name) not in named
         and any(row["state"] == "differs" and name in row["alternatives"] for row in a["rows"].values())
     ]
-    false = [(a, n) for a in good for n, row in a["rows"].items() if row["state"] == "differs" and n not in a["differing"]]
-    entries = [row for a in good for row in a["rows"].values() if row["ci95"]]
-    inside = sum(row["ci95"][0] <= row["truth"] <= row["ci95"][1] for row in entries)
-    z = [(row["difference"] - row["truth"]) / row["std"] for row in entries]
+    wrong = [(a, n) for a in good for n, row in a["rows"].items() if row["state"] == "differs" and n not in a["differing"]]
+    false = [(a, n) for a, n in wrong if not {*a["rows"][n]["alternatives"]} & {*a["differing"]}]
+    effects = {name for a in good for name in (*a["effects"], *AMOUNTS)}
+    entries = {
+        "parameters and instruments": [r for a in good for n, r in a["rows"].items() if r["ci95"] and n not in effects],
+        "effects without a rival": _of_effects(good, effects, rivals=False),
+        "effects with a rival": _of_effects(good, effects, rivals=True),
+    }
     equal = [row for a in good for n, row in a["rows"].items() if row["ci95"] and n not in a["differing"]]
     lines = [
         f"{len(good)} pairs; differences named: {share(len(named), len(pairs))}",
-        f"  as a rival of what is named: {len(of_rival)}",
+        f"  as a rival of what is named: {len(of_rivals)}",
         f"pairs with a false difference: {share(len({a['record'] for a, _ in false}), len(good))}",
         f"false differences of entries that are equal: {share(len(false), len(equal))}",
-        f"intervals of differences that hold the truth: {share(inside, len(entries))}; rms z {np.sqrt(np.mean(np.square(z))):.2f}",
+        "intervals of differences that hold the truth:",
     ]
+    for words, rows in {**entries, "all": sum(entries.values(), [])}.items():
+        inside = sum(row["ci95"][0] <= row["truth"] <= row["ci95"][1] for row in rows)
+        z = [(row["difference"] - row["truth"]) / row["std"] for row in rows]
+        lines.append(f"  {words}: {share(inside, len(rows))}; rms z {np.sqrt(np.mean(np.square(z or [np.nan]))):.2f}")
     for name in dict.fromkeys(n for a in good for n in a["rows"]):
         own = [a["rows"][name] for a in good if name in a["rows"]]
         ratio = [row["std"] / row["std_apart"] for row in own if row["std_apart"]]

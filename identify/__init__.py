@@ -32,6 +32,8 @@ if TYPE_CHECKING:
     from .model.model import Model
     from .model.model_file import load_model, nominal_model, save_model
     from .model.predict import Simulation
+    from .planning.result import PlanResult
+    from .planning.study import plan
     from .result import Result
     from .seed.study import SeedStudy, seed_study
     from .sensitivity.result import SensitivityResult
@@ -59,6 +61,8 @@ _HOME = {
     "model.model": ("Model",),
     "model.model_file": ("load_model", "nominal_model", "save_model"),
     "model.predict": ("Simulation",),
+    "planning.result": ("PlanResult",),
+    "planning.study": ("plan",),
     "result": ("Result",),
     "seed.study": ("SeedStudy", "seed_study"),
     "sensitivity.result": ("SensitivityResult",),

@@ -43,6 +43,7 @@ FACES = {
         "comparison.result",
         "fitting.result",
         "diagnosis.result",
+        "planning.result",
         "seed.study",
         "sensitivity.result",
         "servo.study",

@@ -13,6 +13,7 @@ import numpy as np
 from .cells import BadCellsError, BadCellsOfTest
 from .columns import CONDITIONS, READINGS, column_unit
 from .errors import BenchInputError, quoted, suggestion
+from .planned_sweeps import planned_rows
 from .plausibility import check_supply, condition_warnings, rating_warnings, static_warnings
 from .provenance import provenance_of
 from .read_columns import channels_of, check_sensors, condition, missing, runs
@@ -20,7 +21,7 @@ from .read_dynamic import dynamic_test_of
 from .record import BenchRecord, at_first_row
 from .sensors import Sensor
 from .sweeps import first_step_back, sweep_direction, sweep_rate
-from .test_file import BenchTable, read_bench_csv
+from .test_file import BenchTable, bench_table, read_bench_csv
 from .test_record import Channel, TestRecord
 from .test_tables import StaticTest
 from .units import to_si
@@ -45,6 +46,8 @@ def read_tables(bench: BenchFile) -> dict[str, BenchTable]:
 
 
 def _read_table(test: StaticTest, bench: BenchFile) -> BenchTable:
+    if test.planned:
+        return bench_table(test, bench.valve, planned_rows(test, bench.valve))
     if not _is_file(test.file):
         endings = (".csv", ".csv.gz", ".xlsx", ".parquet")
         folder = bench.source.folder or Path()
@@ -174,6 +177,8 @@ def _read_test(test: StaticTest, table: BenchTable, bench: BenchFile, readings_r
         notes=table.notes,
         meter=test.meter,
         position_std=test.noise.get("spool_position"),
+        stated_noise=test.noise,
+        stated_instrument=(test.gain, test.zero),
     )
 
 

@@ -148,6 +148,9 @@ class TestRecord:
     meter: str = "return"  # where a leakage is read; or "supply"
     position_std: float | None = None  # m: the stated noise of the positions
     faults: tuple[Fault, ...] = ()  # of the bench, found so far
+    # What bench.toml says of readings, made or not: {reading: standard deviation, SI}; tolerances of gain and zero (shares).
+    stated_noise: Mapping[str, float] = field(default_factory=dict)
+    stated_instrument: tuple[float | None, float | None] = (None, None)
 
     @property
     def rows(self) -> int:

@@ -149,6 +149,7 @@ def check_word(table: TomlTable, key: str, words: tuple[str, ...]) -> None:
 
 TEST_KEYS = ("kind", "file", "noise", "columns", "ignore", "missing", "skip_rows", "sheet")
 DATA_SHEET = ("gain", "zero")  # of a static test's instrument
+PLAN = "plan"  # of a static test that is yet to be run, in the place of its file
 OWN_KEYS = {"frequency": ("output", "absolute"), "leakage": ("meter",), "step": ("command",)}
 # What the column command of a step test is, where a controller closes the loop.
 COMMANDS = ("setpoint", "controller_output")
@@ -175,6 +176,7 @@ class StaticTest:
     # What the data sheet says of the instrument, standard deviations: of the gain, and of the zero as a share of the largest reading.
     gain: float | None = None
     zero: float | None = None
+    planned: bool = False  # its rows are made by its table `plan`; `file` is then the description
 
     @property
     def kinds(self) -> dict[str, tuple[str, ...]]:
@@ -232,11 +234,14 @@ def read_tests(
         test = table.table(name)
         assert test is not None
         test.refuse_unknown(
-            (*TEST_KEYS, *(() if is_dynamic(name) else DATA_SHEET), *OWN_KEYS.get(kind_of_test(name), ()))
+            (*TEST_KEYS, *(() if is_dynamic(name) else (*DATA_SHEET, PLAN)), *OWN_KEYS.get(kind_of_test(name), ()))
         )
         if "kind" in test and test.data["kind"] != kind_of_test(name):
             raise test.error(f'must be "{kind_of_test(name)}", with which the name of the test begins', "kind")
-        file = test.text("file")
+        planned = not is_dynamic(name) and test.table(PLAN) is not None
+        if planned and "file" in test:
+            raise test.error("stands beside a file; keep one: a test is planned, or it was run", PLAN)
+        file = (test.source.path or Path()).name if planned else test.text("file")
         if file is None:
             raise test.error(f'file is missing; write for example file = "{name}.csv"')
         path = (test.source.folder or Path()) / file
@@ -258,6 +263,7 @@ def read_tests(
                 sensors=sensors,
                 gain=_tolerance(test, "gain"),
                 zero=_tolerance(test, "zero"),
+                planned=planned,
             )
     return static, dynamic
 

@@ -182,6 +182,41 @@ def compare_command(
         fail(f"the joint fit did not converge: {compared.message}")
 
 
+@app.command("plan")
+def plan_command(
+    bench: Annotated[
+        Path, typer.Argument(metavar="BENCH", help="Folder of a record; its tests need no readings, or are planned in bench.toml.")
+    ],
+    model: Annotated[
+        Path | None,
+        typer.Option("--model", "-m", metavar="FILE", help="model.json of the valve to expect; else [start], or the nominal one."),
+    ] = None,
+    out: Out = None,
+    json: Json = False,
+) -> None:
+    """Before any measurement: which effects will the planned tests find, from which amount on, and which ones will they confuse?
+
+    With --out: plan.json, report.html and the pictures as PNG and SVG.
+    """
+
+    def prepared(progress: "Progress") -> "Callable[[Progress], Result]":
+        from thermohyd.identify.bench.read import read_record
+        from thermohyd.identify.model.model_file import load_model
+
+        progress(f"reading {bench}")
+        record = read_record(bench, readings_required=False)
+        expected = None if model is None else load_model(model)
+
+        def study(progress: "Progress") -> "Result":
+            from thermohyd.identify.planning.study import plan
+
+            return plan(record, model=expected, progress=progress)
+
+        return study
+
+    run_study(out, json, "report.html", prepared)
+
+
 @app.command("simulate")
 def simulate_command(
     bench: Bench,

@@ -1,8 +1,7 @@
 """The differences of two records' parameters and amounts, with errors of the difference, from their joint fit. NumPy only.
 
 A difference is a linear function of both records' readings, which says how each channel's noise enters it, how any two
-differences correlate, and so the law of the largest of them. An entry at a limit counts as free here: its step beyond the limit is
-taken on paper, so that differences are not shortened by where an amount must end.
+differences correlate, and so the law of the largest of them.
 """
 
 from collections.abc import Mapping
@@ -12,6 +11,7 @@ import numpy as np
 from scipy.special import chdtrc, stdtr, stdtrit
 
 from thermohyd.identify.diagnosis.max_t import MaxT, normal_score
+from thermohyd.identify.fitting.uncertainty import Covariance
 
 from .joint_fit import SHARED, Entry, JointFit
 
@@ -38,62 +38,56 @@ class LinearDifference:
 
 @dataclass(frozen=True)
 class Estimates:
-    """What a joint fit says of every entry: values with linear steps beyond limits (free,), covariance (free, free), and why some
-    have no error bar {entry: reason}."""
+    """What a joint fit says of every entry: `known`, its covariance beside what stays at a limit."""
 
     fit: JointFit
-    values: np.ndarray
-    covariance: np.ndarray
-    why: dict[Entry, str]
-    apart: dict[str, np.ndarray]  # {record: variances (free,), NaN where it says nothing}
+    known: Covariance
 
     def place(self, entry: Entry) -> int:
         return self.fit.free.index(entry)
 
     def std(self, entry: Entry) -> float | None:
-        if entry not in self.fit.free or entry in self.why:
+        """Standard error; None where there is none, as at a limit."""
+        if entry not in self.fit.free or self.place(entry) in self.known.why:
             return None
-        return float(np.sqrt(self.covariance[self.place(entry), self.place(entry)]))
+        return float(np.sqrt(self.known.matrix[self.place(entry), self.place(entry)]))
 
 
 def estimates_of(fit: JointFit) -> Estimates:
-    """Values and errors of a joint fit, entries at a limit taken as free."""
-    known = fit.covariance()
-    values = np.array([fit.values[entry] for entry in fit.free])
-    pressed = np.flatnonzero(fit.active)
-    if len(pressed):
-        slope = fit.columns[:, pressed].T @ fit.residual
-        values = values - known.matrix[:, pressed] @ slope
-    why = {fit.free[i]: reason for i, reason in known.why.items()}
-    apart = {}
-    for record in fit.alone:
-        own = fit.covariance(record)
-        variance = np.diag(own.matrix).copy()
-        variance[list(own.why)] = np.nan
-        apart[record] = variance
-    return Estimates(fit, values, known.matrix, why, apart)
+    """Values and errors of a joint fit."""
+    return Estimates(fit, fit.covariance())
 
 
 def difference(found: Estimates, name: str, first: str, second: str) -> LinearDifference | str:
-    """The second record's entry minus the first's; or in words why there is none."""
-    entries = ((first, name), (second, name))
-    for entry in entries:
-        if entry in found.why:
-            return f"{entry[0]}: {found.why[entry]}"
+    """The second record's entry minus the first's; or in words why there is none.
+
+    One of them at its limit counts as free, and its step beyond the limit is taken on paper: a difference is not shortened by where
+    an amount must end.
+    """
+    fit, entries = found.fit, ((first, name), (second, name))
     a, b = (found.place(entry) for entry in entries)
-    contrast = np.zeros(len(found.values))
+    pressed = [i for i in (a, b) if fit.active[i]]
+    freed = [fit.free[i] for i in pressed]
+    known = fit.covariance(freed=freed) if freed else found.known
+    for entry, place in zip(entries, (a, b), strict=True):
+        if place in known.why:
+            return f"{entry[0]}: {known.why[place]}"
+    contrast = np.zeros(len(fit.free))
     contrast[a], contrast[b] = -1.0, 1.0
+    value = fit.values[entries[1]] - fit.values[entries[0]]
+    value -= float(contrast @ known.matrix[:, pressed] @ (fit.columns[:, pressed].T @ fit.residual))
     # To the linear order the entries are -C J' r: what each row has to say of the difference.
-    influence = found.fit.columns @ (found.covariance @ contrast)
+    influence = fit.columns @ (known.matrix @ contrast)
     std = float(np.linalg.norm(influence))
     if not std > 0.0:
         return "no reading depends on the difference"
     direction = influence / std
-    freedom = found.fit.freedom.along(direction, np.ones(len(direction), dtype=bool))
-    apart = found.apart[first][a] + found.apart[second][b]
-    return LinearDifference(
-        name, float(found.values[b] - found.values[a]), std, float(np.sqrt(apart)) if apart > 0.0 else None, direction, freedom
-    )
+    freedom = fit.freedom.along(direction, np.ones(len(direction), dtype=bool))
+    apart = 0.0
+    for record, place in ((first, a), (second, b)):
+        own = fit.covariance(record, freed)
+        apart += np.nan if place in own.why else own.matrix[place, place]
+    return LinearDifference(name, value, std, float(np.sqrt(apart)) if apart > 0.0 else None, direction, freedom)
 
 
 def equal_amounts(found: Estimates, name: str, first: str, second: str) -> float:
@@ -147,4 +141,4 @@ def if_equal(differences: list[LinearDifference], equal: list[str]) -> Remainder
 def shared_value(found: Estimates, name: str) -> tuple[float, float | None]:
     """Value and standard error of an entry that both records share."""
     entry = (SHARED, name)
-    return float(found.values[found.place(entry)]), found.std(entry)
+    return found.fit.values[entry], found.std(entry)

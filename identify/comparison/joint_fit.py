@@ -5,7 +5,7 @@ that what is not known of it moves both records alike and leaves their differenc
 misfit that its own model leaves, as its error bars are (docs/diagnosis.md section 6).
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -21,6 +21,7 @@ from thermohyd.identify.fitting.uncertainty import Covariance, covariance_of
 
 
 SHARED = ""  # in the place of a record's name
+SMALL_STEP = 0.05  # of an entry's natural step
 Entry = tuple[str, str]  # record, name
 
 
@@ -59,11 +60,14 @@ class JointFit:
     converged: bool
     message: str
 
-    def covariance(self, record: str | None = None) -> Covariance:
-        """(J'J)^-1 over `free`: of both records together, or as one of them alone would give it."""
+    def covariance(self, record: str | None = None, freed: Collection[Entry] = ()) -> Covariance:
+        """(J'J)^-1 over `free`: of both records together, or as one of them alone would give it.
+
+        Entries at a limit stay there, as in the error bars of a fit, but for those `freed`.
+        """
         columns = self.columns if record is None else self.alone[record]
-        still = np.zeros(len(self.free), dtype=int)  # an entry at its limit counts as free: see `differences`
-        return covariance_of(columns, tuple(name for _, name in self.free), still, [], slice(0, len(columns)))
+        held = np.array([0 if entry in freed else side for entry, side in zip(self.free, self.active, strict=True)])
+        return covariance_of(columns, tuple(name for _, name in self.free), held, [], slice(0, len(columns)))
 
 
 @dataclass(frozen=True)
@@ -131,8 +135,8 @@ def joint_fit(first: Part, second: Part, shared: frozenset[str]) -> JointFit:
     pick = [entries.index(entry) for entry in free]
     columns = best.jacobian[:, pick]
     for k, place in enumerate(pick):
-        if not np.any(columns[:, k]):
-            columns[:, k] = _by_a_step(both, best, place, boxes[place].scale)
+        if best.active[pick[k]] or not np.any(columns[:, k]):
+            columns[:, k] = _by_a_step(both, best, place, _step(free[k], entries, best.p, boxes))
     sizes = [len(side.both(best.p[place])[0]) for side, place in zip(sides, places, strict=True)]
     rows, alone = [], {}
     for side, begin, size in zip(sides, (0, sizes[0]), sizes, strict=True):
@@ -185,8 +189,19 @@ def _searched(both: Any, boxes: list[Box], start: np.ndarray) -> LeastSquaresRes
     return on_a_kink(best)
 
 
+def _step(entry: Entry, entries: tuple[Entry, ...], values: np.ndarray, boxes: list[Box]) -> float:
+    """Into the box of an entry: to the other record's value, else of a natural size."""
+    place = entries.index(entry)
+    box = boxes[place]
+    other = next((values[i] for i, (record, name) in enumerate(entries) if name == entry[1] and record != entry[0]), values[place])
+    step = float(other - values[place])
+    if abs(step) < SMALL_STEP * box.scale:
+        step = box.scale
+    return step if box.lower <= values[place] + step <= box.upper else -step
+
+
 def _by_a_step(both: Any, best: LeastSquaresResult, place: int, step: float) -> np.ndarray:
-    """The column of an entry whose derivative vanishes here, as where only its square acts: of a finite step."""
+    """The column of an entry at its limit, or without a derivative there: of a finite step, as where only its square acts."""
     moved = best.p.copy()
     moved[place] += step
     return (np.asarray(both(moved, None)[0]) - best.residual) / step

@@ -36,7 +36,7 @@ from .result import ComparisonResult, Difference, Kind, SharedEntry, Side
 
 
 LEVEL = 0.01  # probability of calling anything different where nothing is
-UNEQUAL = 0.05  # p-value below which an amount of the bench is not taken for the same in both records
+UNEQUAL = 0.05  # probability of refusing to take anything of the bench for one in both records where all of it is
 WITHIN = 2.0  # ratio of two priors of what may be one instrument
 
 
@@ -94,7 +94,7 @@ def fitted_model(a: Diagnosed, b: Diagnosed, same_bench: bool) -> Model:
     candidates = shareable(a, b) if same_bench else frozenset[str]()
     apart = estimates_of(joint_fit(a.part, b.part, frozenset()))
     p_values = {name: equal_amounts(apart, name, a.name, b.name) for name in candidates}
-    shared = frozenset(name for name, p in p_values.items() if p >= UNEQUAL)
+    shared = frozenset(name for name, p in p_values.items() if p >= UNEQUAL / len(p_values))
     found = estimates_of(joint_fit(a.part, b.part, shared)) if shared else apart
     both = {name for record, name in found.fit.free if record == a.name} & {
         name for record, name in found.fit.free if record == b.name

@@ -36,13 +36,17 @@ def headline(result: ComparisonResult) -> str:
     if not result.converged:
         return f"The joint fit of {a} and {b} did not converge: no difference can be trusted."
     if result.differing:
-        listed = [f"{row.name} {with_unit(row.difference or 0.0, row.std, row.shown)}" for row in result.differing]
+        listed = [f"{_or_rivals(row)} {with_unit(row.difference or 0.0, row.std, row.shown)}" for row in result.differing]
         return f"{b} differs from {a} in {_in_a_row(listed)}."
     if result.same_p < result.level:
         return f"{b} differs from {a} (p = {result.same_p:.1g} for all together), but no single parameter or effect can be named."
     if result.verdict == "undecided":
         return f"No difference between {a} and {b} is beyond chance, but this cannot be relied on: see below."
     return f"{a} and {b} are the same within what these records can tell."
+
+
+def _or_rivals(row: Difference) -> str:
+    return f"{row.name} (or {_in_a_row([*row.alternatives], 'or')})" if row.alternatives else row.name
 
 
 def sentences(result: ComparisonResult) -> tuple[str, ...]:
@@ -63,7 +67,10 @@ def sentences(result: ComparisonResult) -> tuple[str, ...]:
         found.append(f"No difference: {_in_a_row([_same(row) for row in rest])} (95 % intervals of the differences).")
     for row in result.differing:
         if row.alternatives:
-            found.append(f"The data do not tell {row.name} from {_in_a_row([*row.alternatives], 'or')}; error bars span both.")
+            found.append(
+                f"The data do not tell {row.name} from {_in_a_row([*row.alternatives], 'or')}: its amount is what it has if it is that, "
+                "and all other error bars span both."
+            )
     blind = [row for row in result.rows if row.state == "cannot tell"]
     if blind:
         found.append(f"The data cannot tell: {'; '.join(_blind(row) for row in blind)}.")
