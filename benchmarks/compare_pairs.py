@@ -178,6 +178,7 @@ def ask(job: tuple[int, int]) -> dict[str, Any]:
             "named": [[e.name for e in d.effects] for d in result.diagnoses],
             "effects": result.effects,
             "same_p": result.same_p,
+            "one_of": [e.names for e in result.one_of],
             "converged": result.converged,
             "seconds": result.seconds,
         }
@@ -207,6 +208,7 @@ def table(answers: dict[str, dict[str, Any]]) -> str:
         if (a, name) not in named
         and any(row["state"] == "differs" and name in row["alternatives"] for row in a["rows"].values())
     ]
+    one_of = [(a, n) for a, n in pairs if (a, n) not in [*named, *of_rivals] and any(n in names for names in a.get("one_of", []))]
     wrong = [(a, n) for a in good for n, row in a["rows"].items() if row["state"] == "differs" and n not in a["differing"]]
     false = [(a, n) for a, n in wrong if not {*a["rows"][n]["alternatives"]} & {*a["differing"]}]
     effects = {name for a in good for name in (*a["effects"], *AMOUNTS)}
@@ -218,7 +220,7 @@ def table(answers: dict[str, dict[str, Any]]) -> str:
     equal = [row for a in good for n, row in a["rows"].items() if row["ci95"] and n not in a["differing"]]
     lines = [
         f"{len(good)} pairs; differences named: {share(len(named), len(pairs))}",
-        f"  as a rival of what is named: {len(of_rivals)}",
+        f"  as a rival of what is named: {len(of_rivals)}; as one of what may differ: {len(one_of)}",
         f"pairs with a false difference: {share(len({a['record'] for a, _ in false}), len(good))}",
         f"false differences of entries that are equal: {share(len(false), len(equal))}",
         "intervals of differences that hold the truth:",

@@ -56,6 +56,14 @@ def comparison_json(result: ComparisonResult) -> dict[str, Any]:
         "effects": result.effects,
         "multiplicity": {"method": METHOD, **fields_of(result, "level", "critical")},
         "others_equal_p": result.same_p,
+        "one_of": [
+            {
+                "names": e.names,
+                "p_value": e.p_value,
+                "differences": {name: {"difference": value, "std": std} for name, (value, std) in e.values.items()},
+            }
+            for e in result.one_of
+        ],
         "std_over_separate_fits": result.gain,
         **fields_of(result, "same_bench", "converged", "message", "seconds", "notes", "warnings"),
     }

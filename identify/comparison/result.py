@@ -66,6 +66,16 @@ class Difference:
 
 
 @dataclass(frozen=True)
+class Explanation:
+    """Rows whose differences explain both records if no other row differs, which has this probability. values {row: (difference,
+    std)}, SI, those of rows that differ for certain included."""
+
+    names: tuple[str, ...]
+    p_value: float
+    values: dict[str, tuple[float, float]]
+
+
+@dataclass(frozen=True)
 class SharedEntry:
     """What of the bench both records share, SI. p_value: of the two records' own values where they are one."""
 
@@ -87,7 +97,8 @@ class ComparisonResult(Result):
     """How two records differ. verdict: "different" where anything differs, "same" where nothing does, else "undecided".
 
     level: probability of calling anything different where nothing is. critical: score that a difference must reach. same_p: of
-    all differences together, those that differ left out. gain: error of the difference over that of two separate fits, the
+    all differences together, those that differ left out. one_of: where that is too small, the fewest further rows that would
+    explain it, each set of them by itself; what it is of them is not sure. gain: error of the difference over that of two separate fits, the
     median of all rows.
     """
 
@@ -105,6 +116,7 @@ class ComparisonResult(Result):
     level: float
     critical: float
     same_p: float
+    one_of: tuple[Explanation, ...]
     reduced_chi2: tuple[float, float]
     same_bench: bool
     converged: bool

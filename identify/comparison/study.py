@@ -31,6 +31,7 @@ from .differences import (
     scores,
     shared_value,
 )
+from .instead import explanations, instead_of
 from .joint_fit import joint_fit
 from .result import ComparisonResult, Difference, Kind, SharedEntry, Side
 
@@ -71,7 +72,7 @@ def compare(
     model = fitted_model(a, b, same_bench)
     swaps = rivals_in_both(a, b, say)
     others = [(swap, fitted_model(swap.a, swap.b, same_bench)) for swap in swaps]
-    result = in_figures(a, b, model, others, same_bench)
+    result = in_figures(a, b, model, others, same_bench, say)
     return replace(result, seconds=time.perf_counter() - began)
 
 
@@ -146,7 +147,12 @@ def _one_instrument(name: str, first: Sensor, second: Sensor, a: Diagnosed, b: D
 
 
 def in_figures(
-    a: Diagnosed, b: Diagnosed, model: Model, others: list[tuple[Swap, Model]], same_bench: bool
+    a: Diagnosed,
+    b: Diagnosed,
+    model: Model,
+    others: list[tuple[Swap, Model]],
+    same_bench: bool,
+    say: Callable[[str], None] = lambda _: None,
 ) -> ComparisonResult:
     """The table of differences, and what it says."""
     known = {name: d for name, d in model.differences.items() if not isinstance(d, str)}
@@ -195,6 +201,13 @@ def in_figures(
             else row
             for row in rows
         ]
+    rows = [_with_alternatives(row, a, b, model, same_bench, say) for row in rows]
+    one_of = explanations([*known.values()], differing, LEVEL, say)
+    open_ = {name for explanation in one_of for name in explanation.names}
+    rows = [
+        replace(row, state="cannot tell", why="it trades off against others of which one differs") if row.name in open_ else row
+        for row in rows
+    ]
     undecided = not told or any(d.diagnosis.verdict == "unexplained" for d in (a, b))
     fit = model.found.fit
     result = ComparisonResult(
@@ -210,6 +223,7 @@ def in_figures(
         level=LEVEL,
         critical=critical,
         same_p=rest.p_value,
+        one_of=one_of,
         reduced_chi2=(a.scale, b.scale),
         same_bench=same_bench,
         converged=fit.converged,
@@ -219,6 +233,17 @@ def in_figures(
         warnings=words.warnings(a, b, fit.converged, fit.message),
     )
     return replace(result, headline=words.headline(result), sentences=words.sentences(result))
+
+
+def _with_alternatives(
+    row: Difference, a: Diagnosed, b: Diagnosed, model: Model, same_bench: bool, say: Callable[[str], None]
+) -> Difference:
+    """A parameter that differs, with the effects that would explain its difference."""
+    if row.state != "differs" or row.kind != "parameter":
+        return row
+    say(f"what else would explain the difference of {row.name}")
+    other = instead_of(row.name, a, b, model.found.fit, frozenset(model.shared), same_bench)
+    return replace(row, alternatives=other)
 
 
 def _over_rivals(own: LinearDifference, others: list[tuple[Swap, Model]]) -> float:

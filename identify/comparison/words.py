@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from thermohyd.identify.bench.record import BenchRecord
 from thermohyd.identify.bench.shown_units import DisplayUnit, beside
 
-from .result import ComparisonResult, Difference
+from .result import ComparisonResult, Difference, Explanation
 
 
 if TYPE_CHECKING:
@@ -39,10 +39,23 @@ def headline(result: ComparisonResult) -> str:
         listed = [f"{_or_rivals(row)} {with_unit(row.difference or 0.0, row.std, row.shown)}" for row in result.differing]
         return f"{b} differs from {a} in {_in_a_row(listed)}."
     if result.same_p < result.level:
-        return f"{b} differs from {a} (p = {result.same_p:.1g} for all together), but no single parameter or effect can be named."
+        listed = [_set(result, explanation) for explanation in result.one_of[:MOST_SETS]]
+        what = f" in {_in_a_row(listed, 'or')}" if listed else ", but no single parameter or effect can be named"
+        return f"{b} differs from {a} (p = {result.same_p:.1g} for all together){what}."
     if result.verdict == "undecided":
         return f"No difference between {a} and {b} is beyond chance, but this cannot be relied on: see below."
     return f"{a} and {b} are the same within what these records can tell."
+
+
+MOST_SETS = 4  # in a sentence
+
+
+def _set(result: ComparisonResult, explanation: Explanation) -> str:
+    parts = []
+    for name in explanation.names:
+        value, std = explanation.values[name]
+        parts.append(f"{name} {with_unit(value, std, result.row(name).shown)}")
+    return " with ".join(parts)
 
 
 def _or_rivals(row: Difference) -> str:
@@ -53,10 +66,12 @@ def sentences(result: ComparisonResult) -> tuple[str, ...]:
     """What follows from the table."""
     found = []
     rest = [row for row in result.rows if row.state == "same"]
-    if result.differing and result.same_p < result.level:
-        found.append(
-            f"Something else differs too (p = {result.same_p:.1g} for the others together), which no single row shows beyond chance."
-        )
+    if result.same_p < result.level:
+        if result.differing:
+            sets = [_set(result, explanation) for explanation in result.one_of[:MOST_SETS]]
+            what = f"; it may be {_in_a_row(sets, 'or')}" if sets else ""
+            found.append(f"Something else differs too (p = {result.same_p:.1g} for the others together){what}.")
+        found.append("No single one of these is beyond chance with all others free: they trade off against each other.")
     elif result.differing:
         alone = [
             f"{row.name} {with_unit(row.alone, row.alone_std, row.shown)}" for row in result.differing if row.alone is not None
@@ -67,13 +82,12 @@ def sentences(result: ComparisonResult) -> tuple[str, ...]:
         found.append(f"No difference: {_in_a_row([_same(row) for row in rest])} (95 % intervals of the differences).")
     for row in result.differing:
         if row.alternatives:
-            found.append(
-                f"The data do not tell {row.name} from {_in_a_row([*row.alternatives], 'or')}: its amount is what it has if it is that, "
-                "and all other error bars span both."
-            )
+            others = _in_a_row([*row.alternatives], "or")
+            span = "; all other error bars span both" if row.kind == "effect" else ""
+            found.append(f"The data do not tell {row.name} from {others}: the number holds if it is {row.name}{span}.")
     blind = [row for row in result.rows if row.state == "cannot tell"]
     if blind:
-        found.append(f"The data cannot tell: {'; '.join(_blind(row) for row in blind)}.")
+        found.append(f"The data cannot tell: {'; '.join(_blind(row, result) for row in blind)}.")
     if result.shared:
         names = _in_a_row([entry.name for entry in result.shared])
         found.append(f"Taken as one in both records, which the data allow: {names}.")
@@ -92,8 +106,8 @@ def _same(row: Difference) -> str:
     return f"{row.name} ({low} to {high}{'' if unit.label in ('', '-') else f' {unit.label}'})"
 
 
-def _blind(row: Difference) -> str:
-    if row.least is None:
+def _blind(row: Difference, result: ComparisonResult) -> str:
+    if row.least is None or any(row.name in explanation.names for explanation in result.one_of):
         return f"{row.name} ({row.why})"
     unit = row.shown
     size = beside(row.least * unit.factor, row.std and row.std * unit.factor)

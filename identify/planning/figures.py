@@ -90,7 +90,7 @@ def confusion_figure(result: PlanResult) -> Figure:
             for j in range(count):
                 if i != j and cosine[i, j] >= STRONG:
                     colour = "white" if cosine[i, j] > 0.7 else look.INK
-                    axes.text(j, i, f"{cosine[i, j]:.2f}"[1:], ha="center", va="center", fontsize=6, color=colour)
+                    axes.text(j, i, f"{cosine[i, j]:.2f}".removeprefix("0"), ha="center", va="center", fontsize=6, color=colour)
         bar = figure.add_axes(((2.25 + size) / width, 0.35 / height, 0.16 / width, size / height))
         figure.colorbar(image, cax=bar)
         bar.set_title("cosine", fontsize=8)

@@ -1,0 +1,121 @@
+"""Least visible amounts and confusions of a made-up linear model, beside the same by hand: nothing is simulated."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from helpers.linear_fit import LinearProblem, linear_library
+from helpers.small_bench import REACH
+from scipy.special import ndtri
+
+from thermohyd.effects.library import effect_info
+from thermohyd.identify.diagnosis.screening import Projection
+from thermohyd.identify.fitting.parameters import PARAMETERS
+from thermohyd.identify.planning.planned_problem import Prospect
+from thermohyd.identify.planning.visible import (
+    POWER,
+    View,
+    amount_told_apart,
+    chance_of_finding,
+    chance_of_rival,
+    confused_with,
+    groups,
+    view_of,
+    with_more,
+)
+
+
+ROWS = 256 * len(REACH)
+RANDOM = np.random.default_rng(3)
+NUISANCE = RANDOM.standard_normal((ROWS, 6))
+ALONE, TWIN = RANDOM.standard_normal((2, ROWS))
+# What one natural step of each effect does, in noise units: a twin and its mirror image, one alone, one that the parameters do, too.
+SIGNATURES = {
+    "pilot_leakage": TWIN,
+    "bushing_leakage": 0.99 * TWIN + np.sqrt(1.0 - 0.99**2) * RANDOM.standard_normal(ROWS),
+    "hysteresis": -TWIN + 0.02 * RANDOM.standard_normal(ROWS),
+    "flowmeter_offset": 0.3 * ALONE,
+    "position_scale": NUISANCE @ np.arange(1.0, 7.0),
+    "thermal_clearance": 1e-4 * RANDOM.standard_normal(ROWS),
+}
+
+
+@dataclass(frozen=True)
+class Planned(LinearProblem):
+    """The readings of a plan are the model's own: nothing is amiss."""
+
+    @property
+    def free_parameters(self) -> tuple[str, ...]:
+        return PARAMETERS[:6]
+
+
+@pytest.fixture(scope="module")
+def prospect() -> Prospect:
+    plain = linear_library(np.zeros(ROWS), NUISANCE, SIGNATURES)
+    problem = Planned(
+        plain.record, plain.tests, plain.plans, plain.library, plain.noise, misfit=plain.misfit, nuisance=plain.nuisance,
+        signatures=plain.signatures,
+    )  # fmt: skip
+    values = dict.fromkeys(problem.order, 0.0)
+    found = Prospect(problem.record, problem, problem.evaluate(values), {}, ())
+    return Prospect(found.record, problem, found.seen(found.fit), {}, ())
+
+
+@pytest.fixture(scope="module")
+def view(prospect: Prospect) -> View:
+    return view_of(prospect)
+
+
+def left(name: str) -> float:
+    """Length per SI unit of what the parameters leave."""
+    return float(np.linalg.norm(Projection.beside(NUISANCE)(SIGNATURES[name]))) / effect_info(name).scale
+
+
+def test_the_least_amount_scores_as_the_search_asks(view: View):
+    for name in ("pilot_leakage", "flowmeter_offset"):
+        sight = view.sights[view.place(name)]
+        assert sight.visible
+        assert sight.amount == pytest.approx((view.critical + float(ndtri(POWER))) / left(name), rel=0.02)
+        assert chance_of_finding(sight, sight.amount, view.critical) == pytest.approx(POWER, abs=0.02)
+        assert chance_of_finding(sight, 0.5 * sight.amount, view.critical) < 0.2
+    assert 3.0 < view.critical < 4.0
+
+
+def test_what_the_parameters_do_and_what_is_too_small(view: View):
+    assert view.blind["position_scale"] == "the free parameters do exactly the same"
+    small = view.sights[view.place("thermal_clearance")]
+    assert not small.visible
+    assert small.amount == effect_info("thermal_clearance").typical[1]
+    assert confused_with(view, "thermal_clearance") == ()
+
+
+def test_a_twin_falls_behind_from_an_amount_on(view: View):
+    """A rival of another sign is none where neither can have it."""
+    amount = amount_told_apart(view, "pilot_leakage", "bushing_leakage")
+    i, j = view.place("pilot_leakage"), view.place("bushing_leakage")
+    beside = np.sqrt(1.0 - view.correlation[i, j] ** 2)
+    by_hand = (np.sqrt(6.0) + float(ndtri(POWER))) / (beside * left("pilot_leakage"))
+    assert amount == pytest.approx(float(by_hand), rel=0.06)  # the grid of amounts
+    assert chance_of_rival(view, "pilot_leakage", "bushing_leakage", 1e-4 * amount) > 0.98
+    assert chance_of_rival(view, "pilot_leakage", "bushing_leakage", 3.0 * amount) < 1e-3
+    least = view.sights[i].amount
+    assert view.correlation[i, view.place("hysteresis")] < -0.99
+    assert chance_of_rival(view, "pilot_leakage", "hysteresis", least) < 0.05
+
+
+def test_groups_are_what_no_usual_amount_tells_apart(view: View, prospect: Prospect):
+    names = [sight.name for sight in view.sights]
+    assert groups(view, names) == ()  # the twins come apart in their largest usual amounts
+    closer = {**SIGNATURES, "bushing_leakage": TWIN + 1e-3 * RANDOM.standard_normal(ROWS)}
+    changes = {s.name: closer[s.name] * s.amount / effect_info(s.name).scale for s in view.sights}
+    alike = with_more(view, changes, Projection.beside(NUISANCE))
+    assert groups(alike, names) == (("pilot_leakage", "bushing_leakage"),)
+    assert confused_with(alike, "pilot_leakage") == ("bushing_leakage",)
+
+
+def test_more_rows_show_more(view: View):
+    changes = {s.name: SIGNATURES[s.name] * s.amount / effect_info(s.name).scale for s in view.sights}
+    twice = {name: np.concatenate([change, change]) for name, change in changes.items()}
+    more = with_more(view, twice, Projection.beside(np.concatenate([NUISANCE, NUISANCE])))
+    for before, after in zip(view.sights, more.sights, strict=True):
+        assert after.strength == pytest.approx(np.sqrt(2.0) * before.strength, rel=1e-6)
