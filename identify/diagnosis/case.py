@@ -86,7 +86,9 @@ def with_noise_around(case: Case, fit: Fit) -> Case:
 
 
 # The choice is made on the rows that are not held out; where those show nothing, all rows are asked, at what is left.
-STILL_THERE = 12.0  # chi-square that an effect of the first search must be worth once the noise was measured again
+# Chi-square that an effect of the first search must be worth once the noise was measured again: odds of 400 to 1.
+STILL_THERE = 12.0
+# Two looks share the level of one (Bonferroni), the first the larger part because what it names is proven on rows apart.
 LEVEL_OF_CHOICE, LEVEL_OF_ALL_ROWS = 0.6 * LEVEL, 0.4 * LEVEL
 
 

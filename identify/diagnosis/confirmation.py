@@ -20,7 +20,8 @@ from .result import WEAK
 
 
 PROVEN = 10.6  # 2 ln 200: a likelihood ratio of 200 on rows not seen, a p-value of 0.005 at most
-FEWEST, MOST = 4, 8  # parts that are left out in turn
+# Parts that are left out in turn: about the five to ten of Hastie et al., The Elements of Statistical Learning, 2009, section 7.10.
+FEWEST, MOST = 4, 8
 STRETCHES = 12  # of each sweep, where a record has too few conditions and runs
 # Of a parameter's own scale per unit of chi-square: holds what the rows left cannot show, and nothing else.
 RIDGE = 1e-4

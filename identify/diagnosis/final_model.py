@@ -96,7 +96,8 @@ TOGETHER, TOGETHER_IN_A_CHANNEL, ON_HELD_OUT = 0.25, 0.5, 0.1
 # is left without it, or of one channel's gap.
 OF_THE_GAP, OF_WHAT_IS_LEFT, OF_A_CHANNEL = 0.1, 0.1, 0.2
 A_GAP = 0.2  # reduced chi-square beyond 1 from which a channel has a gap to speak of
-# A reduced chi-square beyond this, and beyond chance, is a misfit even where it is not smooth.
+# A reduced chi-square beyond this, and beyond chance, is a misfit even where it is not smooth: noise that is 4 % larger than stated
+# is none.
 MISFIT, MISFIT_SCORE = 1.08, 5.0
 
 

@@ -25,7 +25,7 @@ from .rivals import Rivals
 from .screening import BOTH_PORTS, POWER, Projection, can_measure_ports, ports_apart
 
 
-ENOUGH = 12.0  # chi-square that settles a choice: odds of 400 to 1
+ENOUGH = 12.0  # chi-square that settles a choice: odds of 400 to 1, 2 ln 400
 ALL = ""  # tests, in the place of a test's name
 MUCH_LESS = 0.7  # of the reading: from here on a cheaper measurement is worth a word
 

@@ -18,7 +18,8 @@ from .screening_faults import fault_columns
 
 
 MOST_TAKEN = 0.4  # of the rows by columns, so that what is left still shows the noise
-ENOUGH_REPEATS = 60  # rows compared, below which repeats say too little of the correlation
+# Rows compared, below which repeats say too little of the correlation, whose standard error is 1/sqrt(rows) = 0.13 there.
+ENOUGH_REPEATS = 60
 # Scatter beyond the stated noise, as a ratio of variances, from which on it counts as noise that tests must allow for; of few
 # readings it must also be more than chance makes of one channel in a hundred.
 EXCESS, CHANCE = 1.2, 0.01

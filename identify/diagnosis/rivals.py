@@ -20,11 +20,12 @@ from .stored_oil import REACH, could_explain, within_reach
 
 # Chi-square within which two effects explain a record alike: a likelihood ratio of 20.
 ALIKE = 6.0
-SAME_SHAPE = 0.97  # correlation of two signatures from which on one is refitted in the place of the other in any case
-SAME_THING = 0.9999
-MOST_REFITS = 8
-MOST_SWAPS = 3
-BETTER = 0.01
+# Correlation of two signatures from which on one is refitted in the place of the other in any case: what is left of ten standard errors
+# of the one beside the other, (1 - 0.97^2) 10^2, is then `ALIKE`.
+SAME_SHAPE = 0.97
+SAME_THING = 0.9999  # likewise of 170 standard errors
+MOST_REFITS, MOST_SWAPS = 8, 3  # what is asked at most: cost alone
+BETTER = 0.01  # chi-square: ten times what a refit that is only compared is wrong by (`problem.CLOSE_TO_COMPARE`)
 FAR_BEHIND = 5.0 * ALIKE  # chi-square
 
 

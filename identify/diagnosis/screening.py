@@ -73,10 +73,11 @@ class Projection:
         return Projection(np.concatenate([self.q, more.q], axis=1))
 
 
-POWER = 0.8
+POWER = 0.8  # the custom of power analyses (Cohen, 1988)
 # Share of a signature that the free parameters must leave for an effect to be more than another word for them.
 LEAST_KEPT = 1e-3
-# A finite step is another direction than the derivative where their cosine is below this.
+# A finite step is another direction than the derivative where their cosine is below this: at five standard errors, where names begin,
+# the two then differ by half a unit of chi-square.
 SAME_DIRECTION = 0.99
 
 

@@ -32,10 +32,12 @@ HOPPING_REACH = 2.0  # times the lowest chi-square: hopping moved none of a real
 # last ones beats none.
 MOST_EVALUATIONS, LEAST_EVALUATIONS, MOST_IN_MOTION = 8000, 1500, 1500
 MOST_READINGS = 16_000_000  # evaluated
-GLANCE = 15  # steps of a refit that only has to show which candidate is worth more
+# Steps of a refit that only has to show which candidate is worth more; each about halves the way to its optimum at worst.
+GLANCE = 15
 # A pair must beat the best single effect by this much chi-square beyond the search's own critical value.
 PAIR_PENALTY = 4.0
-BEYOND_TYPICAL = 4.0  # chi-square per squared e-fold beyond the largest amount that is usual
+# Chi-square per squared e-fold beyond the largest amount that is usual: a prior whose standard deviation there is half an e-fold.
+BEYOND_TYPICAL = 4.0
 
 
 @dataclass(frozen=True)
