@@ -19,7 +19,7 @@ QUICK := identify/bench identify/report identify/noise identify/model/test_model
 	identify/diagnosis/test_where.py simulator/test_against_reference.py simulator/test_dynamics_field.py \
 	test_import_direction.py test_effect_names.py test_citations.py
 
-.PHONY: help demo test quick lint typecheck pytest bench figures hidden hidden-bench hidden-dynamic hidden-logs joint-coverage law-coverage \
+.PHONY: help demo compare-pairs plan-rates test quick lint typecheck pytest bench figures hidden hidden-bench hidden-dynamic hidden-logs joint-coverage law-coverage \
 	recovery petab-select real-valve clean
 help:
 	@echo "make demo    fit one sample record, diagnose another, write demo-report/"
@@ -69,7 +69,7 @@ quick: $(VENV)/.installed-dev
 
 bench: $(VENV)/.installed-dev
 	@for script in $(filter-out benchmarks/hidden_% benchmarks/joint_% benchmarks/law_% benchmarks/recovery.py benchmarks/real_valve.py \
-		benchmarks/hanging_load.py benchmarks/figures.py benchmarks/petab_%,$(wildcard benchmarks/[a-z]*.py)); do \
+		benchmarks/hanging_load.py benchmarks/figures.py benchmarks/compare_pairs.py benchmarks/plan_rates.py benchmarks/petab_%,$(wildcard benchmarks/[a-z]*.py)); do \
 		echo "== $$script"; $(BIN)/python $$script || exit 1; done
 
 figures: $(VENV)/.installed-dev
@@ -102,6 +102,12 @@ joint-coverage: $(VENV)/.installed-dev
 
 recovery: $(VENV)/.installed-dev
 	$(BIN)/python benchmarks/recovery.py --processes $(PROCESSES) $(if $(EFFECTS),--effects $(EFFECTS)) $(if $(PHI),--phi $(PHI))
+
+compare-pairs: $(VENV)/.installed-dev
+	$(BIN)/python benchmarks/compare_pairs.py --seed $(SET) --processes $(PROCESSES)
+
+plan-rates: $(VENV)/.installed-dev
+	$(BIN)/python benchmarks/plan_rates.py --seed $(SET) --processes $(PROCESSES)
 
 real-valve: $(VENV)/.installed-dev
 	$(BIN)/python benchmarks/real_valve.py --out build/real_valve

@@ -208,8 +208,14 @@ def table(answers: dict[str, dict[str, Any]]) -> str:
         if (a, name) not in named
         and any(row["state"] == "differs" and name in row["alternatives"] for row in a["rows"].values())
     ]
-    one_of = [(a, n) for a, n in pairs if (a, n) not in [*named, *of_rivals] and any(n in names for names in a.get("one_of", []))]
-    wrong = [(a, n) for a in good for n, row in a["rows"].items() if row["state"] == "differs" and n not in a["differing"]]
+    one_of = [
+        (a, n)
+        for a, n in pairs
+        if (a, n) not in [*named, *of_rivals] and any(n in names for names in a.get("one_of", []))
+    ]
+    wrong = [
+        (a, n) for a in good for n, row in a["rows"].items() if row["state"] == "differs" and n not in a["differing"]
+    ]
     false = [(a, n) for a, n in wrong if not {*a["rows"][n]["alternatives"]} & {*a["differing"]}]
     effects = {name for a in good for name in (*a["effects"], *AMOUNTS)}
     entries = {
@@ -225,10 +231,10 @@ def table(answers: dict[str, dict[str, Any]]) -> str:
         f"false differences of entries that are equal: {share(len(false), len(equal))}",
         "intervals of differences that hold the truth:",
     ]
-    for words, rows in {**entries, "all": sum(entries.values(), [])}.items():
-        inside = sum(row["ci95"][0] <= row["truth"] <= row["ci95"][1] for row in rows)
-        z = [(row["difference"] - row["truth"]) / row["std"] for row in rows]
-        lines.append(f"  {words}: {share(inside, len(rows))}; rms z {np.sqrt(np.mean(np.square(z or [np.nan]))):.2f}")
+    for words, own in {**entries, "all": [row for rows in entries.values() for row in rows]}.items():
+        inside = sum(row["ci95"][0] <= row["truth"] <= row["ci95"][1] for row in own)
+        z = [(row["difference"] - row["truth"]) / row["std"] for row in own]
+        lines.append(f"  {words}: {share(inside, len(own))}; rms z {np.sqrt(np.mean(np.square(z or [np.nan]))):.2f}")
     for name in dict.fromkeys(n for a in good for n in a["rows"]):
         own = [a["rows"][name] for a in good if name in a["rows"]]
         ratio = [row["std"] / row["std_apart"] for row in own if row["std_apart"]]
@@ -242,7 +248,9 @@ def table(answers: dict[str, dict[str, Any]]) -> str:
     for a, name in pairs:
         if (a, name) not in named:
             row = a["rows"].get(name, {})
-            lines.append(f"missed: {a['record']} {name} {row.get('truth')} {row.get('state', 'not in the model')}: {a['headline']}")
+            lines.append(
+                f"missed: {a['record']} {name} {row.get('truth')} {row.get('state', 'not in the model')}: {a['headline']}"
+            )
     lines += [f"false: {a['record']} {name} p {a['rows'][name]['p_value']:.1g}: {a['headline']}" for a, name in false]
     lines += [f"failed: {a['record']}: {a['error']}" for a in answers.values() if "error" in a]
     lines.append(f"median {np.median([a['seconds'] for a in good] or [np.nan]):.0f} s a pair")

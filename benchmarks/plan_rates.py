@@ -10,6 +10,7 @@ The plan knows the conditions, the noise and the valve's parameters ("expected")
 
 import argparse
 import sys
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -30,8 +31,11 @@ BINS = ((0.0, 0.05), (0.05, 0.35), (0.35, 0.65), (0.65, 0.95), (0.95, 1.0))
 NOISE = 2.5  # times that of the small bench
 
 
+VALVES = 4  # random ones, in turn: a plan each
+
+
 def valve_of(seed: int, number: int) -> dict[str, float]:
-    random = np.random.default_rng([15, seed, number])
+    random = np.random.default_rng([15, seed, number % VALVES])
     return {
         "edge_radius": random.uniform(4e-6, 18e-6),
         "clearance": random.uniform(1.5e-6, 4e-6),
@@ -53,6 +57,20 @@ def _stated(record: Any) -> Any:
     return replace(record, tests=tests)
 
 
+@cache
+def views_of(seed: int, which: int) -> dict[str, Any]:
+    """What the plan says, of the valve expected and of the nominal one."""
+    from helpers.small_bench import small_record
+
+    from thermohyd.identify.model.model import Model
+    from thermohyd.identify.planning.planned_problem import prospect_of
+    from thermohyd.identify.planning.visible import view_of
+
+    empty = _stated(small_record(noise=NOISE))
+    model = Model(empty.valve, empty.oil, valve_of(seed, which))
+    return {"expected": view_of(prospect_of(empty, model)), "nominal": view_of(prospect_of(empty))}
+
+
 def ask(job: tuple[int, int]) -> dict[str, Any]:
     """One record: the plan's chances for the hidden effect, and what the diagnosis found; a failure is an answer too."""
     seed, number = job
@@ -64,19 +82,13 @@ def ask(job: tuple[int, int]) -> dict[str, Any]:
 
     from thermohyd.effects.library import EFFECTS
     from thermohyd.identify.diagnosis.diagnose import diagnose
-    from thermohyd.identify.model.model import Model
-    from thermohyd.identify.planning.planned_problem import prospect_of
-    from thermohyd.identify.planning.visible import chance_of_finding, chance_of_rival, view_of
+    from thermohyd.identify.planning.visible import chance_of_finding, chance_of_rival
 
     names = [name for name in EFFECTS if name not in LEFT_OUT]
     effect, factor = names[number % len(names)], FACTORS[(number // len(names) + number) % len(FACTORS)]
     valve, name = valve_of(seed, number), f"record_{number:03d}"
     try:
-        empty = _stated(small_record(valve=valve, noise=NOISE))
-        views = {
-            "expected": view_of(prospect_of(empty, Model(empty.valve, empty.oil, valve))),
-            "nominal": view_of(prospect_of(empty)),
-        }
+        views = views_of(seed, number % VALVES)
         view = views["expected"]
         sight = view.sights[view.place(effect)]
         amount = factor * sight.amount * (1.0 if number % 2 or EFFECTS[effect].lower == 0.0 else -1.0)
@@ -148,13 +160,18 @@ def table(answers: dict[str, dict[str, Any]]) -> str:
         own = [a for a in good if a["factor"] == factor]
         for which in ("expected", "nominal"):
             mean = np.mean([a["chances"][which]["found"] for a in own] or [np.nan])
-            lines.append(f"  {factor} x least, {which} valve: predicted {mean:.0%}, found {share(sum(map(is_found, own)), len(own))}")
+            lines.append(
+                f"  {factor} x least, {which} valve: predicted {mean:.0%}, found {share(sum(map(is_found, own)), len(own))}"
+            )
     for which in ("expected", "nominal"):
         for what, pairs in pairs_of(good, which).items():
             lines.append(f"{what}, {which} valve: predicted, observed")
             lines += [f"  {chance:6.1%}  {share(hits, of)}" for chance, hits, of in binned(pairs)]
     missed = [a for a in good if not is_found(a) and a["chances"]["expected"]["found"] > 0.85]
-    lines += [f"missed at {a['chances']['expected']['found']:.0%}: {a['record']} {a['headline']}; suspects {a['suspects']}" for a in missed]
+    lines += [
+        f"missed at {a['chances']['expected']['found']:.0%}: {a['record']} {a['headline']}; suspects {a['suspects']}"
+        for a in missed
+    ]
     early = [a for a in good if is_found(a) and a["chances"]["expected"]["found"] < 0.15]
     lines += [f"found at {a['chances']['expected']['found']:.0%}: {a['record']} {a['headline']}" for a in early]
     lines += [f"failed: {a['record']}: {a['error']}" for a in answers.values() if "error" in a]
@@ -177,7 +194,11 @@ def picture(answers: dict[str, dict[str, Any]], path: Path) -> None:
                 band = binomtest(hits, of).proportion_ci(method="wilson")
                 rate = hits / of
                 axes.errorbar(
-                    chance + shift, rate, [[max(rate - band.low, 0.0)], [max(band.high - rate, 0.0)]], color=colour, marker="o"
+                    chance + shift,
+                    rate,
+                    [[max(rate - band.low, 0.0)], [max(band.high - rate, 0.0)]],
+                    color=colour,
+                    marker="o",
                 )
                 axes.annotate(str(of), (chance + shift, rate), xytext=(5, -9), textcoords="offset points", fontsize=7)
             axes.plot([], [], color=colour, marker="o", label=f"{which} valve")

@@ -38,7 +38,9 @@ def planned_rows(test: StaticTest, valve: ValveData) -> SheetRows:
     if test.name == "load_flow" and not levels["load_pressure [bar]"]:
         raise table.error('load_pressures is missing: load_pressures = ["-100 bar", "0 bar", "100 bar"]')
     if test.name != "load_flow" and levels["load_pressure [bar]"]:
-        raise table.error("is of load_flow only: in this test the load pressure is none of the conditions", "load_pressures")
+        raise table.error(
+            "is of load_flow only: in this test the load pressure is none of the conditions", "load_pressures"
+        )
     rates = _list(table, "rates", "velocity")
     if any(not rate > 0.0 for rate in rates):
         raise table.error("must all be positive; sweeps go up and down by themselves", "rates")
@@ -58,9 +60,7 @@ def planned_rows(test: StaticTest, valve: ValveData) -> SheetRows:
         blocks.append(pd.DataFrame(block))
     frame = pd.concat(blocks, ignore_index=True)
     header = list(frame.columns)
-    return SheetRows(
-        test.file, header, 0, list(range(1, len(frame) + 1)), frame.set_axis(range(len(header)), axis=1)
-    )
+    return SheetRows(test.file, header, 0, list(range(1, len(frame) + 1)), frame.set_axis(range(len(header)), axis=1))
 
 
 def _cycle(reach: float, points: int) -> np.ndarray:

@@ -185,11 +185,16 @@ def compare_command(
 @app.command("plan")
 def plan_command(
     bench: Annotated[
-        Path, typer.Argument(metavar="BENCH", help="Folder of a record; its tests need no readings, or are planned in bench.toml.")
+        Path,
+        typer.Argument(
+            metavar="BENCH", help="Folder of a record; its tests need no readings, or are planned in bench.toml."
+        ),
     ],
     model: Annotated[
         Path | None,
-        typer.Option("--model", "-m", metavar="FILE", help="model.json of the valve to expect; else [start], or the nominal one."),
+        typer.Option(
+            "--model", "-m", metavar="FILE", help="model.json of the valve to expect; else [start], or the nominal one."
+        ),
     ] = None,
     out: Out = None,
     json: Json = False,

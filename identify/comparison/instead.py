@@ -37,7 +37,9 @@ def instead_of(
     library = [
         n
         for n in library
-        if not (same_bench and of_the_bench(n)) and not expensive_to_compile((*own, n)) and (not stores(n) or asks_for_more(own))
+        if not (same_bench and of_the_bench(n))
+        and not expensive_to_compile((*own, n))
+        and (not stores(n) or asks_for_more(own))
     ]
     losses = _linear_losses(name, library, a, b, fit)
     if not losses:

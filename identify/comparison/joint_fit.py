@@ -164,7 +164,9 @@ def _freedom_of_both(first: NoiseFreedom, second: NoiseFreedom) -> NoiseFreedom:
 def _priors_left_out(first: Part, second: Part, shared: frozenset[str]) -> tuple[frozenset[str], frozenset[str]]:
     """Of each record the shared entries whose prior is left to the other: the wider of two counts, once."""
     of = lambda part, name: part.problem.plans[name].prior if name in part.problem.plans else None
-    known = [(name, a, b) for name in shared if (a := of(first, name)) is not None and (b := of(second, name)) is not None]
+    known = [
+        (name, a, b) for name in shared if (a := of(first, name)) is not None and (b := of(second, name)) is not None
+    ]
     narrow = frozenset(name for name, a, b in known if a.std < b.std)
     return narrow, frozenset(name for name, *_ in known) - narrow
 
@@ -193,7 +195,10 @@ def _step(entry: Entry, entries: tuple[Entry, ...], values: np.ndarray, boxes: l
     """Into the box of an entry: to the other record's value, else of a natural size."""
     place = entries.index(entry)
     box = boxes[place]
-    other = next((values[i] for i, (record, name) in enumerate(entries) if name == entry[1] and record != entry[0]), values[place])
+    other = next(
+        (values[i] for i, (record, name) in enumerate(entries) if name == entry[1] and record != entry[0]),
+        values[place],
+    )
     step = float(other - values[place])
     if abs(step) < SMALL_STEP * box.scale:
         step = box.scale

@@ -72,7 +72,12 @@ def comparison_json(result: ComparisonResult) -> dict[str, Any]:
 
 def _row(row: Difference) -> dict[str, Any]:
     side = lambda own: None if own is None else fields_of(own, "value", "std", "at_bound")
-    return {"first": side(row.first), "second": side(row.second), **fields_of(row, *ROW), "degrees_of_freedom": row.freedom}
+    return {
+        "first": side(row.first),
+        "second": side(row.second),
+        **fields_of(row, *ROW),
+        "degrees_of_freedom": row.freedom,
+    }
 
 
 COLUMNS = (
@@ -126,7 +131,15 @@ def _shared(entry: SharedEntry) -> tuple[str, ...]:
     std = None if entry.std is None else entry.std * unit.factor
     prior = "" if entry.prior_std is None else beside(entry.prior_std * unit.factor, entry.prior_std * unit.factor)
     value = beside(entry.value * unit.factor, std)
-    return (entry.name, unit.label, value, "" if std is None else beside(std, std), prior, f"{entry.p_value:.2g}", entry.meaning)
+    return (
+        entry.name,
+        unit.label,
+        value,
+        "" if std is None else beside(std, std),
+        prior,
+        f"{entry.p_value:.2g}",
+        entry.meaning,
+    )
 
 
 def diagnosis_rows(result: ComparisonResult) -> list[tuple[str, str]]:
@@ -136,7 +149,9 @@ def diagnosis_rows(result: ComparisonResult) -> list[tuple[str, str]]:
 
 def how(result: ComparisonResult) -> str:
     """How a difference is judged, in a sentence."""
-    tighter = "" if not result.gain < 0.995 else f" Errors are {result.gain:.2g} times those of two separate fits (median)."
+    tighter = (
+        "" if not result.gain < 0.995 else f" Errors are {result.gain:.2g} times those of two separate fits (median)."
+    )
     return (
         f"A difference must reach {result.critical:.2f} of its own errors: with nothing different one in "
         f"{1.0 / result.level:.0f} comparisons would call anything so ({METHOD}).{tighter}"

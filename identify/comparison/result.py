@@ -98,8 +98,8 @@ class ComparisonResult(Result):
 
     level: probability of calling anything different where nothing is. critical: score that a difference must reach. same_p: of
     all differences together, those that differ left out. one_of: where that is too small, the fewest further rows that would
-    explain it, each set of them by itself; what it is of them is not sure. gain: error of the difference over that of two separate fits, the
-    median of all rows.
+    explain it, each set of them by itself; which of them it is, is not sure. gain: error of the difference over that of two
+    separate fits, the median of all rows.
     """
 
     _command: ClassVar[str] = "compare"

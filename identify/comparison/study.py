@@ -196,7 +196,11 @@ def in_figures(
     if differing and rest.p_value >= LEVEL:
         size = {name: _size(_plan(name, a)) for name in differing}
         rows = [
-            replace(row, alone=rest.others[row.name][0] / size[row.name], alone_std=rest.others[row.name][1] / size[row.name])
+            replace(
+                row,
+                alone=rest.others[row.name][0] / size[row.name],
+                alone_std=rest.others[row.name][1] / size[row.name],
+            )
             if row.name in differing
             else row
             for row in rows
@@ -205,7 +209,9 @@ def in_figures(
     one_of = explanations([*known.values()], differing, LEVEL, say)
     open_ = {name for explanation in one_of for name in explanation.names}
     rows = [
-        replace(row, state="cannot tell", why="it trades off against others of which one differs") if row.name in open_ else row
+        replace(row, state="cannot tell", why="it trades off against others of which one differs")
+        if row.name in open_
+        else row
         for row in rows
     ]
     undecided = not told or any(d.diagnosis.verdict == "unexplained" for d in (a, b))
@@ -291,7 +297,13 @@ def _bare_row(
     free = [name in d.fit.free for d in (a, b)]
     if not any(free):
         return None
-    kind: Kind = "effect" if find_effect(name) is not None else "instrument" if name in _sensors(a) | _sensors(b) else "parameter"
+    kind: Kind = (
+        "effect"
+        if find_effect(name) is not None
+        else "instrument"
+        if name in _sensors(a) | _sensors(b)
+        else "parameter"
+    )
     plan = next(plan for plan in plans if plan is not None)
     sides = []
     for d, own, is_free in zip((a, b), plans, free, strict=True):

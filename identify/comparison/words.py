@@ -36,7 +36,9 @@ def headline(result: ComparisonResult) -> str:
     if not result.converged:
         return f"The joint fit of {a} and {b} did not converge: no difference can be trusted."
     if result.differing:
-        listed = [f"{_or_rivals(row)} {with_unit(row.difference or 0.0, row.std, row.shown)}" for row in result.differing]
+        listed = [
+            f"{_or_rivals(row)} {with_unit(row.difference or 0.0, row.std, row.shown)}" for row in result.differing
+        ]
         return f"{b} differs from {a} in {_in_a_row(listed)}."
     if result.same_p < result.level:
         listed = [_set(result, explanation) for explanation in result.one_of[:MOST_SETS]]
@@ -74,10 +76,14 @@ def sentences(result: ComparisonResult) -> tuple[str, ...]:
         found.append("No single one of these is beyond chance with all others free: they trade off against each other.")
     elif result.differing:
         alone = [
-            f"{row.name} {with_unit(row.alone, row.alone_std, row.shown)}" for row in result.differing if row.alone is not None
+            f"{row.name} {with_unit(row.alone, row.alone_std, row.shown)}"
+            for row in result.differing
+            if row.alone is not None
         ]
         if alone:
-            found.append(f"If nothing else differs, which the records allow (p = {result.same_p:.2g}): {_in_a_row(alone)}.")
+            found.append(
+                f"If nothing else differs, which the records allow (p = {result.same_p:.2g}): {_in_a_row(alone)}."
+            )
     if rest:
         found.append(f"No difference: {_in_a_row([_same(row) for row in rest])} (95 % intervals of the differences).")
     for row in result.differing:

@@ -78,14 +78,14 @@ def added_runs(prospect: Prospect, view: View, say: Callable[[str], None] = lamb
                 spoken = words if name == ALL else f"{words}, {name.replace('_', ' ')} alone"
                 shown = tuple(s.name for s in more.sights if s.name in hidden and s.strength_of_usual >= view.wanted)
                 apart = tuple(sorted(alike - _pairs(more)))
-                found.append(
-                    AddedRun(spoken, count, None if seconds is None else seconds + CHANGE_OVER, shown, apart)
-                )
+                found.append(AddedRun(spoken, count, None if seconds is None else seconds + CHANGE_OVER, shown, apart))
     return tuple(sorted(found, key=lambda run: (-run.per_hour, run.seconds or run.rows)))
 
 
 def _pairs(view: View) -> set[tuple[str, str]]:
     """Pairs of effects of which one is not told from the other in its largest usual amount."""
     return {
-        (min(sight.name, other), max(sight.name, other)) for sight in view.sights for other in confused_with(view, sight.name)
+        (min(sight.name, other), max(sight.name, other))
+        for sight in view.sights
+        for other in confused_with(view, sight.name)
     }

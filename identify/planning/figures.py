@@ -48,7 +48,14 @@ def least_figure(result: PlanResult) -> Figure:
         figure.text(0.02, 1.0 - 0.3 / height, "What the planned tests will find", fontsize=12, fontweight="bold")
         handles = [
             Patch(color=USUAL, label="usual amounts"),
-            Line2D([], [], color=SEEN, marker="o", linestyle="none", label=f"found in {100.0 * result.power:.0f} % of records"),
+            Line2D(
+                [],
+                [],
+                color=SEEN,
+                marker="o",
+                linestyle="none",
+                label=f"found in {100.0 * result.power:.0f} % of records",
+            ),
             Line2D([], [], color=ALONE, marker="D", linestyle="none", label="told from all others"),
             Line2D([], [], color=HIDDEN, marker="o", linestyle="none", label="found only beyond what is usual"),
         ]
@@ -61,7 +68,9 @@ def _draw(axes: Axes, place: int, effect: PlannedEffect) -> None:
     most, least = effect.usual[1], effect.least / effect.usual[1]
     axes.barh(place, 1.0 - effect.usual[0] / most, left=effect.usual[0] / most, color=USUAL, height=0.6)
     at = float(np.clip(least, LOWEST, HIGHEST))
-    axes.plot((at,), (place,), marker="o" if least >= LOWEST else "<", color=SEEN if effect.seen else HIDDEN, markersize=5.0)
+    axes.plot(
+        (at,), (place,), marker="o" if least >= LOWEST else "<", color=SEEN if effect.seen else HIDDEN, markersize=5.0
+    )
     if effect.alone is not None:
         axes.plot((min(effect.alone / most, HIGHEST),), (place,), marker="D", color=ALONE, markersize=4.0, zorder=1.5)
     unit = effect.shown
@@ -90,7 +99,15 @@ def confusion_figure(result: PlanResult) -> Figure:
             for j in range(count):
                 if i != j and cosine[i, j] >= STRONG:
                     colour = "white" if cosine[i, j] > 0.7 else look.INK
-                    axes.text(j, i, f"{cosine[i, j]:.2f}".removeprefix("0"), ha="center", va="center", fontsize=6, color=colour)
+                    axes.text(
+                        j,
+                        i,
+                        f"{cosine[i, j]:.2f}".removeprefix("0"),
+                        ha="center",
+                        va="center",
+                        fontsize=6,
+                        color=colour,
+                    )
         bar = figure.add_axes(((2.25 + size) / width, 0.35 / height, 0.16 / width, size / height))
         figure.colorbar(image, cax=bar)
         bar.set_title("cosine", fontsize=8)

@@ -70,11 +70,15 @@ def prospect_of(record: BenchRecord, model: Model | None = None) -> Prospect:
             raise BenchInputError(f"the model gives no finite {key[1]} in the {key[0]} test", file=record.folder)
         size, sources[key] = _size(test, key[1], values)
         if sources[key].startswith("taken"):
-            notes.append(f"{key[0].replace('_', ' ')}: no noise is stated, {100.0 * SHARE:g} % of the largest {key[1]} is taken")
+            notes.append(
+                f"{key[0].replace('_', ' ')}: no noise is stated, {100.0 * SHARE:g} % of the largest {key[1]} is taken"
+            )
         slope = read.column("null_bias")[place]
         std[key] = np.hypot(np.full(test.rows, size), slope * (test.position_std or 0.0))
         channels = tuple(
-            replace(c, value=values, std=std[key], sensor=_instrument(test, record, c.name, values)) if c.name == key[1] else c
+            replace(c, value=values, std=std[key], sensor=_instrument(test, record, c.name, values))
+            if c.name == key[1]
+            else c
             for c in test.channels
         )
         tests[key[0]] = replace(test, channels=channels)
@@ -90,7 +94,9 @@ def _values(problem: Problem, expected: Mapping[str, float]) -> dict[str, float]
     return {name: expected.get(name, plan.start) for name, plan in problem.plans.items()}
 
 
-def _problem(record: BenchRecord, tests: Mapping[str, TestRecord], std: Mapping[tuple[str, str], np.ndarray]) -> Problem:
+def _problem(
+    record: BenchRecord, tests: Mapping[str, TestRecord], std: Mapping[tuple[str, str], np.ndarray]
+) -> Problem:
     keys = [(test.name, c.name) for test in tests.values() for c in test.channels]
     plans = plan_parameters(record.valve, record.start) | sensor_plans(tests, record)
     noise = Noise(

@@ -36,9 +36,14 @@ def plan_json(result: PlanResult) -> dict[str, Any]:
         "parameters": {p.name: fields_of(p, "value", "unit", "std", "why") for p in result.parameters},
         "confusion": rounded(plain({"effects": result.order, "cosine": result.correlation})),
         "groups": result.groups,
-        "added_runs": [fields_of(run, "words", "rows", "seconds", "shows", "separates", "per_hour") for run in result.added],
+        "added_runs": [
+            fields_of(run, "words", "rows", "seconds", "shows", "separates", "per_hour") for run in result.added
+        ],
         "readings": [fields_of(r, "test", "channel", "rows", "noise", "source") for r in result.readings],
-        "detection": {"method": "single-step max-T over the library", **fields_of(result, "level", "critical", "power")},
+        "detection": {
+            "method": "single-step max-T over the library",
+            **fields_of(result, "level", "critical", "power"),
+        },
         **fields_of(result, "reading_seconds", "seconds", "notes"),
     }
     return plain(content)
@@ -73,7 +78,9 @@ def parameter_rows(result: PlanResult) -> list[tuple[str, ...]]:
     for p in result.parameters:
         unit = p.shown
         std = None if p.std is None else p.std * unit.factor
-        rows.append((p.name, unit.label, beside(p.value * unit.factor, std), p.why if std is None else beside(std, std)))
+        rows.append(
+            (p.name, unit.label, beside(p.value * unit.factor, std), p.why if std is None else beside(std, std))
+        )
     return rows
 
 
@@ -85,7 +92,9 @@ def added_rows(result: PlanResult) -> list[tuple[str, ...]]:
     rows = []
     for run in result.added:
         apart = [f"{a} / {b}" for a, b in run.separates]
-        shown = lambda names: ", ".join(names[:LISTED]) + (f" and {len(names) - LISTED} more" if len(names) > LISTED else "")
+        shown = lambda names: (
+            ", ".join(names[:LISTED]) + (f" and {len(names) - LISTED} more" if len(names) > LISTED else "")
+        )
         rows.append((run.words, words.cost(run), shown(run.shows), shown(apart), f"{run.per_hour:.1f}"))
     return rows
 

@@ -82,7 +82,9 @@ def view_of(prospect: Prospect, say: Callable[[str], None] = lambda _: None) -> 
             blind[name] = found
         else:
             sights.append(found)
-    directions = np.stack([s.change / s.strength for s in sights], axis=1) if sights else np.zeros((len(fit.residual), 0))
+    directions = (
+        np.stack([s.change / s.strength for s in sights], axis=1) if sights else np.zeros((len(fit.residual), 0))
+    )
     return View(tuple(sights), blind, critical, directions.T @ directions)
 
 
@@ -173,7 +175,9 @@ def confused_with(view: View, true: str) -> tuple[str, ...]:
     sight, usual = view.sights[view.place(true)], effect_info(true).typical[1]
     if sight.strength_of_usual < view.wanted:
         return ()
-    others = [s.name for s in view.sights if s.name != true and chance_of_rival(view, true, s.name, usual) > 1.0 - POWER]
+    others = [
+        s.name for s in view.sights if s.name != true and chance_of_rival(view, true, s.name, usual) > 1.0 - POWER
+    ]
     i = view.place(true)
     return tuple(sorted(others, key=lambda name: -abs(float(view.correlation[i, view.place(name)]))))
 
@@ -189,7 +193,9 @@ def groups(view: View, names: Iterable[str]) -> tuple[tuple[str, ...], ...]:
         for i, first in enumerate(clusters):
             for j in range(i):
                 if all(both(a, b) for a in first for b in clusters[j]):
-                    least = min(abs(float(view.correlation[view.place(a), view.place(b)])) for a in first for b in clusters[j])
+                    least = min(
+                        abs(float(view.correlation[view.place(a), view.place(b)])) for a in first for b in clusters[j]
+                    )
                     if least > closest:
                         closest, pair = least, (i, j)
         if pair is None:

@@ -37,9 +37,7 @@ def with_tolerances(record: Any, folder: str) -> Any:
 def compared():
     """Before: nothing wrong. After: 0.3 um more clearance and a leak of the pilot stage."""
     before = with_tolerances(small_record(seed=11), "before")
-    after = with_tolerances(
-        small_record({"pilot_leakage": 1e-9}, seed=12, valve={"clearance": 2.7e-6}), "after"
-    )
+    after = with_tolerances(small_record({"pilot_leakage": 1e-9}, seed=12, valve={"clearance": 2.7e-6}), "after")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(both_models, "open_case", lambda record, say: opened(record))
         return study.compare(before, after)
@@ -107,7 +105,9 @@ def test_names_of_records():
 def test_two_laws_of_an_edge_are_refused():
     record = small_record()
     other = replace(record, valve=replace(record.valve, edge_law="lubrication"), folder=Path("other"))
-    with pytest.raises(BenchInputError, match='other: has edge_law = "lubrication" where the first record has "orifice"'):
+    with pytest.raises(
+        BenchInputError, match='other: has edge_law = "lubrication" where the first record has "orifice"'
+    ):
         study.compare(record, other)
 
 

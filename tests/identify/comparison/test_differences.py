@@ -65,7 +65,9 @@ def record(seed: int, *, effect: float = 0.0, prior_std: float = GAIN_STD, truth
         signatures=plain.signatures, gain=column, prior_std=prior_std,
     )  # fmt: skip
     channel = np.append(np.repeat(np.arange(3), 256), np.full(3, 3))
-    return Part(f"record {seed}", problem, ("hysteresis",), {}, 1.0, NoiseFreedom(channel, np.array([20.0, 20.0, 20.0, np.inf])))
+    return Part(
+        f"record {seed}", problem, ("hysteresis",), {}, 1.0, NoiseFreedom(channel, np.array([20.0, 20.0, 20.0, np.inf]))
+    )
 
 
 def by_hand(first: Part, second: Part, prior_std: float) -> tuple[np.ndarray, np.ndarray]:

@@ -83,7 +83,10 @@ def planned() -> PlanResult:
     record = small_record()
     tests = {
         name: replace(
-            test, channels=(), stated_noise={test.channels[0].name: float(test.channels[0].std[0])}, stated_instrument=(0.01, None)
+            test,
+            channels=(),
+            stated_noise={test.channels[0].name: float(test.channels[0].std[0])},
+            stated_instrument=(0.01, None),
         )
         for name, test in record.tests.items()
     }
