@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from helpers.commands import command
 from helpers.html_page import Tags
+from helpers.records import NOISE
 from helpers.small_bench import small_record
 from helpers.small_diagnosis import LIBRARY
 
@@ -85,7 +86,7 @@ def planned() -> PlanResult:
         name: replace(
             test,
             channels=(),
-            stated_noise={test.channels[0].name: float(test.channels[0].std[0])},
+            stated_noise={test.channels[0].name: NOISE[name]},
             stated_instrument=(0.01, None),
         )
         for name, test in record.tests.items()
