@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from .servo.performance_figures import bode_figure, performance_figure
     from .servo.study import ServoStudy
     from .studies import predict, sensitivity_study, servo_study
+    from .users_effects import load_effects
 
 # module: the public names that it defines; "name as public name" where the two differ
 _HOME = {
@@ -69,6 +70,7 @@ _HOME = {
     "sensitivity.settings": ("Settings as StudySettings", "read_settings as read_study_settings"),
     "servo.performance_figures": ("bode_figure", "performance_figure"),
     "servo.study": ("ServoStudy",),
+    "users_effects": ("load_effects",),
     "studies": ("predict", "sensitivity_study", "servo_study"),
 }
 _PLACE = {

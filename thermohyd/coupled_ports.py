@@ -25,6 +25,7 @@ from .ports import (
     Ports,
     between,
     loaded_ports,
+    mass_from_outside,
     openings,
     port_flows,
     ports_at,
@@ -112,14 +113,17 @@ def _with_crossing(
 def ports_with_crossing(
     flows: PortFlows, drops: Between, conductance: Float[Array, "..."] | None
 ) -> tuple[Ports, Float[Array, "..."], Float[Array, "..."]]:
-    """Both closed ports at given drops, balanced or not, and the mass flows [kg/s] that cross into each and out of it.
+    """Both closed ports at given drops, balanced or not, and the mass flows [kg/s] that pass no edge into each and out of it.
 
     The port of the higher pressure holds supply oil only; the other one mixes it with what crosses over.
     """
     conditions = flows.conditions
     ports = ports_at(flows, drops)
+    extra = ports.crossing
     if conductance is None:
-        return ports, jnp.zeros(()), jnp.zeros(())
+        if extra is None:
+            return ports, jnp.zeros(()), jnp.zeros(())
+        return ports, _positive(extra), _positive(-extra)
     up, down = drops.supply_drop, drops.return_drop
     # p_A - p_B from the smaller drops keeps its digits where both ports are near one end.
     drop = jnp.where(jnp.sum(up, axis=0) < jnp.sum(down, axis=0), up[1] - up[0], down[0] - down[1])
@@ -133,6 +137,8 @@ def ports_with_crossing(
         arriving = other + flows.heat_retention * throttling_rise(flows.oil, -fall, mean, other)
         warm = ports.temperature + into * (arriving - ports.temperature) / (ports.inflow + into)
         ports = eqx.tree_at(lambda p: (p.temperature, p.outflow), ports, (warm, flows.outflow(drops.return_drop, warm)))
+    if extra is not None:
+        into, out = into + _positive(extra), out + _positive(-extra)
     return Ports(ports.pressure, ports.temperature, ports.inflow, ports.outflow, crossing=into - out), into, out
 
 
@@ -167,7 +173,7 @@ def coupled_blocked_ports(
     edges: Edges, oil: Oil, heat_retention: Float[Array, "..."] | None, conditions: Conditions, coupling: Coupling
 ) -> tuple[Ports, Conditions]:
     """Both ports closed, with lines and flow between the ports: (ports, conditions inside the lines)."""
-    flows = port_flows(edges, oil, heat_retention, conditions)
+    flows = port_flows(edges, oil, heat_retention, conditions, coupling.inflows)
     conductance = crossing_conductance(coupling.crossings, oil, conditions) if coupling.crossings else None
 
     def alone(q: Float[Array, "2 rows"]) -> Float[Array, "2 rows"]:
@@ -190,11 +196,17 @@ def coupled_connected_ports(
     edges: Edges, oil: Oil, heat_retention: Float[Array, "..."] | None, conditions: Conditions, coupling: Coupling
 ) -> tuple[Ports, Conditions]:
     """Both ports joined without loss, with lines: (ports, conditions inside the lines). Nothing crosses at p_A = p_B."""
-    flows = port_flows(edges, oil, heat_retention, conditions)
+    flows = port_flows(edges, oil, heat_retention, conditions, coupling.inflows)
 
     def balance(q: Float[Array, "1 rows"], inside: Conditions) -> tuple[Float[Array, "1 rows"], Ports]:
         ports = ports_at(eqx.tree_at(lambda f: f.conditions, flows, inside), between(q[0], inside))
-        return jnp.log(jnp.sum(ports.inflow, axis=0) / jnp.sum(ports.outflow, axis=0))[None], ports
+        into, out = jnp.sum(ports.inflow, axis=0), jnp.sum(ports.outflow, axis=0)
+        if ports.crossing is not None:
+            into, out = (
+                into + jnp.sum(_positive(ports.crossing), axis=0),
+                out + jnp.sum(_positive(-ports.crossing), axis=0),
+            )
+        return jnp.log(into / out)[None], ports
 
     def alone(q: Float[Array, " rows"]) -> Float[Array, " rows"]:
         return balance(q[None], conditions)[0][0]
@@ -265,9 +277,13 @@ def coupled_loaded_ports(
             mass = conductance * density(oil, mean, jnp.where(load > 0.0, warm[0], warm[1]))
             into = mass * _positive(-fall)
             crossing = into - mass * _positive(fall)
-        ports = Ports(pressure, warm, inflow, outflow, crossing)
         came = jnp.sum(_positive(inflow) + _positive(-outflow), axis=0)
         left = jnp.sum(_positive(outflow) + _positive(-inflow), axis=0)
+        extra = mass_from_outside(coupling.inflows, pressure, oil, inside)
+        if extra is not None:
+            came, left = came + jnp.sum(_positive(extra), axis=0), left + jnp.sum(_positive(-extra), axis=0)
+            crossing = extra if crossing is None else crossing + extra
+        ports = Ports(pressure, warm, inflow, outflow, crossing)
         residual = jnp.log(came / left)[None]
         if heat_retention is None:
             return residual, ports
@@ -292,7 +308,7 @@ def coupled_loaded_ports(
         leaving, flow = ports.temperature + heat_retention * rise, _positive(ports.outflow)
         return _mixed([(flow[i], leaving[i]) for i in (0, 1)], cold)
 
-    alone = loaded_ports(edges, oil, heat_retention, conditions, load)
+    alone = loaded_ports(edges, oil, heat_retention, conditions, load, coupling.inflows)
     span = conditions.supply_pressure - conditions.return_pressure
     share = (jnp.mean(alone.pressure, axis=0) - conditions.return_pressure + 0.5 * jnp.abs(load)) / (
         span + jnp.abs(load)

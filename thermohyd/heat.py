@@ -158,8 +158,8 @@ def wall_state(valve: Valve, oil: Oil, exchange: HeatExchange, true: Conditions,
     ports to lines or to each other, which this balance leaves out.
     """
     ties = coupling(valve)
-    if ties.lines or ties.crossings:
-        names = ", ".join(type(effect).__name__ for effect in (*ties.lines, *ties.crossings))
+    if ties.lines or ties.crossings or ties.inflows:
+        names = ", ".join(type(effect).__name__ for effect in (*ties.lines, *ties.crossings, *ties.inflows))
         raise ValueError(f"heat exchange with a wall is not solved together with {names}: leave these effects out")
     edges = metering_edges(valve, true)
     wall = _Wall(port_flows(edges, oil, jnp.ones(()), true), exchange, joined)

@@ -91,7 +91,7 @@ class _Ties(eqx.Module):
 
 
 def _ties(valve: Valve, oil: Oil, true: Conditions, coupling: Coupling, upper: Bool[Array, "2 rows"]) -> _Ties:
-    flows = port_flows(metering_edges(valve, true), oil, heat_kept(valve), true)
+    flows = port_flows(metering_edges(valve, true), oil, heat_kept(valve), true, coupling.inflows)
     crossings = coupling.crossings
     return _Ties(flows, crossing_conductance(crossings, oil, true) if crossings else None, coupling, upper)
 

@@ -9,12 +9,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from thermohyd.effects.effect import Edges
+from thermohyd.effects.effect import AbstractInflowEffect, Edges
 
 from .conditions import Conditions
 from .edge import OpenEdge, at_opening, mass_flow
 from .flow_balance import falling_root
-from .oil import Oil, OilAtTemperature, at_temperature, throttling_rise
+from .oil import Oil, OilAtTemperature, at_temperature, density, throttling_rise
 
 
 # Connected ports sit near the middle between supply and return: 4 Newton steps leave rounding only.
@@ -29,7 +29,7 @@ class Ports(eqx.Module):
     temperature: Float[Array, "2 rows"]
     inflow: Float[Array, "2 rows"]  # P-A, P-B
     outflow: Float[Array, "2 rows"]  # A-T, B-T
-    # Net flow in from the other port past the spool; None: no such path.
+    # Net flow in by no edge, from the other port past the spool or from outside; None: no such path.
     crossing: Float[Array, "2 rows"] | None = None
 
 
@@ -64,6 +64,13 @@ class PortFlows(eqx.Module):
     fresh: OilAtTemperature  # at the supply's temperature
     heat_retention: Float[Array, "..."] | None
     conditions: Conditions
+    outside: tuple[AbstractInflowEffect, ...] = ()
+
+    def entering(self, drops: "Between") -> Float[Array, "2 rows"] | None:
+        """Mass flow [kg/s] from outside into each port, at the supply's temperature; None where nothing lets it in."""
+        c = self.conditions
+        pressure = jnp.broadcast_to(c.return_pressure + drops.return_drop, (2, *c.position.shape))
+        return mass_from_outside(self.outside, pressure, self.oil, c)
 
     def inflow(self, drop: Float[Array, "..."]) -> Float[Array, "..."]:
         return mass_flow(self.supply, self.fresh, drop, self.conditions.supply_pressure - 0.5 * drop)
@@ -81,7 +88,23 @@ class PortFlows(eqx.Module):
         return mass_flow(self.return_, oil, drop, self.conditions.return_pressure + 0.5 * drop)
 
 
-def port_flows(edges: Edges, oil: Oil, heat_retention: Float[Array, "..."] | None, conditions: Conditions) -> PortFlows:
+def mass_from_outside(
+    outside: tuple[AbstractInflowEffect, ...], pressure: Float[Array, "2 rows"], oil: Oil, conditions: Conditions
+) -> Float[Array, "2 rows"] | None:
+    """Mass flow [kg/s] of all effects that let oil into the ports, at the supply's temperature; None where there is none."""
+    if not outside:
+        return None
+    volume = sum((effect.inflow(pressure, oil, conditions) for effect in outside), start=jnp.zeros_like(pressure))
+    return density(oil, pressure, conditions.temperature) * volume
+
+
+def port_flows(
+    edges: Edges,
+    oil: Oil,
+    heat_retention: Float[Array, "..."] | None,
+    conditions: Conditions,
+    outside: tuple[AbstractInflowEffect, ...] = (),
+) -> PortFlows:
     """The edges at their openings, ready for any port pressures."""
     supply, return_ = openings(edges, conditions)
     return PortFlows(
@@ -91,6 +114,7 @@ def port_flows(edges: Edges, oil: Oil, heat_retention: Float[Array, "..."] | Non
         fresh=at_temperature(oil, conditions.temperature),
         heat_retention=heat_retention,
         conditions=conditions,
+        outside=outside,
     )
 
 
@@ -103,35 +127,56 @@ def ports_at(flows: PortFlows, drops: Between) -> Ports:
         temperature=jnp.broadcast_to(temperature, shape),
         inflow=flows.inflow(drops.supply_drop),
         outflow=flows.outflow(drops.return_drop, temperature),
+        crossing=flows.entering(drops),
     )
 
 
-def blocked_ports(edges: Edges, oil: Oil, heat_retention: Float[Array, "..."] | None, conditions: Conditions) -> Ports:
+def blocked_ports(
+    edges: Edges,
+    oil: Oil,
+    heat_retention: Float[Array, "..."] | None,
+    conditions: Conditions,
+    outside: tuple[AbstractInflowEffect, ...] = (),
+) -> Ports:
     """Both ports closed: each port's inflow equals its outflow, ln(in/out) = 0 (docs/physics.md section 5)."""
-    flows = port_flows(edges, oil, heat_retention, conditions)
+    flows = port_flows(edges, oil, heat_retention, conditions, outside)
 
     def log_ratio(q: Float[Array, "2 rows"]) -> Float[Array, "2 rows"]:
         drops = between(q, conditions)
         temperature = flows.port_temperature(drops.supply_drop)
-        return jnp.log(flows.inflow(drops.supply_drop) / flows.outflow(drops.return_drop, temperature))
+        into, out = flows.inflow(drops.supply_drop), flows.outflow(drops.return_drop, temperature)
+        extra = flows.entering(drops)
+        if extra is not None:
+            into, out = into + _positive(extra), out + _positive(-extra)
+        return jnp.log(into / out)
 
     q = falling_root(log_ratio, jnp.zeros((2, *conditions.position.shape)))
     return ports_at(flows, between(q, conditions))
 
 
 def connected_ports(
-    edges: Edges, oil: Oil, heat_retention: Float[Array, "..."] | None, conditions: Conditions
+    edges: Edges,
+    oil: Oil,
+    heat_retention: Float[Array, "..."] | None,
+    conditions: Conditions,
+    outside: tuple[AbstractInflowEffect, ...] = (),
 ) -> Ports:
     """Both ports joined without loss: p_A = p_B = p_m balances the four edges (the flow-gain test)."""
-    flows = port_flows(edges, oil, heat_retention, conditions)
+    flows = port_flows(edges, oil, heat_retention, conditions, outside)
 
     def log_ratio(q: Float[Array, " rows"]) -> Float[Array, " rows"]:
         drops = between(q, conditions)
         temperature = flows.port_temperature(drops.supply_drop)
-        inflow = jnp.sum(flows.inflow(drops.supply_drop), axis=0)
-        return jnp.log(inflow / jnp.sum(flows.outflow(drops.return_drop, temperature), axis=0))
+        into = jnp.sum(flows.inflow(drops.supply_drop), axis=0)
+        out = jnp.sum(flows.outflow(drops.return_drop, temperature), axis=0)
+        extra = flows.entering(drops)
+        if extra is not None:
+            into, out = into + jnp.sum(_positive(extra), axis=0), out + jnp.sum(_positive(-extra), axis=0)
+        return jnp.log(into / out)
 
-    q = falling_root(log_ratio, jnp.zeros(conditions.position.shape), CONNECTED_STEPS)
+    # What enters from outside may push the pressure far from the middle.
+    steps = NEWTON_STEPS if outside else CONNECTED_STEPS
+    q = falling_root(log_ratio, jnp.zeros(conditions.position.shape), steps)
     return ports_at(flows, between(q, conditions))
 
 
@@ -161,6 +206,7 @@ def loaded_ports(
     heat_retention: Float[Array, "..."] | None,
     conditions: Conditions,
     load: Float[Array, " rows"],
+    outside: tuple[AbstractInflowEffect, ...] = (),
 ) -> Ports:
     """Ports under an imposed load pressure `load` = p_A - p_B [Pa], of any sign and size.
 
@@ -184,9 +230,10 @@ def loaded_ports(
         # Oil from the supply or the return line is fresh; what runs backwards out of a port is as warm as the port.
         fresh_in = mass_flow(supply, fresh, supply_drop, supply_mean)
         fresh_out = mass_flow(return_, fresh, return_drop, return_mean)
+        extra = mass_from_outside(outside, pressure, oil, c)
         if heat_retention is None:
             cold = jnp.broadcast_to(c.temperature, pressure.shape)
-            return Ports(pressure, cold, fresh_in, fresh_out)
+            return Ports(pressure, cold, fresh_in, fresh_out, extra)
 
         def flows(warm: Float[Array, "2 rows"]) -> tuple[Float[Array, "2 rows"], Float[Array, "2 rows"]]:
             port = at_temperature(oil, warm)
@@ -210,14 +257,16 @@ def loaded_ports(
         # What one port has to spare goes through the load to the other, at the temperature it had there.
         own = mixed(jnp.zeros(()), jnp.zeros(()))
         own_in, own_out = flows(own)
-        spare = _positive(own_in - own_out)
+        spare = _positive(own_in - own_out if extra is None else own_in - own_out + extra)
         warm = mixed(jnp.flip(spare, axis=0), jnp.flip(own, axis=0))
-        return Ports(pressure, warm, *flows(warm))
+        return Ports(pressure, warm, *flows(warm), extra)
 
     def log_ratio(q: Float[Array, " rows"]) -> Float[Array, " rows"]:
         ports = state(q)
         into = _positive(ports.inflow) + _positive(-ports.outflow)
         out = _positive(ports.outflow) + _positive(-ports.inflow)
+        if ports.crossing is not None:
+            into, out = into + _positive(ports.crossing), out + _positive(-ports.crossing)
         return jnp.log(jnp.sum(into, axis=0) / jnp.sum(out, axis=0))
 
     return state(falling_root(log_ratio, jnp.zeros(c.position.shape), NEWTON_STEPS))

@@ -25,7 +25,7 @@ def blocked_state(valve: Valve, oil: Oil, true: Conditions) -> tuple[Ports, Cond
     edges, heat, ties = metering_edges(valve, true), heat_kept(valve), coupling(valve)
     if ties.lines or ties.crossings:
         return coupled_blocked_ports(edges, oil, heat, true, ties)
-    return blocked_ports(edges, oil, heat, true), true
+    return blocked_ports(edges, oil, heat, true, ties.inflows), true
 
 
 def connected_state(valve: Valve, oil: Oil, true: Conditions) -> Ports:
@@ -33,7 +33,7 @@ def connected_state(valve: Valve, oil: Oil, true: Conditions) -> Ports:
     edges, heat, ties = metering_edges(valve, true), heat_kept(valve), coupling(valve)
     if ties.lines:
         return coupled_connected_ports(edges, oil, heat, true, ties)[0]
-    return connected_ports(edges, oil, heat, true)
+    return connected_ports(edges, oil, heat, true, ties.inflows)
 
 
 def loaded_state(valve: Valve, oil: Oil, true: Conditions) -> Ports:
@@ -42,7 +42,7 @@ def loaded_state(valve: Valve, oil: Oil, true: Conditions) -> Ports:
     edges, heat, ties = metering_edges(valve, true), heat_kept(valve), coupling(valve)
     if ties.lines or ties.crossings:
         return coupled_loaded_ports(edges, oil, heat, true, true.load_pressure, ties)[0]
-    return loaded_ports(edges, oil, heat, true, true.load_pressure)
+    return loaded_ports(edges, oil, heat, true, true.load_pressure, ties.inflows)
 
 
 def return_flow(
@@ -81,7 +81,7 @@ def _blocked_readings(
     valve: Valve, conditions: Conditions, before: PortsBefore | None = None
 ) -> tuple[dict[str, Float[Array, " rows"]], Ports]:
     true = true_conditions(valve, conditions)
-    oil = true_oil(valve)
+    oil = true_oil(valve, true)
     ports, inside = blocked_state(valve, oil, true)
     ties = coupling(valve)
     if ties.storage:
@@ -98,7 +98,7 @@ def stored_port_rows(
     See `port_storage.stored_ports`. For whoever needs the Jacobian of many parameters at the cost of a few.
     """
     true = true_conditions(valve, conditions)
-    oil = true_oil(valve)
+    oil = true_oil(valve, true)
     steady = blocked_state(valve, oil, true)
     stored = stored_ports(valve, oil, conditions, true, *steady, coupling(valve), push)
     return _blocked_values(valve, oil, conditions, true, stored.ports, stored.inside), stored
@@ -137,9 +137,11 @@ def port_pressures(valve: Valve, conditions: Conditions) -> tuple[Float[Array, "
 def control_flow(valve: Valve, conditions: Conditions) -> Float[Array, " rows"]:
     """Flow-gain test: flow from A to B with the use ports connected [m3/s], volume at the ports' pressure and temperature."""
     true = true_conditions(valve, conditions)
-    oil = true_oil(valve)
+    oil = true_oil(valve, true)
     ports = connected_state(valve, oil, true)
     through = ports.inflow[0] - ports.outflow[0]
+    if ports.crossing is not None:
+        through = through + ports.crossing[0]
     value = through / density(oil, ports.pressure[0], ports.temperature[0])
     return read_out(valve, "flow", value, conditions, true, oil)
 
@@ -154,7 +156,7 @@ def load_flow(valve: Valve, conditions: Conditions) -> Float[Array, " rows"]:
     if conditions.load_pressure is None:
         raise ValueError("the load-flow test needs conditions with a load_pressure")
     true = true_conditions(valve, conditions)
-    oil = true_oil(valve)
+    oil = true_oil(valve, true)
     ports = loaded_state(valve, oil, true)
     surplus = ports.inflow - ports.outflow
     if ports.crossing is not None:

@@ -12,6 +12,7 @@ from thermohyd.effects.effect import (
     AbstractEdgeEffect,
     AbstractEffect,
     AbstractHeatEffect,
+    AbstractInflowEffect,
     AbstractLineEffect,
     AbstractNullEffect,
     AbstractOilEffect,
@@ -131,12 +132,12 @@ def null_bias(valve: Valve, true: Conditions) -> Float[Array, "..."]:
     return null
 
 
-def true_oil(valve: Valve) -> Oil:
-    """The oil in the valve, after the effects that change it."""
+def true_oil(valve: Valve, true: Conditions | None = None) -> Oil:
+    """The oil in the valve, after the effects that change it; true: the operating points, where they are known."""
     oil = valve.oil
     for effect in valve.effects:
         if isinstance(effect, AbstractOilEffect):
-            oil = effect.oil(oil)
+            oil = effect.oil(oil) if true is None else effect.oil_at(oil, true)
     return oil
 
 
@@ -155,6 +156,7 @@ def coupling(valve: Valve) -> Coupling:
         lines=tuple(effect for effect in valve.effects if isinstance(effect, AbstractLineEffect)),
         crossings=tuple(effect for effect in valve.effects if isinstance(effect, AbstractCrossingEffect)),
         storage=tuple(effect for effect in valve.effects if isinstance(effect, AbstractStorageEffect)),
+        inflows=tuple(effect for effect in valve.effects if isinstance(effect, AbstractInflowEffect)),
     )
 
 

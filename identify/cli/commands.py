@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from .process import fail, plain_failures
-from .run_command import begin, of_each_record, run_study, say_where, show
+from .run_command import begin, load_users_effects, of_each_record, run_study, say_where, show
 
 
 if TYPE_CHECKING:
@@ -57,6 +57,10 @@ ModelForm = Annotated[
         help="Fit once more with the other law of an edge, and say what it would change; takes another compilation.",
     ),
 ]
+UsersEffects = Annotated[
+    Path | None,
+    typer.Option("--effects", metavar="DIR", help="Folder with effects of your own, which are loaded as Python code."),
+]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON on stdout, and nothing else there.")]
 
 
@@ -87,6 +91,7 @@ def fit_command(
         list[str] | None,
         typer.Option("--effect", help="Free this effect beside the parameters; may be given several times."),
     ] = None,
+    effects: UsersEffects = None,
     model_form: ModelForm = True,
 ) -> None:
     """Find edge radius, clearance, underlap, discharge coefficient, transition number and null bias, with error bars.
@@ -100,6 +105,7 @@ def fit_command(
 
         from .several_results import print_summary_of_fits, unsettled
 
+        load_users_effects(effects)
         freed: dict[str, Any] = {"effects": effect} if effect else {}
         return (
             (lambda record, say: fit(record, progress=say, model_form=model_form, **freed)),
@@ -118,9 +124,18 @@ def diagnose_command(
     learn: Annotated[
         bool,
         typer.Option(
-            "--learn", help="Where no effect explains the gap, add a smooth empirical term to the model and say so."
+            "--learn", help="Where no effect explains the gap, add the leading empirical term to the model and say so."
         ),
     ] = False,
+    without: Annotated[
+        str,
+        typer.Option(
+            "--without",
+            metavar="NAMES",
+            help="Effects, with commas between them, to take out of the library this time.",
+        ),
+    ] = "",
+    effects: UsersEffects = None,
     model_form: ModelForm = True,
 ) -> None:
     """Find where bench and ideal valve disagree, name the missing effects, add them, and show the gap shrink.
@@ -130,12 +145,14 @@ def diagnose_command(
     """
 
     def diagnoses() -> "Work":
-        from thermohyd.identify.diagnosis.diagnose import diagnose
+        from thermohyd.identify.diagnosis.diagnose import diagnose, known_effects
 
         from .several_results import print_summary_of_many, unsettled_diagnoses
 
+        load_users_effects(effects)
+        names = known_effects(without.split(","))
         return (
-            (lambda record, say: diagnose(record, learn=learn, model_form=model_form, progress=say)),
+            (lambda record, say: diagnose(record, learn=learn, model_form=model_form, without=names, progress=say)),
             print_summary_of_many,
             unsettled_diagnoses,
         )
@@ -231,6 +248,7 @@ def simulate_command(
             "--model", "-m", metavar="FILE", help="model.json of a fit; without it, the record's own [start]."
         ),
     ] = None,
+    effects: UsersEffects = None,
     out: Out = None,
     json: Json = False,
 ) -> None:
@@ -255,6 +273,7 @@ def simulate_command(
             spare_the_record(record, folder)
             progress("starting JAX")
             set_up_jax()  # first: effects in a model file are checked against the library of effects, which brings JAX
+            load_users_effects(effects)
             chosen = nominal_model(record) if model is None else load_model(model)
             from thermohyd.identify.model.predict import simulate
 
@@ -374,6 +393,28 @@ def servo_command(
         return study
 
     run_study(out, json, "report.html", prepared)
+
+
+@app.command("effect")
+def effect_command(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="What to call the effect, such as port_hose.")],
+    source: Annotated[
+        Path, typer.Option("--from", metavar="FILE", help="diagnosis.json with the term.", show_default=False)
+    ],
+    out: Annotated[
+        Path,
+        typer.Option(
+            "--out", "-o", metavar="DIR", help="Your own folder of effects; made if need be.", show_default=False
+        ),
+    ],
+    term: Annotated[int, typer.Option("--term", min=1, help="Which of its terms; the first is the leading one.")] = 1,
+) -> None:
+    """Write a typed term of a diagnosis as an effect of your own: a class, its entry, and a test. --effects DIR loads it."""
+    with plain_failures():
+        from thermohyd.identify.effect_writer import write_effect
+
+        written = write_effect(name, source, out, term)
+        say_where(begin(None, False)[1].results, out, *written)
 
 
 @app.command("new")

@@ -48,8 +48,11 @@ class Case:
         return NoiseFreedom(channel, np.array([*(self.noise[key].degrees_of_freedom for key in rows), np.inf]))
 
 
-def open_case(record: BenchRecord, say: Progress = lambda _: None) -> Case:
-    """Fit the ideal valve as `fit` does, measure the noise, and fit it again by generalised least squares."""
+def open_case(record: BenchRecord, say: Progress = lambda _: None, without: tuple[str, ...] = ()) -> Case:
+    """Fit the ideal valve as `fit` does, measure the noise, and fit it again by generalised least squares.
+
+    without: names of effects that are not looked for.
+    """
     fitted = run_fit(record, progress=say)
     say("measuring the noise")
     # Where so many readings are no readings that they stay in, an amount fitted to them would be theirs.
@@ -58,7 +61,7 @@ def open_case(record: BenchRecord, say: Progress = lambda _: None) -> Case:
         record,
         fitted.tests,
         fitted.plans,
-        library_for(fitted.tests.values()),
+        library_for(fitted.tests.values()).without(without),
         first_noise(fitted.noise),
         faults={} if spoiled else faults_of(fitted.tests),
     )

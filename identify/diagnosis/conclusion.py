@@ -22,11 +22,13 @@ from thermohyd.identify.fitting.relative import effect_plans
 from thermohyd.identify.fitting.result import FitResult
 from thermohyd.identify.fitting.uncertainty import Covariance
 from thermohyd.identify.model.learned_terms import LearnedTerm
+from thermohyd.identify.model.typed_terms import VARIABLES, TypedTerm, place_of, with_covariance
 from thermohyd.identify.noise.level import ChannelNoise
 from thermohyd.identify.report.diagnosis_report import further_sentences, headline, in_a_row, suspect_sentences
+from thermohyd.identify.report.term_words import confirmed_by, term_lines, term_sentence
 
 from .case import Case, Progress
-from .final_model import FinalModel, exchange_fits, held_out_result
+from .final_model import FinalModel, exchange_fits, held_out_result, scattered
 from .found_faults import alternative, with_evidence, with_faults_apart
 from .held_out import Split
 from .left_over import lack_of_fit, learn as learn_term, smooth_block, variations_of
@@ -43,6 +45,7 @@ from .result import (
     HeldOut,
     NamedEffect,
     ParameterShift,
+    Term,
     Variation,
     Verdict,
 )
@@ -50,7 +53,15 @@ from .rivals import Rivals
 from .screening import Screen, candidates, screen
 from .screening_faults import screen_of_faults
 from .search import LEVEL, Selection
+from .typed_terms import Found, fitted_inside, table_of, terms_of, with_coefficients
 from .where import regions
+
+
+def _without_last(found: Covariance, count: int) -> Covariance:
+    """The covariance of all but the last `count` entries."""
+    kept = len(found.matrix) - count
+    why = {i: words for i, words in found.why.items() if i < kept}
+    return replace(found, matrix=found.matrix[:kept, :kept], why=why, alive=found.alive[found.alive < kept])
 
 
 def result_of(
@@ -60,19 +71,29 @@ def result_of(
     noise: dict[Key, NoiseEstimate],
     scale: float,
     remaining: Remaining | None = None,
+    beside: np.ndarray | None = None,
 ) -> FitResult:
     """Everything that a plain fit reports, for `fit`; error bars by generalised least squares with the noise estimated, and with
-    what the model misses."""
+    what the model misses.
+
+    beside: see `gls_covariance`.
+    """
     white = problem.with_noise(first_noise(as_channel_noise(noise)))
     solution = solution_of(problem, fit, white.evaluate(fit.values, fit.effects))
     plans = fitted.plans | effect_plans(fit.effects, problem.record)
     whole = replace(fitted, plans=plans, free=fit.free, noise=as_channel_noise(noise), solution=solution)
-    return with_faults_apart(fit_result(whole, _covariance(problem, fit, scale, remaining)), problem.faults)
+    covariance = _covariance(problem, fit, scale, remaining, beside)
+    return with_faults_apart(fit_result(whole, covariance), problem.faults)
 
 
-def _covariance(problem: Problem, fit: Fit, scale: float, remaining: Remaining | None) -> Covariance:
+def _covariance(
+    problem: Problem, fit: Fit, scale: float, remaining: Remaining | None, beside: np.ndarray | None = None
+) -> Covariance:
     priors = len(problem.parameters)
-    return gls_covariance(fit, scale, priors) if remaining is None else remaining.covariance(fit, priors)
+    if remaining is not None:
+        return remaining.covariance(fit, priors)
+    found = gls_covariance(fit, scale, priors, beside)
+    return found if beside is None else _without_last(found, beside.shape[1])
 
 
 def _spread(
@@ -106,19 +127,39 @@ def conclude(
     problem, base = case.problem, case.base
     first = screen(problem.with_all_columns(base), problem.library.names, case.steps, level=LEVEL, freedom=case.freedom)
     smooth = variations_of(problem, model.fit) if model.disagrees and not problem.in_motion else ()
-    fit, term, left = model.fit, None, model.left
-    if learn and smooth:
+    found = ()
+    if model.disagrees and not problem.in_motion:
+        # A fault for each of several runs is a patch over what is missing, which is to be found.
+        patched = scattered(case, model.fit)
+        asked = problem.fit(model.fit.physics, model.fit.values, hop_basins=True) if patched else model.fit
+        found = terms_of(problem, asked, split, say)
+    terms = tuple(as_term(term) for term in found)
+    fit, term, left, beside = model.fit, None, model.left, None
+    if learn and found and found[0].learnable:
+        say(f"learning how {found[0].fitted.term.place} goes with {found[0].fitted.term.variable}")
+        best = found[0].fitted
+        problem, fit = best.problem, best.fit
+        whole = with_coefficients(best)
+        beside = whole.columns[:, len(fit.order) :]
+        known = gls_covariance(fit, max(fit.chi2 / len(fit.residual), 1.0), len(problem.parameters), beside)
+        term = with_covariance(best.term, fit.free, known.matrix)
+        problem = problem.with_terms(term)
+        left = lack_of_fit(problem, replace(whole, columns=whole.columns), smooth_block(problem, len(fit.residual)))
+        terms = (replace(terms[0], learned=True), *terms[1:])
+    elif learn and smooth:
         say(f"learning how {smooth[0].quantity} varies with {smooth[0].variable}")
         problem, fit, term = learn_term(problem, fit, smooth[0])
         left = lack_of_fit(problem, fit, smooth_block(problem, len(fit.residual)))
         smooth = (_learned(smooth[0], term), *smooth[1:])
     # Error bars know a misfit that remains. Of runs in time there is no such curve, and a learned term is one.
-    asked = model.disagrees and term is None and not problem.in_motion
-    remaining = remaining_misfit(problem, fit, say) if asked else None
+    beside_noise = model.disagrees and term is None and not problem.in_motion
+    remaining = remaining_misfit(problem, fit, say) if beside_noise else None
     held = _held_out(case, split, model, fit, term, smooth, first, remaining, say)
     before = result_of(case.problem, base, case.fitted, case.noise, scale=max(base.chi2 / len(base.residual), 1.0))
     kept = fit if remaining is None else remaining.fit
-    after = result_of(problem, kept, case.fitted, case.noise, max(fit.chi2 / len(fit.residual), 1.0), remaining)
+    after = result_of(
+        problem, kept, case.fitted, case.noise, max(fit.chi2 / len(fit.residual), 1.0), remaining, beside
+    )
     if term is None:
         rivals = model.rivals if remaining is None else weighed_again(problem, model.rivals, remaining)
         after = with_rivals(after, rivals, _spread(problem, rivals, model.scale, remaining))
@@ -169,6 +210,7 @@ def conclude(
             judged=after.judged,
             law=_better_law(after),
             faults=tuple(at_fault),
+            terms=terms,
         ),
         sentences=(
             *(f"Nothing is named: {sentence}." for sentence in crowded if effects),
@@ -179,6 +221,7 @@ def conclude(
             ),
             *suspect_sentences(model.suspects),
             *further_sentences(effects, before, smooth),
+            *term_lines(terms),
             *_of_the_other_law(says),
             *doubts(after.channels, after.parameters),
         ),
@@ -210,6 +253,7 @@ def conclude(
         ),
         learned=(term,) if term else (),
         suspects=model.suspects,
+        terms=terms,
         proof=None if model.proof is None else model.proof.together,
         discrepancy=() if remaining is None else remaining.channels,
     )
@@ -233,7 +277,7 @@ def _held_out(
     split: Split,
     model: FinalModel,
     fit: Fit,
-    term: LearnedTerm | None,
+    term: LearnedTerm | TypedTerm | None,
     smooth: tuple[Variation, ...],
     first: Screen,
     remaining: Remaining | None,
@@ -249,12 +293,46 @@ def _held_out(
     spared = set(fit.effects) | {r.name for rival in model.rivals.values() for r in rival.alike}
     exchanged = exchange_fits(chosen, final, [s.name for s in first.ranked], spared, say)
     judge: Problem = case.problem
-    if term is not None:
+    if isinstance(term, TypedTerm):
+        without = chosen.fit(fit.effects, fit.values)
+        seen = fitted_inside(table_of(chosen, without)[1], without, term)
+        final, judge = seen.fit, replace(seen.problem, used=None)
+    elif term is not None:
         chosen, final, learned = learn_term(chosen, final, smooth[0])
         judge = case.problem.with_terms(learned)
     words = f"{split.what} (the choice needed all rows, the values did not)"
     return held_out_result(
         case.problem, judge, split, base, final, exchanged, split.what if model.seen_apart else words
+    )
+
+
+def as_term(found: Found) -> Term:
+    """What a reader is told of a term."""
+    term, (value, std) = found.fitted.term, found.size
+    place, (values, curve, band) = place_of(term.place), found.curve
+    return Term(
+        place=term.place,
+        variable=term.variable,
+        law=term.law,
+        value=value,
+        unit=term.unit,
+        std=std if np.isfinite(std) else None,
+        p_value=found.p_value,
+        gap_closed=found.gap_closed,
+        alternatives=found.alternatives,
+        sentence=term_sentence(term, value, std),
+        confirmed_by=confirmed_by(term.place, term.variable),
+        coefficients=tuple(float(c) for c in term.coefficients),
+        low=term.low,
+        high=term.high,
+        place_unit=place.unit,
+        variable_unit=VARIABLES[term.variable].unit,
+        proof=found.proof,
+        holds=found.holds,
+        on_held_out=found.fitted.joint is not None,
+        variable_values=values,
+        curve=curve,
+        band=band,
     )
 
 

@@ -5,12 +5,15 @@ once would integrate every run with the columns of effects that no run can show.
 all tests together, so that every value and error bar is that of the whole record.
 """
 
+import difflib
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from thermohyd.effects.library import find_effect, whole_library
+from thermohyd.identify.bench.errors import BenchInputError
 from thermohyd.identify.bench.record import BenchRecord
 from thermohyd.identify.bench.test_record import dynamic_among
 from thermohyd.identify.fitting.library import Library, motion_library
@@ -36,12 +39,13 @@ def open_motion(
     say: Progress = lambda _: None,
     static: FitResult | None = None,
     effects: Mapping[str, float] | None = None,
+    without: tuple[str, ...] = (),
 ) -> Case:
     """Fit the parameters of motion as `fit` does, then the same with the null bias free: a null may move.
 
-    static: what the record's static tests gave, held here but for the null bias, which keeps to its error bar. effects: found
-    there. The noise is taken as stated and white until a first search has found what is missing: a misfit of motion looks
-    like noise with a memory.
+    static: what the record's static tests gave, held here but for the null bias, which keeps to its error bar. effects: found there.
+    without: effects that are not looked for. The noise is taken as stated and white until a first search has found what is
+    missing: a misfit of motion looks like noise with a memory.
     """
     # Here, not above: the diagnosis of static tests does not wait for the solvers of motion.
     from thermohyd.identify.fitting.fit_motion import run_fit_motion
@@ -59,7 +63,7 @@ def open_motion(
         own |= _null(record, fitted.plans["null_bias"], static)
     fitted = replace(fitted, plans={**fitted.plans, **own})
     tests = fitted.tests
-    library = motion_library(dynamic_among(tests), record.actuator.heat)
+    library = motion_library(dynamic_among(tests), record.actuator.heat).without(without)
     problem = Problem(
         record, tests, fitted.plans, library, first_noise(fitted.noise), known_effects=dict(effects or {}), also=also
     )
@@ -176,6 +180,7 @@ def in_one(record: BenchRecord, static: Stage, motion: Stage, say: Progress = la
         after=after,
         shifts=parameter_shifts(before, after) if s.shifts or m.shifts else (),
         variations=(*s.variations, *m.variations),
+        terms=(*s.terms, *m.terms),
         evidence=(*s.evidence, *m.evidence),
         noise=(*s.noise, *m.noise),
         left_over_p=min(s.left_over_p, m.left_over_p),
@@ -196,31 +201,53 @@ def _as_fitted(effect: NamedEffect, after: FitResult) -> NamedEffect:
 
 
 def diagnose(
-    record: BenchRecord, *, learn: bool = False, model_form: bool = True, progress: Progress | None = None
+    record: BenchRecord,
+    *,
+    learn: bool = False,
+    model_form: bool = True,
+    without: Iterable[str] = (),
+    progress: Progress | None = None,
 ) -> DiagnosisResult:
     """Find where a record disagrees with the ideal valve, name the missing effects, add them and show the gap close.
 
-    learn: add the leading smooth variation to the model where no effect explains the rest (marked as empirical).
+    learn: where no effect explains the rest, add to the model the leading typed term, or the leading smooth variation where no
+    term holds (both marked as empirical). without: names of effects that are taken out of the library for this diagnosis; a name
+    that it does not have raises BenchInputError, with the nearest one.
     model_form: fit the final model of the static tests with the other law of an edge too: an effect that only one law asks
     for is not named, and each estimate says how far the other law moves it.
     Raises what `fit` raises: BenchInputError where the record determines nothing, RuntimeError in single precision.
     Each step can be called alone: `open_case`, `choose`, `final_model`, `conclude`.
     """
     require_float64("diagnose")
+    out = known_effects(without)
     began = time.perf_counter()
     say = progress or (lambda _: None)
     stage = lambda case: diagnose_stage(case, learn=learn, model_form=model_form, say=say)
     if not record.dynamic_tests:
-        result = stage(open_case(record, say)).result
+        result = stage(open_case(record, say, out)).result
     elif not record.static_tests:
-        result = in_words_of_motion(stage(open_motion(record, say)).result)
+        result = in_words_of_motion(stage(open_motion(record, say, without=out)).result)
     else:
-        static = stage(open_case(replace(record, tests=record.static_tests, actuator=None), say))
+        static = stage(open_case(replace(record, tests=record.static_tests, actuator=None), say, out))
         amounts = {effect.name: effect.value for effect in static.result.effects}
-        motion = stage(open_motion(record, say, static.result.after, amounts))
+        motion = stage(open_motion(record, say, static.result.after, amounts, out))
         motion = replace(motion, result=in_words_of_motion(motion.result))
         result = in_one(record, static, motion, say)
+    if out:
+        result = replace(
+            result, notes=(*result.notes, f"taken out of the library for this diagnosis: {', '.join(out)}")
+        )
     return replace(result, seconds=time.perf_counter() - began)
+
+
+def known_effects(names: Iterable[str]) -> tuple[str, ...]:
+    """The names, each once; raises BenchInputError for one that the library does not have."""
+    found = tuple(dict.fromkeys(name.strip() for name in names if name.strip()))
+    for name in found:
+        if find_effect(name) is None:
+            near = difflib.get_close_matches(name, whole_library(), n=1, cutoff=0.0)
+            raise BenchInputError(f'without: the library has no effect "{name}"; the nearest is "{near[0]}"')
+    return found
 
 
 def diagnose_stage(

@@ -165,7 +165,7 @@ def proven(
     return fit, rivals, None, tuple(suspects)
 
 
-def _scattered(case: Case, fit: Fit) -> bool:
+def scattered(case: Case, fit: Fit) -> bool:
     """Whether several single runs (or conditions of one test) ask for a fault each: that is a misfit which nothing explains."""
     faults = [case.problem.faults[name] for name in fit.faults]
     return sum(bool(fault.test and fault.place) for fault in faults) > 1
@@ -269,7 +269,7 @@ def final_model(case: Case, selection: Selection, split: Split, say: Progress = 
             left.p_value < LEVEL_OF_LEFT_OVER
             or rough
             or (any(not suspect.hint for suspect in suspects) and not fit.physics)
-            or _scattered(case, fit)
+            or scattered(case, fit)
             or not whole.complete
         ),
         seen_apart=len(fit.effects) <= len(selection.effects),

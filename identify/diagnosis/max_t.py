@@ -23,7 +23,7 @@ class MaxT:
     count: int
 
     @classmethod
-    def of(cls, directions: np.ndarray, one_sided: np.ndarray) -> "MaxT":
+    def of(cls, directions: np.ndarray, one_sided: np.ndarray, draws: int = DRAWS) -> "MaxT":
         """directions (rows, k): orthonormalised scores' unit vectors; one_sided (k,): only a positive score counts."""
         count = directions.shape[1]
         if not count:
@@ -31,7 +31,7 @@ class MaxT:
         correlation = directions.T @ directions
         values, vectors = np.linalg.eigh(correlation)
         root = vectors * np.sqrt(np.maximum(values, 0.0))
-        normal = np.random.default_rng(SEED).standard_normal((DRAWS, count)) @ root.T
+        normal = np.random.default_rng(SEED).standard_normal((draws, count)) @ root.T
         scores = np.where(one_sided, normal, np.abs(normal))
         return cls(np.sort(scores.max(axis=1)), count)
 

@@ -14,6 +14,7 @@ from thermohyd.identify.bench.record import BenchRecord
 from thermohyd.identify.bench.shown_units import DisplayUnit
 from thermohyd.identify.fitting.result import FitResult, ParameterEstimate
 from thermohyd.identify.model.learned_terms import LearnedTerm
+from thermohyd.identify.model.typed_terms import TypedTerm
 from thermohyd.identify.result import Result
 
 
@@ -235,6 +236,41 @@ class Variation:
 
 
 @dataclass(frozen=True)
+class Term:
+    """A typed term that would explain what the model still misses: a place of the circuit, shifted by a law of a variable.
+
+    It names a place, not a cause. value, std: of the law's coefficient in `unit`, SI; of a smooth law the spread of the shift over
+    what was seen. p_value: of the whole table. gap_closed: of what the model without it leaves on rows held out (`on_held_out`; else of
+    all rows, by one linear step). alternatives: (place, variable) that the readings allow as well. proof: 2 ln E, as of an effect; holds:
+    whether it predicts rows that it was not fitted to. curve: the shift at `variable_values`, `band` its standard deviation, SI.
+    """
+
+    place: str
+    variable: str
+    law: str
+    value: float
+    unit: str
+    std: float | None
+    p_value: float
+    gap_closed: float
+    alternatives: tuple[tuple[str, str], ...]
+    sentence: str
+    confirmed_by: str
+    coefficients: tuple[float, ...]
+    low: float
+    high: float
+    place_unit: str
+    variable_unit: str
+    proof: float
+    holds: bool
+    on_held_out: bool
+    variable_values: np.ndarray
+    curve: np.ndarray
+    band: np.ndarray
+    learned: bool = False  # added to the model at the user's word
+
+
+@dataclass(frozen=True)
 class Evidence:
     """Where the evidence for a named effect sits: z = sum of `contribution` over the rows of all channels."""
 
@@ -308,9 +344,12 @@ class DiagnosisResult(Result):
     evaluations: int
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
-    learned: tuple[LearnedTerm, ...] = ()  # smooth terms that the model of `after` holds: empirical
+    learned: tuple[
+        LearnedTerm | TypedTerm, ...
+    ] = ()  # smooth or typed terms that the model of `after` holds: empirical
     critical_level: float | None = None
     suspects: tuple[Suspect, ...] = ()
+    terms: tuple[Term, ...] = ()  # where in the circuit and with what, beside the final model; the best first
     # 2 ln E of all effects together on rows left out, each condition once; None where nothing is named.
     proof: float | None = None
     # What the final model misses beside the noise, where a misfit remains: error bars hold it.

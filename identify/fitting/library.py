@@ -23,6 +23,12 @@ class Library:
     names: tuple[str, ...]
     impossible: dict[str, str]
 
+    def without(self, names: Iterable[str]) -> "Library":
+        """The library with these effects taken out."""
+        out = set(names)
+        kept = {name: why for name, why in self.impossible.items() if name not in out}
+        return Library(tuple(name for name in self.names if name not in out), kept)
+
     @property
     def plain(self) -> tuple[str, ...]:
         """Those that leave the ports' balances apart: cheap to compile and to run."""

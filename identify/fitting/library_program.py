@@ -18,6 +18,7 @@ from jaxtyping import Array, Float
 from thermohyd.chain_in_time import along_rows
 from thermohyd.conditions import Conditions
 from thermohyd.effects.library import EFFECTS, classes_of, effect, effect_info, factor_on, with_effects
+from thermohyd.effects.row_shifts import SHIFTS, RowShifts
 from thermohyd.identify.fitting.parameters import PARAMETERS
 from thermohyd.identify.fitting.static_readings import (
     FIELDS,
@@ -38,11 +39,15 @@ from thermohyd.valve import Valve
 
 
 class RowTerms(eqx.Module):
-    """Learned smooth terms, row by row of a group of tests: parameter = fitted factor + shift, viscosity times `viscosity`."""
+    """Learned terms, row by row of a group of tests: parameter = fitted factor + shift, viscosity times `viscosity`.
+
+    places: shifts of `ENTRIES`; None where the model has no term of a place and nobody asks what one would do.
+    """
 
     factor: Float[Array | np.ndarray, "parameters rows"]
     shift: Float[Array | np.ndarray, "parameters rows"]
     viscosity: Float[Array | np.ndarray, " rows"]
+    places: Float[Array | np.ndarray, "entries rows"] | None = None
 
 
 class LibraryArgs(eqx.Module):
@@ -125,11 +130,14 @@ def rowwise_valve(effects: tuple[str, ...], group: str, values: Float[Array, "al
     rowwise, _ = split(effects)
     terms = args.terms[group]
     parameters, amounts = values[: len(PARAMETERS)], values[len(PARAMETERS) :]
+    factor = str(factor_on("viscosity"))
+    if factor not in rowwise:
+        rowwise, amounts = (*rowwise, factor), jnp.concatenate([amounts, jnp.zeros_like(values[:1])])
     # Without heat (valve.heat_retention None) its entry stands in the vector but nothing depends on it.
     heat = args.valve.heat_retention is not None
     names = PARAMETERS if heat else PARAMETERS[:-1]
     valve = with_parameters(args.valve, names, parameters * terms.factor + terms.shift)
-    thicker = rowwise.index(str(factor_on("viscosity")))
+    thicker = rowwise.index(factor)
     amounts = amounts.at[thicker].set((1.0 + amounts[thicker]) * terms.viscosity - 1.0)
     return with_amounts(valve, rowwise, amounts)
 
@@ -137,6 +145,8 @@ def rowwise_valve(effects: tuple[str, ...], group: str, values: Float[Array, "al
 # Entries of a row behind its parameters and amounts: changes of both port pressures [Pa] where ports store oil, elsewhere of
 # what was read of its operating point, in the order of FIELDS (SI). A step of stored oil sees two rows' operating points.
 PUSHES, MOVES = 2, len(FIELDS)
+# What a term of a model may shift at a row: what was read of its operating point, and the places behind it.
+ENTRIES = (*FIELDS.values(), *SHIFTS)
 
 
 def moved_conditions(
@@ -153,6 +163,13 @@ def moved_conditions(
     return found
 
 
+def behind(effects: tuple[str, ...], args: LibraryArgs) -> int:
+    """How many entries of a row stand behind its parameters and amounts."""
+    if any(effect_info(name).stores for name in effects):
+        return PUSHES
+    return MOVES if any(terms.places is None for terms in args.terms.values()) else len(ENTRIES)
+
+
 def readings_of_rows(
     effects: tuple[str, ...], spread: dict[str, Float[Array, "all rows"]], args: LibraryArgs
 ) -> tuple[dict[str, dict[str, Float[Array, " padded"]]], StoredPorts | None]:
@@ -163,14 +180,19 @@ def readings_of_rows(
     found: dict[str, dict[str, Array]] = {}
     stored = None
     for group, tests in groups_of(args.data.conditions).items():
-        values = spread[group]
-        behind = PUSHES if storing else MOVES
-        valve = rowwise_valve(effects, group, values[:-behind], args)
+        values, places = spread[group], args.terms[group].places
+        count = len(values) - behind(effects, args)
+        valve = rowwise_valve(effects, group, values[:count], args)
         conditions = args.data.conditions
-        if not storing:
-            conditions = moved_conditions(conditions, tests, values[-behind:])
+        moves = None if storing else values[count : count + MOVES]
+        if places is not None:
+            shifts = jnp.asarray(places) if storing else places + values[count:]
+            moves, shifts = shifts[:MOVES], shifts[MOVES:]
+            valve = replace(valve, effects=(*valve.effects, RowShifts(shifts)))
+        if moves is not None:
+            conditions = moved_conditions(conditions, tests, moves)
         if storing and group == STORED_GROUP:
-            readings, stored = predict_stored(valve, tests, conditions, values[-behind:])
+            readings, stored = predict_stored(valve, tests, conditions, values[count:])
             found |= readings
         else:
             found |= predict_group(valve, group, tests, conditions)
@@ -180,8 +202,9 @@ def readings_of_rows(
 def residual_and_columns(
     effects: tuple[str, ...], p: Float[Array, " all"], args: LibraryArgs
 ) -> tuple[Float[Array, " residuals"], Float[Array, "all residuals"], Float[Array, "fields residuals"]]:
-    """Residuals, the columns of their Jacobian, and what a change of a row's own operating point, in the order of FIELDS, does
-    to its residual before whitening (NaN where ports store oil): one reverse pass per channel that shares its rows with others.
+    """Residuals, the columns of their Jacobian, and what a change of a row's own operating point, in the order of FIELDS, or of
+    `ENTRIES` where places are shifted, does to its residual before whitening (NaN where ports store oil): one reverse pass per
+    channel that shares its rows with others.
 
     Where ports store oil, two more passes say how a row's parameters move its port pressures if the row before stays, and
     a linear recursion takes that along the sweep. Filters act last: they are linear in the flow and leave constants alone,
@@ -191,8 +214,8 @@ def residual_and_columns(
     groups = groups_of(data.conditions)
     given = len(p) - len(filters)
     storing = any(effect_info(name).stores for name in effects)
-    entries = given if storing else given + MOVES
-    whole = jnp.concatenate([p[:given], jnp.zeros(PUSHES if storing else MOVES)])
+    entries = given if storing else given + behind(effects, args)
+    whole = jnp.concatenate([p[:given], jnp.zeros(behind(effects, args))])
     spread = spread_over_rows(whole, data)
 
     def of_rows(spread: dict[str, Float[Array, "all rows"]]) -> tuple[tuple[Array, ...], Array | None, Array | None]:
@@ -226,7 +249,7 @@ def residual_and_columns(
         reading, column = data.means(channel.test, reading), data.means(channel.test, column) * channel.weight
         parts.append(whiten(args.whitening[i], (reading - channel.value) * channel.weight))
         columns.append(whiten(args.whitening[i], jnp.concatenate([column[:given], column[entries:]])))
-        by_row.append(jnp.full((MOVES, len(column.T)), jnp.nan) if storing else column[given:entries])
+        by_row.append(jnp.full((MOVES, column.shape[1]), jnp.nan) if storing else column[given:entries])
     return jnp.concatenate(parts), jnp.concatenate(columns, axis=1), jnp.concatenate(by_row, axis=1)
 
 
@@ -234,8 +257,7 @@ def residual_alone(effects: tuple[str, ...], p: Float[Array, " all"], args: Libr
     """The residuals of `residual_and_columns`."""
     data, filters = args.data, split(effects)[1]
     given = len(p) - len(filters)
-    storing = any(effect_info(name).stores for name in effects)
-    whole = jnp.concatenate([p[:given], jnp.zeros(PUSHES if storing else MOVES)])
+    whole = jnp.concatenate([p[:given], jnp.zeros(behind(effects, args))])
     found, _ = readings_of_rows(effects, spread_over_rows(whole, data), args)
     parts = []
     for whitening, channel in zip(args.whitening, data.channels, strict=True):

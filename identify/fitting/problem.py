@@ -15,6 +15,7 @@ import numpy as np
 from thermohyd.identify.bench.record import BenchRecord
 from thermohyd.identify.bench.test_record import TestRecord, dynamic_among
 from thermohyd.identify.model.learned_terms import LearnedTerm
+from thermohyd.identify.model.typed_terms import States, TypedTerm
 from thermohyd.identify.noise.whitening import Whitening, whiten_on_host
 from thermohyd.identify.reduction.monotone_pieces import run_ids
 
@@ -23,6 +24,7 @@ from .boxes import Box
 from .discrepancy import Discrepancy
 from .least_squares import LeastSquaresResult, solve
 from .library import Library, coupled, library_for, relative_cost, stores, with_heat
+from .library_program import ENTRIES
 from .parameters import IN_MOTION, PARAMETERS, SEEN_IN_MOTION, ParameterPlan
 from .problem_fit import Fit, Work
 from .readings import MotionReadings, Noise, Readings, StaticReadings
@@ -71,8 +73,9 @@ class Problem:
     """One record's refits. plans: of every parameter, held ones too. `used` (rows,) masks rows out of a fit (they still have
     residuals and columns), counted as in a fit's residual. known_effects: {name: amount}, present and held, in motion only.
     also: held parameters that stand in the vector of motion all the same, so that a later fit which frees them finds its
-    program compiled. faults: of the bench, that may be freed like effects of the library; of static tests. work: one count for
-    the problem and all that are made from it. discrepancy: what the model is known to miss, a part of the readings' error.
+    program compiled. faults: of the bench, that may be freed like effects of the library; of static tests. states: of the model
+    that typed terms are counted at; with them static readings can be asked `by_places`. work: one count for the problem and all
+    that are made from it. discrepancy: what the model is known to miss, a part of the readings' error.
     """
 
     record: BenchRecord
@@ -81,7 +84,8 @@ class Problem:
     library: Library
     noise: Noise
     used: np.ndarray | None = None
-    terms: tuple[LearnedTerm, ...] = ()
+    terms: tuple[LearnedTerm | TypedTerm, ...] = ()
+    states: States | None = None
     known_effects: Mapping[str, float] = field(default_factory=dict)
     also: tuple[str, ...] = ()
     faults: Mapping[str, BenchFault] = field(default_factory=dict)
@@ -95,13 +99,17 @@ class Problem:
         """The same problem fitted to some rows only (priors are always used)."""
         return replace(self, used=used)
 
-    def with_terms(self, *terms: LearnedTerm) -> "Problem":
-        """The same problem with learned smooth terms in the model, instead of those that it had."""
+    def with_terms(self, *terms: LearnedTerm | TypedTerm) -> "Problem":
+        """The same problem with learned terms in the model, instead of those that it had; typed ones need `with_states`."""
         return replace(self, terms=terms)
 
     def with_discrepancy(self, discrepancy: Discrepancy | None) -> "Problem":
         """The same problem whose readings are known to the noise and to this."""
         return replace(self, discrepancy=discrepancy)
+
+    def with_states(self, states: States) -> "Problem":
+        """The same problem with its places open to terms, which are counted at these states of the model."""
+        return replace(self, states=states)
 
     @cached_property
     def readings(self) -> tuple[Readings, ...]:
@@ -111,7 +119,9 @@ class Problem:
         found: list[Readings] = []
         if still:
             library = library_for(still.values()) if moving else self.library
-            found.append(StaticReadings(self.record, still, self.plans, library, self.noise, self._used, self.terms))
+            found.append(
+                StaticReadings(self.record, still, self.plans, library, self.noise, self._used, self.terms, self.states)
+            )
         if moving:
             from .motion_readings import simulator_of
 
@@ -343,6 +353,7 @@ class Problem:
         # Of each kind of readings the columns of faults of what was read, which never change.
         still = [name for name in order if is_fault(name) and not self.faults[name].info.moves]
         given = [{name: self._of_readings(self.faults[name], part) for name in still} for part in self.readings]
+        learned = [self._read_shifts(part) for part in self.readings]
         value, weight = (np.asarray(part) for part in prior_rows([self.plans[name] for name in self.parameters]))
         count = len(value)
         slopes = np.zeros((len(order), count))
@@ -353,9 +364,11 @@ class Problem:
             vector = np.asarray(p, dtype=float)
             residuals, blocks = [], []
             values = dict(zip(order, vector.tolist(), strict=True))
-            for (evaluate, places), signals, shifts in zip(parts, self._signals, given, strict=True):
+            for (evaluate, places), signals, shifts, more in zip(parts, self._signals, given, learned, strict=True):
                 residual, columns = evaluate(vector[places])
                 residual = np.array(residual)
+                if more is not None:
+                    residual += more
                 block = np.zeros((len(order), len(residual)))
                 block[places] = np.asarray(columns)
                 for signal in signals:
@@ -374,6 +387,39 @@ class Problem:
             return residual, columns
 
         return both
+
+    def _read_shifts(self, part: Readings) -> np.ndarray | None:
+        """What typed terms add to the whitened residuals of these tests, padded, before any sensor; None without such terms."""
+        shifts = part.read_shifts() if isinstance(part, StaticReadings) else {}
+        if not shifts:
+            return None
+        column = np.zeros(_padded(part))
+        for key, place in channel_slices(part.tests, part.size).items():
+            if key in shifts:
+                column[place] = self._whitened(key, shifts[key])
+        return column
+
+    def with_places(self, fit: Fit) -> tuple[dict[str, np.ndarray], States]:
+        """What a shift of each place does beside a fit of static tests, and what the model's rows could read there.
+
+        {entry: (readings,)}: the slope of each reading's residual, before whitening and in units of its noise, to a shift at its own
+        row, sensors counted in; and {test: {reading: (rows,)}}, SI. Beside a fit that stores oil, of the same without storage. The
+        problem must have states.
+        """
+        part = next(part for part in self.readings if isinstance(part, StaticReadings))
+        present = [n for n in fit.order if n in self.library.names and fit.values[n] != 0.0 and not stores(n)]
+        program = part.program(tuple(present))
+        slopes, states = part.with_places(
+            program, np.array([fit.values.get(name, 0.0) for name in part.order(program)])
+        )
+        found = np.concatenate([slopes[:, place] for place in channel_slices(part.tests, part.size).values()], axis=1)
+        for key, place in self.rows().items():
+            found[:, place] *= self.factor_of(key, fit)
+        return dict(zip(ENTRIES, found, strict=True)), states
+
+    def factor_of(self, key: Key, fit: Fit) -> float:
+        """What a channel's sensor makes of its quantity: 1 where it is read in SI."""
+        return self._sensed[key].factor(fit.values) if key in self._sensed else 1.0
 
     def _of_readings(self, fault: BenchFault, part: Readings) -> np.ndarray:
         """What a fault of readings adds to the whitened residuals of these tests, padded, per amount: model - what was read + fault."""

@@ -41,16 +41,22 @@ def solution_of(problem: Problem, fit: Fit, seen: Fit | None = None) -> LeastSqu
     )  # fmt: skip
 
 
-def gls_covariance(fit: Fit, scale: float, priors: int) -> Covariance:
+def gls_covariance(fit: Fit, scale: float, priors: int, beside: np.ndarray | None = None) -> Covariance:
     """(J'J)^-1 of the whitened problem over `fit.free`; scale: variance of the whitened residuals where it exceeds 1.
 
-    priors: rows at the end that are no readings.
+    priors: rows at the end that are no readings. beside (rows, k): columns of what was fitted with it; its rows stand last.
     """
-    columns = fit.columns[:, [fit.order.index(name) for name in fit.free]][fit.used]
+    columns = fit.columns[:, [fit.order.index(name) for name in fit.free]]
     active = np.array([fit.solution.active[fit.order.index(name)] for name in fit.free])
+    names = fit.free
+    if beside is not None:
+        columns = np.concatenate([columns, beside], axis=1)
+        active = np.append(active, np.zeros(beside.shape[1], dtype=int))
+        names = (*names, *(f"coefficient {i + 1} of the term" for i in range(beside.shape[1])))
+    columns = columns[fit.used]
     rows = len(columns) - priors
     block = Block(slice(0, rows), np.zeros(rows, dtype=int), NoiseCorrelation(), max(scale, 1.0))
-    return covariance_of(columns, fit.free, active, [block], slice(rows, rows + priors))
+    return covariance_of(columns, names, active, [block], slice(rows, rows + priors))
 
 
 def noise_settled_by(problem: Problem, fit: Fit, noise: Mapping[Key, ChannelNoise]) -> dict[Key, ChannelNoise]:

@@ -14,6 +14,7 @@ import numpy as np
 from thermohyd.identify.bench.record import BenchRecord
 from thermohyd.identify.bench.test_record import TestRecord
 from thermohyd.identify.model.learned_terms import ABSOLUTE, LearnedTerm, term_values
+from thermohyd.identify.model.typed_terms import States, TypedTerm, place_of, read_as, shift_of
 from thermohyd.identify.noise.correlation import NoiseCorrelation
 from thermohyd.identify.noise.level import ChannelNoise
 from thermohyd.identify.noise.whitening import Whitening, whiten_on_host, whitening_of
@@ -21,8 +22,9 @@ from thermohyd.identify.reduction.monotone_pieces import run_ids
 
 from .bench_faults import BenchFault, corrected
 from .library import Library, coupled, stores, with_heat
-from .library_program import LibraryArgs, RowTerms, library_program, library_residual, order_of
+from .library_program import ENTRIES, LibraryArgs, RowTerms, library_program, library_residual, order_of
 from .parameters import PARAMETERS, ParameterPlan
+from .place_program import place_program
 from .static_readings import (
     FIELDS,
     StaticData,
@@ -115,13 +117,16 @@ class StaticReadings:
     library: Library
     noise: Noise
     used: Mapping[Key, np.ndarray] | None
-    terms: tuple[LearnedTerm, ...]
+    terms: tuple[LearnedTerm | TypedTerm, ...]
+    states: States | None = None  # of the model that typed terms are counted at; with them every place can be shifted
 
     @property
     def parameters(self) -> tuple[str, ...]:
         return PARAMETERS
 
     def program(self, chosen: tuple[str, ...]) -> tuple[str, ...]:
+        if self.states is not None:  # no more than the model holds: see `place_program`
+            return chosen
         heat = with_heat(chosen) or self._heat_asked
         tied = any(coupled(name) for name in chosen)
         if any(stores(name) for name in chosen):
@@ -137,9 +142,12 @@ class StaticReadings:
         return coarse_size(rows)
 
     def evaluation(self, program: tuple[str, ...], faults: tuple[BenchFault, ...] = ()) -> Evaluation:
-        both, args = library_program(program), self._arguments(program)
+        args = self._arguments(program)
+        both = library_program(program) if self.states is None else lambda p, args: place_program(program)(p, args)[:3]
         if not faults:
-            return lambda p: both(jnp.asarray(p), args)[:2]
+            return lambda p: (
+                both(jnp.asarray(p), args)[:2] if self.states is None else self._with_places(program, p)[:2]
+            )
         place = {column: i for i, column in enumerate(FIELDS)}
         steps = np.diag([STEP * fault.info.scale for fault in faults])
         white = {
@@ -161,6 +169,27 @@ class StaticReadings:
             return residual, jnp.concatenate([columns, np.stack(slopes)])
 
         return evaluate
+
+    def with_places(self, program: tuple[str, ...], p: np.ndarray) -> tuple[np.ndarray, States]:
+        """(entries, padded rows): what a shift of each of `ENTRIES` at a reading's own row does to its weighted residual, and what
+        the model's rows could read at that point, SI. The readings must have states, and no effect may store oil."""
+        _, _, slopes, found = self._with_places(program, p)
+        states = {
+            test: {name: np.asarray(value)[: self.tests[test].rows] for name, value in own.items()}
+            for test, own in found.items()
+        }
+        return np.asarray(slopes), states
+
+    def _with_places(self, program: tuple[str, ...], p: np.ndarray) -> Any:
+        """What `place_program` gives at a point; asked again for the same one, it is not computed again."""
+        key = (program, np.asarray(p, dtype=float).tobytes())
+        if self._last.get("key") != key:
+            self._last.update(key=key, found=place_program(program)(jnp.asarray(p), self._arguments(program)))
+        return self._last["found"]
+
+    @cached_property
+    def _last(self) -> dict[str, Any]:
+        return {}
 
     def _of_rows(self, fault: BenchFault, slope: np.ndarray, white: Mapping[Key, Whitening]) -> np.ndarray:
         """A fault's column: what was read is too large in its rows. slope: of each row's weighted residual to what was read."""
@@ -226,10 +255,18 @@ class StaticReadings:
             sizes = [coarse_size(self.tests[name].rows) * k for name, k in zip(tests, nodes, strict=True)]
             factor, shift = np.ones((len(PARAMETERS), sum(sizes))), np.zeros((len(PARAMETERS), sum(sizes)))
             viscosity = np.ones(sum(sizes))
+            places = None if self.states is None else np.zeros((len(ENTRIES), sum(sizes)))
             first = 0
             for name, size, k in zip(tests, sizes, nodes, strict=True):
                 rows = slice(first, first + self.tests[name].rows * k)
                 for term in self.terms:
+                    if isinstance(term, TypedTerm):
+                        assert self.states is not None
+                        assert places is not None
+                        moved = np.repeat(shift_of(term, self.tests[name], self.states), k)
+                        for entry, sign in place_of(term.place).entries.items():
+                            places[ENTRIES.index(entry), rows] += sign * moved
+                        continue
                     change = np.repeat(term_values(term, self.tests[name], self.record.oil), k)
                     if term.quantity == "viscosity":
                         viscosity[rows] *= 1.0 + change
@@ -238,8 +275,23 @@ class StaticReadings:
                     else:
                         factor[PARAMETERS.index(term.quantity), rows] *= 1.0 + change
                 first += size
-            terms[group] = RowTerms(factor, shift, viscosity)
+            terms[group] = RowTerms(factor, shift, viscosity, places)
         return terms
+
+    def read_shifts(self) -> dict[Key, np.ndarray]:
+        """What typed terms add to what is read, before any sensor: {(test, channel): (rows,)}, SI."""
+        found: dict[Key, np.ndarray] = {}
+        for term in self.terms:
+            if not isinstance(term, TypedTerm) or self.states is None:
+                continue
+            place = place_of(term.place)
+            for name, test in self.tests.items():
+                for channel in test.channels:
+                    sign = place.readings.get(read_as(test, channel.name))
+                    if sign is not None:
+                        more = sign * shift_of(term, test, self.states)
+                        found[name, channel.name] = found.get((name, channel.name), 0.0) + more
+        return found
 
 
 @dataclass(frozen=True)

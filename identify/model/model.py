@@ -8,6 +8,7 @@ from thermohyd.identify.bench.record import ActuatorData, ValveData
 from thermohyd.oil_definition import OilDefinition
 
 from .learned_terms import LearnedTerm
+from .typed_terms import TypedTerm
 
 
 # {test: {quantity: (least, greatest)}} of the rows that a model was fitted to, SI.
@@ -19,7 +20,7 @@ class Model:
     """A fitted (or nominal) valve, SI. `covariance` is over `free`, in that order, which may name effects as well.
 
     actuator, dynamics: the jack as its record describes it, and the parameters of motion; of a record with dynamic tests.
-    effects: {name in `thermohyd.effects.library`: amount}. learned: smooth empirical terms, which are no physics.
+    effects: {name in `thermohyd.effects.library`: amount}. learned: smooth and typed terms, empirical: no cause.
     sensors: {name: gain or zero that a fit found of a sensor}, SI per signal, and signals.
     fitted: where its tests were run (`fitted_range.QUANTITIES`); empty where nobody says.
     """
@@ -30,7 +31,7 @@ class Model:
     free: tuple[str, ...] = ()
     covariance: np.ndarray | None = None
     effects: dict[str, float] = field(default_factory=dict)
-    learned: tuple[LearnedTerm, ...] = ()
+    learned: tuple[LearnedTerm | TypedTerm, ...] = ()
     actuator: ActuatorData | None = None
     dynamics: dict[str, float] = field(default_factory=dict)
     fitted: Ranges = field(default_factory=dict)

@@ -25,6 +25,8 @@ from thermohyd.oil_definition import OilDefinition
 from .fitted_range import QUANTITIES, ranges_of
 from .learned_terms import LearnedTerm, learned_json, learned_term
 from .model import Model, Ranges
+from .typed_term_file import typed_json, typed_term
+from .typed_terms import TypedTerm
 
 
 SCHEMA = "thermohyd-model/1"
@@ -68,6 +70,10 @@ class ModelReader:
         if not isinstance(learned, list):
             raise self.fail('"learned" must be a list of terms; leave it empty for a model of physics only')
         terms = tuple(learned_term(entry, i, self.fail, self.number) for i, entry in enumerate(learned, start=1))
+        typed = content.get("terms", [])
+        if not isinstance(typed, list):
+            raise self.fail('"terms" must be a list of typed terms; leave it out for a model of physics only')
+        terms += tuple(typed_term(entry, i, free, self.fail, self.number) for i, entry in enumerate(typed, start=1))
         return Model(
             valve,
             self.oil(self.table(content, "oil")),
@@ -265,7 +271,7 @@ class ModelReader:
                 raise self.fail(f'"{where}" has the unknown key "{key}"; known are {", ".join(known)}')
 
 
-def model_of_fit(result: FitResult, learned: Iterable[LearnedTerm] = ()) -> Model:
+def model_of_fit(result: FitResult, learned: Iterable[LearnedTerm | TypedTerm] = ()) -> Model:
     """The model that a fit found; what it fitted beside the valve's own parameters are effects."""
     own, actuator = _parameter_names(result), result.record.actuator
     behind = sensor_plans(result.record.tests, result.record)
@@ -300,8 +306,8 @@ def nominal_model(record: BenchRecord) -> Model:
     return Model(record.valve, record.oil, values, actuator=record.actuator, dynamics=moving)
 
 
-def model_json(result: FitResult, learned: Iterable[LearnedTerm] = ()) -> dict[str, Any]:
-    """The content of `model.json` for a fit, of a plain valve or with effects, and for smooth terms learned beside it."""
+def model_json(result: FitResult, learned: Iterable[LearnedTerm | TypedTerm] = ()) -> dict[str, Any]:
+    """The content of `model.json` for a fit, of a plain valve or with effects, and for terms learned beside it."""
     entries = {
         name: {"value": estimate.value, "unit": estimate.unit, "std": estimate.std}
         for name, estimate in result.parameters.items()
@@ -333,8 +339,12 @@ def _content(model: Model, entries: dict[str, dict[str, Any]], about: dict[str, 
         content["fitted_range"] = {
             test: {name: list(ends) for name, ends in ranges.items()} for test, ranges in model.fitted.items()
         }
-    if model.learned:
-        content["learned"] = [learned_json(term) for term in model.learned]
+    smooth = [term for term in model.learned if isinstance(term, LearnedTerm)]
+    typed = [term for term in model.learned if isinstance(term, TypedTerm)]
+    if smooth:
+        content["learned"] = [learned_json(term) for term in smooth]
+    if typed:
+        content["terms"] = [typed_json(term) for term in typed]
     return content
 
 

@@ -1,6 +1,7 @@
 """A log's rows through the simulator, with derivatives: a large one piece by piece, each of which goes on where the last one ended."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import equinox as eqx
 import jax
@@ -10,8 +11,10 @@ from jaxtyping import Array, Bool, Float
 
 from thermohyd.conditions import Conditions
 from thermohyd.effects.library import classes_of, effect_info, factor_on, with_effects
+from thermohyd.effects.row_shifts import SHIFTS, RowShifts
 from thermohyd.identify.bench.test_record import TestRecord
 from thermohyd.identify.fitting.static_readings import (
+    FIELDS,
     GROUPS,
     STORED_GROUP,
     conditions_of,
@@ -29,6 +32,7 @@ from .learned_terms import ABSOLUTE
 # Rows per evaluation: large logs are predicted piece by piece, so that what the balances need of memory stays flat.
 CHUNK = 16384
 ENDS = "pressures at the end"
+PLACE = "place "  # before an entry of a typed term, among the terms of a row
 
 
 class PieceBefore(eqx.Module):
@@ -41,8 +45,14 @@ class PieceBefore(eqx.Module):
 
 
 def with_terms(valve: Valve, terms: dict[str, Float[Array, " rows"]]) -> Valve:
-    """The valve with learned changes of its quantities, one per row."""
+    """The valve with learned changes of its quantities, and shifts of its places, one per row."""
+    rows = next((len(change) for quantity, change in terms.items() if quantity.startswith(PLACE)), None)
+    if rows is not None:
+        shifts = [terms.get(f"{PLACE}{entry}", jnp.zeros(rows)) for entry in SHIFTS]
+        valve = replace(valve, effects=(*valve.effects, RowShifts(jnp.stack(shifts))))
     for quantity, change in terms.items():
+        if quantity.startswith(PLACE):
+            continue
         factor = factor_on(quantity)
         if factor is not None:
             valve = with_effects(valve, {factor: change - 1.0})
@@ -51,6 +61,12 @@ def with_terms(valve: Valve, terms: dict[str, Float[Array, " rows"]]) -> Valve:
         changed = own + change if quantity in ABSOLUTE else own * change
         valve = with_parameters(valve, (quantity,), changed[None])
     return valve
+
+
+def moved_by(terms: dict[str, Float[Array, " rows"]], read: Conditions) -> Conditions:
+    """The operating points with what terms shift of them."""
+    own = {field: terms[f"{PLACE}{field}"] for field in FIELDS.values() if f"{PLACE}{field}" in terms}
+    return replace(read, **{field: getattr(read, field) + shift for field, shift in own.items()}) if own else read
 
 
 @eqx.filter_jit
@@ -78,11 +94,12 @@ def readings_and_slopes(
         of_parameters = with_parameters(valve, own, jnp.stack([changed[name] for name in own])) if own else valve
         of_effects = with_effects(of_parameters, {name: changed.get(name, a) for name, a in amounts.items()})
         of_rows = with_terms(of_effects, terms)
+        at = {test: moved_by(terms, read) for test, read in conditions.items()}
         if before is None:
-            return predict(of_rows, conditions)
+            return predict(of_rows, at)
         (test,) = conditions
         begun = PortsBefore(before.pressure + before.slopes @ (v - values), before.known)
-        readings, ends = blocked_port_readings_after(of_rows, conditions[test], begun)
+        readings, ends = blocked_port_readings_after(of_rows, at[test], begun)
         return {test: readings, ENDS: {"pressure": ends}}
 
     if not free:

@@ -37,9 +37,10 @@ from thermohyd.valve import Valve
 from .fitted_range import COLUMN, Outside, names_of_rows, outside, sentences
 from .learned_terms import ABSOLUTE, term_values
 from .model import Model
-from .pieces import predicted_in_pieces
+from .pieces import PLACE, predicted_in_pieces
 from .predict_motion import as_read, as_static, require_actuator, signal_of_reading, unit_of
 from .simulation_output import note_lines, simulation_files, simulation_json, simulation_table, spare_the_record
+from .typed_terms import BLOCKED, States, TypedTerm, place_of, read_as, shift_of
 
 
 SAME = 1e-9  # relative: what two files write of one number differs by less
@@ -101,6 +102,8 @@ def row_terms(model: Model, test: TestRecord) -> dict[str, Float[Array, " padded
     """
     found: dict[str, np.ndarray] = {}
     for term in model.learned:
+        if isinstance(term, TypedTerm):
+            continue
         try:
             change = term_values(term, test, model.oil)
         except ValueError:
@@ -115,6 +118,32 @@ def row_terms(model: Model, test: TestRecord) -> dict[str, Float[Array, " padded
         else:
             found[term.quantity] = found.get(term.quantity, 1.0) * (1.0 + change)
     return {quantity: pad(change) for quantity, change in found.items()}
+
+
+def place_shifts(
+    terms: tuple[TypedTerm, ...], test: TestRecord, states: States
+) -> tuple[dict[str, Float[Array, " padded"]], dict[str, np.ndarray]]:
+    """What typed terms shift at each row: {`PLACE` and entry: padded rows}, and {what of the simulator's readings: (rows,)}, SI.
+
+    Raises BenchInputError where the test lacks the column that a term follows.
+    """
+    entries: dict[str, np.ndarray] = {}
+    read: dict[str, np.ndarray] = {}
+    for term in terms:
+        try:
+            shift = shift_of(term, test, states)
+        except ValueError:
+            raise BenchInputError(
+                f"the model's term makes {term.place} go with {term.variable}, which needs the column "
+                f'"time"; add it, or take the term out of the model',
+                file=test.path,
+            ) from None
+        place = place_of(term.place)
+        for entry, sign in place.entries.items():
+            entries[f"{PLACE}{entry}"] = entries.get(f"{PLACE}{entry}", 0.0) + sign * shift
+        for reading, sign in place.readings.items():
+            read[reading] = read.get(reading, 0.0) + sign * shift
+    return {entry: pad(values) for entry, values in entries.items()}, read
 
 
 def require_columns(model: Model, test: TestRecord) -> None:
@@ -211,7 +240,8 @@ class Simulation(Result):
 def predict_test(model: Model, record: BenchRecord, test: TestRecord) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """{channel: (reading, standard deviation)} for each row of a test, SI units.
 
-    The deviation is that of the parameters and amounts in the model's covariance; learned terms count as known. Raises
+    The deviation is that of the parameters and amounts in the model's covariance, and of the coefficients of typed terms; smooth
+    terms count as known. Raises
     BenchInputError where the model has an effect or a learned term that needs a column which the test does not have.
     """
     channels = tuple(channel.name for channel in test.channels) or READINGS[test.name]
@@ -226,18 +256,85 @@ def predict_test(model: Model, record: BenchRecord, test: TestRecord) -> dict[st
     valve = valve_without_effects(model, record)
     values = jnp.asarray([model.value(name) for name in rowwise], dtype=float)
     amounts = {name: jnp.asarray(amount) for name, amount in acting.items() if name not in filters}
-    columns = predicted_in_pieces(valve, rowwise, values, amounts, row_terms(model, test), test, channels)
+    smooth = row_terms(model, test)
+    ask = lambda more, wanted: predicted_in_pieces(valve, rowwise, values, amounts, smooth | more, test, wanted)
+    columns, of_terms = _with_typed_terms(model, test, channels, ask)
+    free = (*free, *of_terms)
     out: dict[str, tuple[np.ndarray, np.ndarray]] = {}
     for name in channels:
         slope = dict(zip(("", *rowwise), columns[name], strict=True))  # the reading itself under no name
+        slope |= {coefficient: by[name] for coefficient, by in of_terms.items()}
         for filter_ in filters:
             slope = _behind(filter_, acting[filter_], slope, name, test, valve.oil)
         slope = as_read(slope, model, test, name)
         out[name] = (
             slope[""],
-            _deviation([slope.get(n, np.zeros(test.rows)) for n in free], model.covariance, test.rows),
+            _deviation([slope.get(n, np.zeros(test.rows)) for n in free], joint_covariance(model), test.rows),
         )
     return out
+
+
+PASSES = 2  # that variables made of the model's own pressures and flows are counted anew
+STEP = 1e-3  # of a coefficient, or of its standard error: a difference for its derivative
+
+
+def _with_typed_terms(
+    model: Model,
+    test: TestRecord,
+    channels: tuple[str, ...],
+    ask: Callable[[dict[str, Array], tuple[str, ...]], dict[str, np.ndarray]],
+) -> tuple[dict[str, np.ndarray], dict[str, dict[str, np.ndarray]]]:
+    """Readings and slopes of a test with the model's typed terms, and {coefficient: {channel: (rows,)}} by differences.
+
+    ask(shifts, names): `predicted_in_pieces` with these shifts of places, of these readings of the simulator.
+    """
+    terms = tuple(term for term in model.learned if isinstance(term, TypedTerm))
+    if not terms:
+        return ask({}, channels), {}
+    wanted = ("leakage_flow", "supply_flow", "pressure_a", "pressure_b") if test.name in BLOCKED else ("flow",)
+    states_of = lambda more: {test.name: {n: found[0] for n, found in ask(more, wanted).items()}}
+    states = states_of({})
+    for _ in range(PASSES):
+        states = states_of(place_shifts(terms, test, states)[0])
+
+    def with_terms(terms: tuple[TypedTerm, ...]) -> dict[str, np.ndarray]:
+        entries, read = place_shifts(terms, test, states)
+        columns = ask(entries, channels)
+        for name in channels:
+            columns[name][0] += read.get(read_as(test, name), 0.0)
+        return columns
+
+    columns, slopes = with_terms(terms), {}
+    for i, term in enumerate(terms):
+        if model.covariance is None or not term.covariance:
+            continue
+        for k, name in enumerate(_coefficients(i, term)):
+            step = STEP * max(abs(term.coefficients[k]), np.sqrt(term.covariance[k][k])) or 1.0
+            moved = replace(term, coefficients=tuple(c + step * (j == k) for j, c in enumerate(term.coefficients)))
+            beside = with_terms((*terms[:i], moved, *terms[i + 1 :]))
+            slopes[name] = {channel: (beside[channel][0] - columns[channel][0]) / step for channel in channels}
+    return columns, slopes
+
+
+def _coefficients(number: int, term: TypedTerm) -> tuple[str, ...]:
+    return tuple(f"term {number + 1} coefficient {k + 1}" for k in range(len(term.coefficients)))
+
+
+def joint_covariance(model: Model) -> np.ndarray | None:
+    """Of `model.free`, then of the coefficients of every typed term whose own is known; None where the model has none."""
+    matrix = model.covariance
+    if matrix is None:
+        return None
+    for term in model.learned:
+        if not isinstance(term, TypedTerm) or not term.covariance:
+            continue
+        none = (0.0,) * len(term.coefficients)
+        cross = np.array([term.with_parameters.get(name, none) for name in model.free]).reshape(
+            len(model.free), len(none)
+        )
+        cross = np.concatenate([cross, np.zeros((len(matrix) - len(model.free), len(none)))])
+        matrix = np.block([[np.asarray(matrix), cross], [cross.T, np.array(term.covariance)]])
+    return matrix
 
 
 def _behind(

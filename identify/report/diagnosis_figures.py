@@ -4,6 +4,7 @@ Here: each test before and after the effects were added (data with both models, 
 which model quantity would have to vary with what: empirical curves, not causes. Maps and evidence come from their own modules.
 """
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +15,7 @@ from matplotlib.lines import Line2D
 from thermohyd.identify.bench.columns import column_unit
 from thermohyd.identify.bench.shown_units import display_unit
 from thermohyd.identify.bench.test_record import is_dynamic
-from thermohyd.identify.diagnosis.result import DiagnosisResult, Variation
+from thermohyd.identify.diagnosis.result import DiagnosisResult, Term, Variation
 from thermohyd.identify.diagnosis.where import residual_map
 from thermohyd.identify.fitting.result import ChannelFit, FitResult
 
@@ -104,7 +105,17 @@ ROW, CURVE, LEARNED = 2.5, "#6b6b6b", "#2f6fb0"
 
 def variation_figure(variations: tuple[Variation, ...]) -> Figure:
     """One panel per variation, the best first, with a band of 95 %."""
-    shown = variations[:MOST_PANELS]
+    return _panels(
+        variations[:MOST_PANELS], "What would have to vary to close the gap (fitted curves, not causes)", _draw
+    )
+
+
+def term_figure(terms: tuple[Term, ...]) -> Figure:
+    """One panel per typed term, the best first: what its place is shifted by, over what it goes with, with a band of 95 %."""
+    return _panels(terms[:MOST_PANELS], "Where in the circuit, and with what (places, not causes)", _draw_term)
+
+
+def _panels[T](shown: Sequence[T], title: str, draw: Callable[[Axes, T], None]) -> Figure:
     with look.style():
         columns = min(3, len(shown))
         rows = -(-len(shown) // columns)
@@ -114,18 +125,35 @@ def variation_figure(variations: tuple[Variation, ...]) -> Figure:
         figure.subplots_adjust(
             left=0.085, right=0.985, top=1.0 - 0.85 / height, bottom=0.55 / height, wspace=0.32, hspace=0.60
         )
-        for axes, variation in zip(grid.flat, shown, strict=False):
-            _draw(axes, variation)
+        for axes, one in zip(grid.flat, shown, strict=False):
+            draw(axes, one)
         for axes in list(grid.flat)[len(shown) :]:
             axes.set_axis_off()
-        figure.text(
-            0.02,
-            1.0 - 0.28 / height,
-            "What would have to vary to close the gap (fitted curves, not causes)",
-            fontsize=12,
-            fontweight="bold",
-        )
+        figure.text(0.02, 1.0 - 0.28 / height, title, fontsize=12, fontweight="bold")
     return figure
+
+
+# Of a term's variable, where it is a column that has a unit of its own.
+_AXES = {"m": ("um", 1e6), "Pa": ("bar", 1e-5), "m3/s": ("l/min", 6e4), "Pa/s": ("bar/s", 1e-5), "m/s": ("um/s", 1e6)}
+
+
+def _draw_term(axes: Axes, found: Term) -> None:
+    x_unit, x_size = _AXES.get(found.variable_unit, (found.variable_unit, 1.0))
+    label, scale = ("%", 100.0) if found.place_unit == "1" else _AXES[found.place_unit]
+    colour = LEARNED if found.learned else CURVE
+    x, y, band = found.variable_values * x_size, found.curve * scale, 1.96 * found.band * scale
+    axes.axhline(0.0, color=look.FAINT, linewidth=0.8)
+    axes.fill_between(x, y - band, y + band, color=colour, alpha=0.22, linewidth=0.0)
+    axes.plot(x, y, color=colour)
+    closes = f"closes {percent(max(found.gap_closed, 0.0))}" if np.isfinite(found.gap_closed) else ""
+    axes.set_title(
+        f"{found.place.replace('_', ' ')}{' (LEARNED)' if found.learned else ''}\n{found.law}{f', {closes}' if closes else ''}",
+        loc="left",
+        color=look.INK if found.learned else look.FAINT,
+        fontsize=9,
+    )
+    axes.set_xlabel(f"{found.variable.replace('_', ' ')}{f' [{x_unit}]' if x_unit != '1' else ''}")
+    axes.set_ylabel(f"shift [{label}]")
 
 
 def _draw(axes: Axes, found: Variation) -> None:
@@ -170,6 +198,8 @@ def diagnosis_figures(result: DiagnosisResult) -> dict[str, Figure]:
     exchange = exchange_figure(result)
     if exchange is not None:
         figures["exchange"] = exchange
+    if result.terms:
+        figures["terms"] = term_figure(result.terms)
     if result.variations:
         figures["variations"] = variation_figure(result.variations)
     return figures
@@ -194,6 +224,7 @@ def _tests(result: DiagnosisResult, run_names: dict[str, tuple[str, ...]]) -> di
         return test_figures(result.after)
     added = [effect.name for effect in result.effects]
     added += [f"learned {variation.quantity}" for variation in result.variations if variation.learned]
+    added += [f"a learned term, {term.place}" for term in result.terms if term.learned]
     words = f"with {added[0]}" if len(added) == 1 else f"with {len(added)} effects"
     figures = {}
     pairs = list(zip(result.before.channels, result.after.channels, strict=True))

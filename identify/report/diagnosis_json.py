@@ -11,6 +11,7 @@ from thermohyd.identify.diagnosis.result import (
     Evidence,
     NamedEffect,
     Region,
+    Term,
     Variation,
 )
 
@@ -55,6 +56,7 @@ def diagnosis_json(result: DiagnosisResult) -> dict[str, Any]:
         "faults": after["faults"],
         "candidates": [_candidate(candidate) for candidate in result.candidates],
         "critical_level": result.critical_level,
+        "terms": [_term(term) for term in result.terms],
         "variations": [_variation(variation) for variation in result.variations],
         "parameter_shifts": [fields_of(s, "name", "unit", "before", "after", "std_after") for s in result.shifts],
         "evidence": [_evidence(evidence) for evidence in result.evidence],
@@ -101,6 +103,16 @@ def _candidate(candidate: Candidate) -> dict[str, Any]:
         **fields_of(candidate, "name", "state", "why", "z", "p_value", "estimate"),
         "least_detectable": candidate.least,
         **fields_of(candidate, "unit", "kept", "gap_closed"),
+    }
+
+
+def _term(term: Term) -> dict[str, Any]:
+    return {
+        **fields_of(term, "place", "variable", "law", "value", "unit", "std", "p_value", "gap_closed"),
+        "alternatives": [list(pair) for pair in term.alternatives],
+        **fields_of(term, "sentence", "confirmed_by", "coefficients"),
+        "range": [term.low, term.high],
+        **fields_of(term, "place_unit", "variable_unit", "proof", "holds", "on_held_out", "learned"),
     }
 
 

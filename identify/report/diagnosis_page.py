@@ -17,10 +17,11 @@ from .diagnosis_json import diagnosis_json
 from .fit_json import json_text
 from .page import page
 from .style import drawn
+from .term_words import term_lines, term_rows
 
 
 # Figures that have a place of their own on the page; the others belong to the tests.
-PLACED = ("residual_map", "candidates", "exchange", "variations")
+PLACED = ("residual_map", "candidates", "exchange", "variations", "terms")
 
 
 @dataclass(frozen=True)
@@ -65,6 +66,8 @@ def diagnosis_page(result: DiagnosisResult, figures: dict[str, bytes], version: 
         left_over=_sentence(words.left_over(result)),
         discrepancy=words.discrepancy(result),
         variations=words.variations(result),
+        terms=term_rows(result.terms),
+        term_lines=term_lines(result.terms),
         candidates=words.candidate_rows(result),
         silent=[s for s in (words.absorbed(result), words.impossible(result)) if s],
         noise=_noise(result),

@@ -22,6 +22,7 @@ from thermohyd.identify.diagnosis.result import (
     ParameterShift,
     Region,
     Suspect,
+    Term,
     Variation,
     Verdict,
 )
@@ -31,6 +32,7 @@ from thermohyd.identify.fitting.result import FitResult
 from . import diagnosis_words as words
 from .diagnosis_words import excess, percent
 from .model_form_words import model_form_sentences
+from .term_words import term_headline, term_lines
 from .terminal import heading, indented, table
 
 
@@ -48,10 +50,12 @@ def headline(
     judged: bool = True,
     law: str = "",
     faults: tuple[Fault, ...] = (),
+    terms: tuple[Term, ...] = (),
 ) -> str:
     """The first sentence of every report. judged: the noise is known, so that agreement with it means something.
 
-    law: the other law of an edge, where the data prefer it. faults: of the bench, that the final model allows for.
+    law: the other law of an edge, where the data prefer it. faults: of the bench, that the final model allows for. terms: where in
+    the circuit something is missing, and with what.
     """
     place = _place(where)
     once = _once(faults)
@@ -78,11 +82,12 @@ def headline(
         first = place or "Model and bench disagree beyond noise"
         better = f"; the {law} law of the edge does better" if law else ""
         if not effects:
-            return f"{first}, and nothing in the library explains it{_curve(smooth)} (reduced chi-square {excess(gap[0])}){better}."
+            return f"{first}, and nothing in the library explains it{_beyond(terms, smooth)} (reduced chi-square {excess(gap[0])}){better}."
         names = in_a_row([f"{e.name} ({_with_rivals(e)})" for e in effects])
         share = _closed(held)
         closes = f"{_verb(effects, 'closes', 'close')} {share}" if share else _verb(effects, "helps", "help")
-        rest = f"but nothing in the library explains the rest{_curve(smooth)} (reduced chi-square {excess(gap[0])} to {excess(gap[1])})"
+        fall = f"(reduced chi-square {excess(gap[0])} to {excess(gap[1])})"
+        rest = f"but nothing in the library explains the rest{_beyond(terms, smooth)} {fall}"
         return f"{first}: {names} {closes}, {rest}{better}."
     closes = _closes(held, gap, "it" if len(effects) == 1 else "them")
     lead = f"{place}: " if place else ""
@@ -115,6 +120,13 @@ def _once(faults: tuple[Fault, ...]) -> str:
     if not faults:
         return ""
     return f"{in_a_row([f'{f.name} ({f.sentence})' for f in faults])} {'is' if len(faults) == 1 else 'are'}"
+
+
+def _beyond(terms: tuple[Term, ...], smooth: tuple[Variation, ...]) -> str:
+    """The second tier's best answer, where it closes most of the gap: a place and a variable, else a quantity that varies."""
+    if not terms or not (terms[0].gap_closed > MOST_OF_THE_GAP and (terms[0].holds or not terms[0].on_held_out)):
+        return _curve(smooth) if not terms else ""
+    return f"; {term_headline(terms[0])}"
 
 
 def _curve(smooth: tuple[Variation, ...]) -> str:
@@ -251,7 +263,8 @@ def _facts(result: DiagnosisResult, rows: int) -> Table:
         ("next test", [] if result.next_test is None else [result.next_test.sentence]),
         ("left over", [words.left_over(result)]),
         ("known to", [words.discrepancy(result)]),
-        ("empirical", words.variations(result)[: max(1, rows - 3)]),
+        ("place", term_lines(result.terms)[: max(1, rows - 2)]),
+        ("empirical", [] if result.terms else words.variations(result)[: max(1, rows - 3)]),
         ("absorbed", [words.absorbed(result)]),
         ("least seen", [words.would_show(result)] if result.verdict == "consistent" else []),
     ]

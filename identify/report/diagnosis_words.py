@@ -104,7 +104,7 @@ def changed(result: DiagnosisResult) -> bool:
     """Whether the final model differs from the ideal valve."""
     """Whether the final model differs from the ideal valve."""
     at_fault = any(not fault.rows for fault in result.after.faults)  # others are rows left out of both models
-    return bool(result.effects) or at_fault or any(variation.learned for variation in result.variations)
+    return bool(result.effects) or at_fault or any(v.learned for v in (*result.variations, *result.terms))
 
 
 def verdict_words(result: DiagnosisResult) -> str:
@@ -382,7 +382,7 @@ def discrepancy(result: DiagnosisResult) -> str:
 def variations(result: DiagnosisResult) -> list[str]:
     """What would have to vary with what to close the rest: empirical, and said to be so."""
     sentences = [_variation(found) for found in result.variations]
-    if sentences and not any(found.learned for found in result.variations):
+    if sentences and not result.terms and not any(found.learned for found in result.variations):
         sentences[0] += " --learn adds it to the model."
     return sentences
 

@@ -3,7 +3,8 @@
 A static test runs through fixed stages. An effect is a frozen Module that transforms what passes at its stage; which
 effects a valve has is known while tracing, so one that is absent is not even compiled.
 
-    conditions as read -> [conditions] -> [null] -> oil -> [oil] -> edges -> [edges] -> balance <-> [lines, crossing, storage] -> [readings]
+    conditions as read -> [conditions] -> [null] -> oil -> [oil] -> edges -> [edges] ->
+        balance <-> [lines, crossing, inflow, storage] -> [readings]
 
 The stages are abstract classes with one method each; a concrete effect is final and carries one `amount` (neutral 0).
 It belongs to one stage, or to two where one instrument both sets an operating point and reads (`pressure_offset`).
@@ -89,6 +90,11 @@ class AbstractOilEffect(AbstractEffect):
     @abc.abstractmethod
     def oil(self, nominal: Oil) -> Oil: ...
 
+    def oil_at(self, nominal: Oil, true: Conditions) -> Oil:
+        """The same where the operating points are known, which an effect may follow: of static tests."""
+        del true
+        return self.oil(nominal)
+
 
 class AbstractHeatEffect(AbstractEffect):
     """The oil keeps more of its throttling heat than the valve's own `heat_retention` says."""
@@ -130,6 +136,20 @@ class AbstractCrossingEffect(AbstractEffect):
         """G [m3/(s Pa)] of the volume flow G (p_A - p_B); true oil and true conditions."""
 
 
+class AbstractInflowEffect(AbstractEffect):
+    """A flow that enters a port by no edge: a leak to or from outside, at the port's own pressure."""
+
+    stage: ClassVar[str] = "inflow"
+
+    @abc.abstractmethod
+    def inflow(self, pressure: Float[Array, "2 rows"], oil: Oil, conditions: Conditions) -> Float[Array, "2 #rows"]:
+        """Volume flows [m3/s] into the ports A and B from outside, below 0: out of them, each counted at its port.
+
+        pressure: of both ports [Pa]. A port's flow may follow that port's own pressure, and must not rise faster with it than
+        the edges drain; conditions: the true ones.
+        """
+
+
 class AbstractStorageEffect(AbstractEffect):
     """Oil that a blocked port stores as its pressure rises, and so a balance of each port along the time of a sweep.
 
@@ -151,6 +171,7 @@ class Coupling(eqx.Module):
     lines: tuple[AbstractLineEffect, ...]
     crossings: tuple[AbstractCrossingEffect, ...]
     storage: tuple[AbstractStorageEffect, ...] = ()
+    inflows: tuple[AbstractInflowEffect, ...] = ()
 
 
 class AbstractReadingEffect(AbstractEffect):

@@ -1,5 +1,6 @@
 """The whole engine on small benches with a known truth: nothing, one effect, two, rivals, and something of no known kind."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +11,11 @@ from helpers.small_diagnosis import CASES, DRIFT, MIDDLE, opened, small_case, sm
 from thermohyd.identify.diagnosis import search
 from thermohyd.identify.diagnosis.case import choose
 from thermohyd.identify.diagnosis.diagnose import diagnose_case
+from thermohyd.identify.diagnosis.held_out import split_rows
 from thermohyd.identify.diagnosis.result import DiagnosisResult
+from thermohyd.identify.diagnosis.typed_terms import terms_of
+from thermohyd.identify.model.model_file import load_model, model_json
+from thermohyd.identify.model.predict import predict_test
 
 
 def effect_of(result: DiagnosisResult, name: str):
@@ -129,7 +134,17 @@ def test_what_the_library_lacks_stays_unexplained_and_what_would_have_to_vary_is
     assert best.gap_closed > 0.9
     assert not best.learned
     np.testing.assert_allclose(best.curve - best.curve.mean(), DRIFT * (best.variable_values - MIDDLE), atol=0.3e-6)
-    assert "null bias varying smoothly with temperature" in result.headline
+    [place, *_] = result.terms
+    assert (place.place, place.variable, place.law, place.unit) == ("position", "temperature", "proportional", "m/K")
+    assert abs(place.value + DRIFT) < 4.0 * place.std < 0.2 * DRIFT  # the spool stands where the null has gone from
+    assert place.holds
+    assert place.gap_closed > 0.9
+    assert "a shift of the position in proportion to the temperature, (-" in result.headline
+    assert "a place, not a cause" in result.headline
+    assert any("what a null that wanders does" in sentence for sentence in result.sentences)
+    [written, *_] = result.to_dict()["terms"]
+    assert (written["place"], written["variable"]) == ("position", "temperature")
+    assert {"law", "value", "unit", "std", "p_value", "gap_closed", "alternatives", "sentence"} <= set(written)
     assert result.next_test is not None
     assert "temperatures in the opposite order" in result.next_test.sentence
     assert any("check the labels" in option.words for option in result.next_test.options)
@@ -137,14 +152,60 @@ def test_what_the_library_lacks_stays_unexplained_and_what_would_have_to_vary_is
 
 def test_learning_closes_the_gap_and_says_that_it_learned():
     before, result = small_diagnosis("outside"), small_diagnosis("outside", learn=True)
-    assert [term.quantity for term in result.learned] == ["null_bias"]
-    assert result.variations[0].learned
+    assert result.terms[0].learned
     assert result.gap_after < 1.3 < before.gap_after
     assert result.held_out is not None
     assert result.held_out.gap_closed > 0.9
     [term] = result.learned
-    slope = term.coefficients[1] / term.reach
-    assert slope == pytest.approx(DRIFT, rel=0.1)
+    assert (term.place, term.variable, term.law) == ("position", "temperature", "proportional")
+    assert term.coefficients[0] == pytest.approx(-DRIFT, rel=0.1)
+    assert len(term.covariance) == 1
+    assert set(term.with_parameters) == set(result.after.free)
+
+
+def test_a_learned_term_is_read_back_and_predicts_with_its_error(tmp_path):
+    result = small_diagnosis("outside", learn=True)
+    path = tmp_path / "model.json"
+    path.write_text(json.dumps(model_json(result.after, result.learned)))
+    model = load_model(path)
+    [term], [learned] = model.learned, result.learned
+    assert (term.place, term.coefficients, term.covariance) == (learned.place, learned.coefficients, learned.covariance)
+    test = result.record.tests["leakage"]
+    (value, std), channel = predict_test(model, result.record, test)["leakage_flow"], test.channels[0]
+    fitted = next(c for c in result.after.channels if c.channel == "leakage_flow")
+    np.testing.assert_allclose(value, fitted.predicted, atol=1e-3 * float(np.max(fitted.std)))
+    known = predict_test(replace(model, learned=(replace(term, covariance=()),)), result.record, test)["leakage_flow"][
+        1
+    ]
+    assert np.sqrt(np.mean(((value - channel.value) / channel.std) ** 2)) < 1.2
+    assert np.all(std > 0.0)
+    assert np.max(std / known) > 1.001
+
+
+@pytest.mark.parametrize(
+    ("name", "place", "variable", "value"),
+    [
+        ("pilot", "flow_into_return", "pressure_drop", 1e-9),
+        ("outside", "position", "temperature", -DRIFT),
+        ("rivals", "viscosity", None, None),
+    ],
+)
+def test_without_its_effect_the_place_is_found(name, place, variable, value):
+    """Beside the ideal valve, as if the library were empty."""
+    case = small_case(name)
+    [best, *_] = terms_of(case.problem, case.base, split_rows(case.fitted.tests))
+    pairs = [best.fitted.term.place, *(other for other, _ in best.alternatives)]
+    assert place in pairs
+    if variable is not None:
+        assert (best.fitted.term.place, best.fitted.term.variable) == (place, variable)
+        assert abs(best.size[0] - value) < 4.0 * best.size[1]
+        assert best.holds
+        assert best.gap_closed > 0.8
+
+
+def test_a_record_with_nothing_wrong_has_no_term():
+    case = small_case("nothing")
+    assert terms_of(case.problem, case.base, split_rows(case.fitted.tests)) == ()
 
 
 def test_permuted_residuals_name_nothing():
