@@ -157,9 +157,7 @@ def conclude(
     held = _held_out(case, split, model, fit, term, smooth, first, remaining, say)
     before = result_of(case.problem, base, case.fitted, case.noise, scale=max(base.chi2 / len(base.residual), 1.0))
     kept = fit if remaining is None else remaining.fit
-    after = result_of(
-        problem, kept, case.fitted, case.noise, max(fit.chi2 / len(fit.residual), 1.0), remaining, beside
-    )
+    after = result_of(problem, kept, case.fitted, case.noise, max(fit.chi2 / len(fit.residual), 1.0), remaining, beside)
     if term is None:
         rivals = model.rivals if remaining is None else weighed_again(problem, model.rivals, remaining)
         after = with_rivals(after, rivals, _spread(problem, rivals, model.scale, remaining))

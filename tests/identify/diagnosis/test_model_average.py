@@ -5,8 +5,8 @@ import pytest
 from helpers.small_diagnosis import small_case, small_diagnosis
 
 from thermohyd.identify.diagnosis.case import choose
-from thermohyd.identify.diagnosis.conclusion import gls_covariance
 from thermohyd.identify.diagnosis.final_model import final_model
+from thermohyd.identify.fitting.problem_solution import gls_covariance
 
 
 def test_error_bars_span_the_rivals():
