@@ -188,6 +188,7 @@ def in_one(record: BenchRecord, static: Stage, motion: Stage, say: Progress = la
         suspects=(*s.suspects, *m.suspects),
         proof=min((p for p in (s.proof, m.proof) if p is not None), default=None),
         notes=tuple(dict.fromkeys((*s.notes, *m.notes))),
+        discrepancy=(),  # the joint fit goes by the noise
         # Whether a stage's own last fit converged is of no matter: the joint one began from it.
         warnings=tuple(
             dict.fromkeys((*unconverged(after), *(w for w in (*s.warnings, *m.warnings) if w not in stages)))
