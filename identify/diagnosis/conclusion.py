@@ -49,7 +49,7 @@ from .result import (
     Variation,
     Verdict,
 )
-from .rivals import Rivals
+from .rivals import Rivals, with_mirrors
 from .screening import Screen, candidates, screen
 from .screening_faults import screen_of_faults
 from .search import LEVEL, Selection
@@ -160,6 +160,8 @@ def conclude(
     after = result_of(problem, kept, case.fitted, case.noise, max(fit.chi2 / len(fit.residual), 1.0), remaining, beside)
     if term is None:
         rivals = model.rivals if remaining is None else weighed_again(problem, model.rivals, remaining)
+        weighing = problem if remaining is None else remaining.weighing(problem)
+        rivals = with_mirrors(weighing, kept, rivals, model.scale)
         after = with_rivals(after, rivals, _spread(problem, rivals, model.scale, remaining))
     says = None
     if model_form and not problem.in_motion:

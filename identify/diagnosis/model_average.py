@@ -40,7 +40,8 @@ def with_rivals(
         wider[name] = max(float(np.sqrt(square / total)) / estimate.std, 1.0)
         parameters[name] = _widened(estimate, wider[name])
     factor = np.array([wider.get(name, 1.0) for name in result.free])
-    names = ", ".join(dict.fromkeys(kind_of(r.name) for r in tried))
+    mirrored = lambda r: f"{r.name} of the other sign" if r.name == r.instead_of else kind_of(r.name)
+    names = ", ".join(dict.fromkeys(map(mirrored, tried)))
     note = (
         f"error bars span what the data allow beside the named model: {names} in its place, weighed by their likelihood"
     )

@@ -1,11 +1,12 @@
 """Find effects that could stand in a named one's place: refit with each of them, and keep those that do about as well."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
 
+from thermohyd.effects.library import effect_info
 from thermohyd.identify.fitting.bench_faults import info_of, is_fault
 from thermohyd.identify.fitting.library import asks_for_more, expensive_to_compile, stores
 from thermohyd.identify.fitting.problem import Problem
@@ -117,6 +118,25 @@ def rivals_of(
     strength = normal_score(float(np.sqrt(max(gain / scale, 0.0))), known)
     p = law.p_value(strength, two_sided=info_of(name).lower < 0.0)
     return Rivals(name, without, tuple(sorted(tried, key=lambda r: r.chi2_more)), min(1.0, p / share))
+
+
+def with_mirrors(problem: Problem, final: Fit, rivals: Mapping[str, Rivals], scale: float = 1.0) -> dict[str, Rivals]:
+    """The rivals, and beside them the named effects themselves with the other sign, where a parameter that moves with it makes that
+    the same valve: for error bars, which one of two valleys is not all of.
+
+    The effect's own caveat says it in words.
+    """
+    found = dict(rivals)
+    for name in final.physics:
+        parameter, amount = effect_info(name).mirrored_in, final.values[name]
+        if name not in rivals or parameter not in final.free or amount == 0.0:
+            continue
+        start = {**final.values, parameter: final.values[parameter] + amount, name: -amount}
+        fit = problem.fit(final.effects, start)
+        if fit.values[name] * amount < 0.0:
+            mirror = Rival(name, name, fit, _more(fit, final, scale))
+            found[name] = replace(rivals[name], tried=(*rivals[name].tried, mirror))
+    return found
 
 
 def _more(fit: Fit, final: Fit, scale: float) -> float:

@@ -36,6 +36,7 @@ CASES: dict[str, dict[str, Any]] = {
     "rivals": {"effects": {"viscosity_shift": 0.1}, "seed": 4},
     "noisy positions": {"position_noise": 0.1e-6, "declared": False, "seed": 6},
     "stated beside noisy positions": {"position_noise": 0.2e-6, "seed": 7},
+    "mirrored": {"effects": {"unequal_underlap": 4e-6}, "seed": 8},  # the same valve as -4 um, the underlap 4 um larger
     "too much": {"effects": {"pilot_leakage": 4e-8}, "seed": 1},  # eight times the largest usual amount
     "outside": {"valve": {"null_bias": wandering_null}, "seed": 5},
 }

@@ -103,6 +103,7 @@ _STATIC = (
         also_in_motion=True,
         caveat="the same with the other sign fits as well unless both port pressures are measured",
         settled_by=("pressure_a", "pressure_b"),
+        mirrored_in="underlap",
     ),
     EffectInfo(
         name="eccentricity",

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from helpers.small_bench import VALVE
 from helpers.small_diagnosis import small_case, small_diagnosis
 
 from thermohyd.identify.diagnosis.case import choose
@@ -34,6 +35,19 @@ def test_error_bars_span_the_rivals():
     assert std is not None
     assert result.after.covariance[at, at] == pytest.approx(std**2, rel=1e-6)
     assert any("span what the data allow" in note for note in result.after.notes)
+
+
+def test_error_bars_span_the_same_effect_with_the_other_sign():
+    result = small_diagnosis("mirrored")
+    [effect] = result.effects
+    assert effect.name == "unequal_underlap"
+    assert effect.ci95 is not None
+    underlap = result.after.parameters["underlap"]
+    assert underlap.ci95 is not None
+    for amount, own in ((4e-6, VALVE.underlap), (-4e-6, VALVE.underlap + 4e-6)):
+        assert effect.ci95[0] < amount < effect.ci95[1]
+        assert underlap.ci95[0] < own < underlap.ci95[1]
+    assert any("unequal_underlap of the other sign in its place" in note for note in result.after.notes)
 
 
 def test_without_rivals_nothing_is_widened():
