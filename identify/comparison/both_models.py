@@ -7,6 +7,8 @@ false. Two names for one thing must not stand beside each other either: what nei
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from thermohyd.effects.effect_info import EffectInfo
 from thermohyd.effects.library import effect_info, find_effect
 from thermohyd.identify.bench.record import BenchRecord
@@ -15,7 +17,7 @@ from thermohyd.identify.diagnosis.diagnose import Stage, diagnose_stage, in_one,
 from thermohyd.identify.diagnosis.max_t import NoiseFreedom
 from thermohyd.identify.diagnosis.record_noise import noise_of
 from thermohyd.identify.diagnosis.result import DiagnosisResult
-from thermohyd.identify.fitting.bench_faults import is_fault
+from thermohyd.identify.fitting.bench_faults import info_of, is_fault
 from thermohyd.identify.fitting.library import Library, asks_for_more
 from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.fitting.problem_fit import Fit
@@ -29,6 +31,7 @@ LEAST_LOSS = 12.0
 FAR_FROM_DROPPED = 10.0  # times that by the linear estimate: then no refit is asked
 ALIKE = 6.0  # chi-square within which a rival, put into both records, explains them as well
 MOST_RIVALS = 4
+MUCH_NEARER = 0.5  # of the squared distance: from here on another optimum is taken for the nearer one
 
 
 @dataclass(frozen=True)
@@ -111,7 +114,32 @@ def with_one_model(a: Diagnosed, b: Diagnosed, say: Progress = lambda _: None) -
             break
         names = tuple(n for n in names if n != weakest)
         a, b = without[weakest]
-    return a, b
+    b = nearer(b, a)
+    return nearer(a, b), b
+
+
+def nearer(d: Diagnosed, other: Diagnosed) -> Diagnosed:
+    """The same record in the optimum that lies nearest to the other record's among those that explain it alike (chi-square 6).
+
+    An amount of either sign may have a mirror image with other parameters, and one record alone does not say which it is.
+    """
+    signed = [name for name in d.fit.physics if info_of(name).lower < 0.0]
+    if not signed:
+        return d
+    own = {name: d.fit.values[name] for name in d.fit.effects}
+    base = {name: value for name, value in other.fit.values.items() if name in d.problem.free_parameters}
+    starts = [{**base, **own}, *({**base, **own, name: -own[name]} for name in signed)]
+    ends = [d.fit, *(d.problem.fit(d.fit.effects, start, hop_basins=True) for start in starts)]
+    lowest = min(end.chi2 for end in ends if np.isfinite(end.chi2))
+    alike = [end for end in ends if end.converged and (end.chi2 - lowest) / d.scale < ALIKE]
+    best = min(alike, key=lambda end: _apart(d, end, other), default=d.fit)
+    return d if _apart(d, best, other) > MUCH_NEARER * _apart(d, d.fit, other) else replace(d, fit=best)
+
+
+def _apart(d: Diagnosed, end: Fit, other: Diagnosed) -> float:
+    """Squared distance of the parameters of two records, in natural steps."""
+    names = [name for name in d.problem.free_parameters if name in other.problem.free_parameters]
+    return sum(((end.values[n] - other.fit.values[n]) / d.problem.scale_of(n)) ** 2 for n in names)
 
 
 def _loss(full: Diagnosed, without: Diagnosed) -> float:
