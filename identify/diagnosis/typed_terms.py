@@ -35,6 +35,7 @@ from .final_model import ON_HELD_OUT, closed, mean_square
 from .held_out import Split
 from .max_t import MaxT
 from .screening import LEAST_KEPT, Projection
+from .search import EXPLAINED, FAR
 
 
 LEVEL = 1e-3  # of the whole table
@@ -44,8 +45,10 @@ FROM_ONE_PLACE = 3  # of these at most
 MOST = 3  # terms that are told
 AS_GOOD = 6.0  # chi-square, in units of what the best leaves, up to which another pair does as well
 CURVE_POINTS = 41
-ROUNDS, TRIES = 6, 3  # of Gauss-Newton
-SETTLED = 0.02  # chi-square that another round would gain
+ROUNDS, TRIES, PATIENT = 6, 3, 20  # of Gauss-Newton
+DAMPED = 30.0
+STRAIGHTENED = 3  # times that a table is asked anew
+SETTLED, ENOUGH = 0.02, 1e-4  # chi-square, and share of it, that another round would gain
 
 
 @dataclass(frozen=True)
@@ -161,7 +164,7 @@ def _laws(problem: Problem, fit: Fit, place: Place, shown: np.ndarray, states: S
             continue
         levels = 1 if constant else len(np.unique(np.round((seen - low) / (high - low), 2)))
         laws = ["constant"] if constant else ["proportional"]
-        laws += ["square", "root"] if variable.powers and levels > 2 else []
+        laws += ["square", "root"] if variable.powers else []
         laws += ["smooth"] if levels > 2 else []
         for law in laws:
             yield variable.name, law, basis(law, values, low, high), low, high
@@ -305,7 +308,8 @@ def leading(table: Table) -> list[Scored]:
     chosen: list[Scored] = []
     for found in table.ranked:
         same = sum(_family(c.entry.place) == _family(found.entry.place) for c in chosen)
-        if same < FROM_ONE_PLACE and table.p_value(found) <= LEVEL:
+        twin = any(_alike(c, found) for c in chosen)
+        if same < FROM_ONE_PLACE and not twin and table.p_value(found) <= LEVEL:
             chosen.append(found)
         if len(chosen) == ASKED_BY_REFIT:
             break
@@ -323,62 +327,95 @@ def blank(entry: Entry, fit: Fit, coefficients: int) -> TypedTerm:
     )
 
 
+@dataclass(frozen=True)
+class _Limits:
+    """The free entries of a fit and their boxes."""
+
+    names: tuple[str, ...]
+    lower: np.ndarray
+    upper: np.ndarray
+
+    @classmethod
+    def of(cls, problem: Problem, fit: Fit) -> "_Limits":
+        boxes = [problem.box_of(name, fit.values[name]) for name in fit.free]
+        return cls(fit.free, np.array([b.lower for b in boxes]), np.array([b.upper for b in boxes]))
+
+    def sides(self, at: Fit) -> np.ndarray:
+        """-1 at a lower limit, 1 at an upper one, else 0."""
+        now = np.array([at.values[name] for name in self.names])
+        return (now >= self.upper).astype(int) - (now <= self.lower).astype(int)
+
+    def kept(self, fit: Fit, at: Fit) -> Fit:
+        """A point as a fit of what `fit` freed."""
+        sides = dict(zip(self.names, self.sides(at).tolist(), strict=True))
+        pressed = frozenset(name for name, side in sides.items() if side)
+        active = np.array([sides.get(name, 0) for name in at.order])
+        return replace(
+            at, effects=fit.effects, free=fit.free, active=pressed, used=fit.used, allowance=fit.allowance,
+            solution=replace(at.solution, active=active),
+        )  # fmt: skip
+
+
 def fitted_inside(problem: Problem, fit: Fit, term: TypedTerm, rounds: int = ROUNDS) -> FittedTerm:
     """Fit a term and the parameters together by damped Gauss-Newton steps from `fit`; problem: with states.
 
-    Variables made of the model's own pressures and flows are those of the last round: each round counts them anew.
+    Variables made of the model's own pressures and flows are those of the last round: each round counts them anew. A parameter that a
+    bent fit had pressed against a limit is free again, as far as the limit lets it.
     """
-    before = fit
-    names = [name for name in fit.free if name not in fit.active]
-    boxes = [problem._box(name, fit.values[name], True) for name in names]
-    lower, upper = np.array([b.lower for b in boxes]), np.array([b.upper for b in boxes])
+    limits = _Limits.of(problem, fit)
+    count = len(limits.names)
     state = problem.with_terms(term)
     at = state.evaluate(fit.values, fit.effects)
-    best, damping = at.chi2, 0.0
+    begun, damping = at.chi2, 0.0
     for _ in range(rounds):
         slopes, states = state.with_places(at)
-        columns = _joint(state, at, names, term, slopes, states)
-        length = np.linalg.norm(columns, axis=0)
-        length[length == 0.0] = 1.0
-        found = None
+        columns = _joint(state, at, limits.names, term, slopes, states)
+        sides, found = limits.sides(at), None
+        now = np.array([at.values[name] for name in limits.names])
         for _ in range(TRIES):
-            step = _step(columns / length, at.residual, damping) / length
-            now = np.array([at.values[name] for name in names])
-            moved = np.clip(now + step[: len(names)], lower, upper)
+            step = _step_within(columns, at.residual, damping, sides)
+            moved = np.clip(now + step[:count], limits.lower, limits.upper)
             tried = replace(
-                term, coefficients=tuple(c + s for c, s in zip(term.coefficients, step[len(names) :], strict=True))
+                term, coefficients=tuple(float(c + s) for c, s in zip(term.coefficients, step[count:], strict=True))
             )
             there = problem.with_states(states).with_terms(tried)
-            trial = there.evaluate({**at.values, **dict(zip(names, moved.tolist(), strict=True))}, fit.effects)
+            trial = there.evaluate({**at.values, **dict(zip(limits.names, moved.tolist(), strict=True))}, fit.effects)
             if np.isfinite(trial.chi2) and trial.chi2 < at.chi2:
                 found = (at.chi2 - trial.chi2, trial, tried, there)
                 break
-            damping = max(10.0 * damping, 1e-3)
+            damping = max(DAMPED * damping, 1e-3)
         if found is None:
             break
         fall, at, term, state = found
-        damping *= 0.1 if damping > 1e-6 else 0.0
-        if fall < SETTLED:
+        damping *= 1.0 / DAMPED if damping > 1e-6 else 0.0
+        if fall < max(SETTLED, ENOUGH * at.chi2):
             break
     slopes, states = state.with_places(at)
-    columns = _joint(state, at, names, term, slopes, states)
-    joint = _covariance(columns, max(at.chi2 / max(int(before.used.sum()), 1), 1.0))
-    kept = replace(
-        at, effects=fit.effects, free=fit.free, active=fit.active, used=fit.used, allowance=fit.allowance,
-        solution=replace(at.solution, active=_active(fit, at)),
-    )  # fmt: skip
+    kept = limits.kept(fit, at)
+    names = tuple(name for name in limits.names if name not in kept.active)
+    joint = _covariance(_joint(state, at, names, term, slopes, states), max(at.chi2 / max(int(fit.used.sum()), 1), 1.0))
     std = np.sqrt(np.maximum(np.diag(joint)[len(names) :], 0.0))
-    return FittedTerm(term, state, kept, before.chi2 - min(at.chi2, best), std, joint, tuple(names))
+    return FittedTerm(term, state, kept, begun - at.chi2, std, joint, names)
 
 
-def _active(fit: Fit, at: Fit) -> np.ndarray:
-    """Which entries of a vector press against a limit, as in the fit before."""
-    known = dict(zip(fit.order, fit.solution.active, strict=True))
-    return np.array([known.get(name, 0) for name in at.order])
+def _step_within(columns: np.ndarray, residual: np.ndarray, damping: float, sides: np.ndarray) -> np.ndarray:
+    """A step that leaves what presses against a limit (sides: of the first columns) where it is."""
+    length = np.linalg.norm(columns, axis=0)
+    length[length == 0.0] = 1.0
+    open_ = np.ones(columns.shape[1], dtype=bool)
+    step = np.zeros(columns.shape[1])
+    for _ in range(2):
+        step[:] = 0.0
+        step[open_] = _step(columns[:, open_] / length[open_], residual, damping) / length[open_]
+        pushes = step[: len(sides)] * sides > 0.0
+        if not pushes.any():
+            break
+        open_[: len(sides)] &= ~pushes
+    return step
 
 
 def _joint(
-    problem: Problem, at: Fit, names: list[str], term: TypedTerm, slopes: dict[str, np.ndarray], states: States
+    problem: Problem, at: Fit, names: tuple[str, ...], term: TypedTerm, slopes: dict[str, np.ndarray], states: States
 ) -> np.ndarray:
     own = at.columns[:, [at.order.index(name) for name in names]]
     return np.concatenate([own, term_columns(problem, at, term, slopes, states)], axis=1)
@@ -421,12 +458,25 @@ def terms_of(problem: Problem, fit: Fit, split: Split, say: Progress = lambda _:
     if not lead:
         return ()
     refits = not any(stores(name) for name in fit.effects)
+    start = fit
     ask = lambda s: (
-        fitted_inside(problem, fit, blank(s.entry, fit, s.entry.columns.shape[1]))
+        fitted_inside(problem, start, blank(s.entry, start, s.entry.columns.shape[1]))
         if refits
         else linear_only(problem, fit, s, table.noise)
     )
     asked = [(s, ask(s)) for s in lead]
+    # A model that misses by far has bent its parameters to the misfit, and scores beside it say little: they are asked again beside
+    # the parameters that the best term so far has straightened.
+    for _ in range(STRAIGHTENED if refits else 0):
+        best_so_far = min(f.fit.chi2 for _, f in asked)
+        if fit.chi2 <= FAR * table.rows or best_so_far <= EXPLAINED * table.rows:
+            break
+        best_one = min((f for _, f in asked), key=lambda f: f.fit.chi2)
+        start = straightened(problem, fit, fitted_inside(problem, best_one.fit, best_one.term, PATIENT).fit)
+        table, _ = table_of(problem.with_terms(), start)
+        asked += [(s, ask(s)) for s in leading(table)]
+        if min(f.fit.chi2 for _, f in asked) > 0.9 * best_so_far:
+            break
     freedom = max(table.rows, 1)
     count = lambda s: s.rank * float(np.log(freedom))
     noise = max(min(f.fit.chi2 for _, f in asked) / freedom, 1.0)
@@ -434,6 +484,9 @@ def terms_of(problem: Problem, fit: Fit, split: Split, say: Progress = lambda _:
     asked.sort(key=cost)
     if refits:
         asked = sorted([*asked, *_other_laws(table, asked[0], ask)], key=cost)
+        first, rough = asked[0]
+        asked[0] = (first, fitted_inside(problem, rough.fit, rough.term, PATIENT))
+        asked.sort(key=cost)
     best: dict[tuple[str, str], tuple[Scored, FittedTerm]] = {}
     for item in asked:
         best.setdefault(item[0].entry.pair, item)
@@ -460,6 +513,11 @@ def terms_of(problem: Problem, fit: Fit, split: Split, say: Progress = lambda _:
     return tuple(found)
 
 
+def straightened(problem: Problem, fit: Fit, other: Fit) -> Fit:
+    """`fit`'s model, without a term, at the parameters of another fit: no optimum."""
+    return _Limits.of(problem, fit).kept(fit, problem.with_terms().evaluate(other.values, fit.effects))
+
+
 def _other_laws(table: Table, best: tuple[Scored, FittedTerm], ask) -> list[tuple[Scored, FittedTerm]]:
     """The other laws of the leading pair, fitted too: a linear score may have preferred the wrong one."""
     others = [s for s in table.entries if s.entry.pair == best[0].entry.pair and s.entry.law != best[0].entry.law]
@@ -473,14 +531,13 @@ def _same_direction(table: Table, best: Scored) -> list[tuple[str, str]]:
     """Pairs whose column no reading tells from that of the best."""
     if best.rank > 1:
         return []
-    own = best.directions[:, 0]
     return list(
-        dict.fromkeys(
-            s.entry.pair
-            for s in table.entries
-            if s.rank == 1 and s.entry.pair != best.entry.pair and abs(float(own @ s.directions[:, 0])) > ALIKE
-        )
+        dict.fromkeys(s.entry.pair for s in table.entries if s.entry.pair != best.entry.pair and _alike(best, s))
     )
+
+
+def _alike(a: Scored, b: Scored) -> bool:
+    return a.rank == b.rank == 1 and abs(float(a.directions[:, 0] @ b.directions[:, 0])) > ALIKE
 
 
 def _proof(problem: Problem, fit: Fit, fitted: FittedTerm) -> float:

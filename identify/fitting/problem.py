@@ -101,7 +101,7 @@ class Problem:
 
     def with_terms(self, *terms: LearnedTerm | TypedTerm) -> "Problem":
         """The same problem with learned terms in the model, instead of those that it had; typed ones need `with_states`."""
-        return replace(self, terms=terms)
+        return self._with_other_terms(terms, self.states)
 
     def with_discrepancy(self, discrepancy: Discrepancy | None) -> "Problem":
         """The same problem whose readings are known to the noise and to this."""
@@ -109,7 +109,14 @@ class Problem:
 
     def with_states(self, states: States) -> "Problem":
         """The same problem with its places open to terms, which are counted at these states of the model."""
-        return replace(self, states=states)
+        return self._with_other_terms(self.terms, states)
+
+    def _with_other_terms(self, terms: tuple[LearnedTerm | TypedTerm, ...], states: States | None) -> "Problem":
+        other = replace(self, terms=terms, states=states)
+        parts = self.__dict__.get("readings", ())
+        if parts and all(isinstance(part, StaticReadings) for part in parts):
+            other.__dict__["readings"] = tuple(part.with_terms(terms, states) for part in parts)
+        return other
 
     @cached_property
     def readings(self) -> tuple[Readings, ...]:
@@ -449,6 +456,10 @@ class Problem:
                 value = SMALL_START * info.scale * (1.0 if value >= 0.0 else -1.0)
             found.append(value)
         return found
+
+    def box_of(self, name: str, value: float) -> Box:
+        """The limits and the scale of a free entry."""
+        return self._box(name, value, True)
 
     def _box(self, name: str, value: float, free: bool) -> Box:
         if name not in self.plans:

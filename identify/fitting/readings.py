@@ -170,6 +170,14 @@ class StaticReadings:
 
         return evaluate
 
+    def with_terms(self, terms: tuple[LearnedTerm | TypedTerm, ...], states: States | None) -> "StaticReadings":
+        """The same readings with other terms; what does not depend on them is not laid out again."""
+        other = replace(self, terms=terms, states=states)
+        if "_with_heat" in self.__dict__:
+            args = self._with_heat
+            other.__dict__["_with_heat"] = replace(args, terms=other._row_terms(args.data))
+        return other
+
     def with_places(self, program: tuple[str, ...], p: np.ndarray) -> tuple[np.ndarray, States]:
         """(entries, padded rows): what a shift of each of `ENTRIES` at a reading's own row does to its weighted residual, and what
         the model's rows could read at that point, SI. The readings must have states, and no effect may store oil."""

@@ -60,7 +60,7 @@ def _edge_words(edge: str) -> str:
 
 # What flows beside the valve into the meter's line is read alike, whatever it goes with: a leak goes with these, an instrument with
 # those.
-_OF_A_LEAK = ("pressure_drop", "position", "opening", "load")
+_OF_A_LEAK = ("constant", "pressure_drop", "position", "opening", "load")
 _OF_AN_INSTRUMENT = ("constant", "flow", "pressure", "reading_rate", "temperature", "direction", "rate", "time")
 
 PLACES: dict[str, Place] = {

@@ -8,14 +8,17 @@ import pytest
 from helpers.small_bench import record_of, small_record
 from helpers.small_diagnosis import CASES, DRIFT, MIDDLE, opened, small_case, small_diagnosis
 
+from thermohyd.effects.library import unregister_effect
 from thermohyd.identify.diagnosis import search
 from thermohyd.identify.diagnosis.case import choose
 from thermohyd.identify.diagnosis.diagnose import diagnose_case
 from thermohyd.identify.diagnosis.held_out import split_rows
 from thermohyd.identify.diagnosis.result import DiagnosisResult
 from thermohyd.identify.diagnosis.typed_terms import terms_of
+from thermohyd.identify.effect_writer import write_effect
 from thermohyd.identify.model.model_file import load_model, model_json
 from thermohyd.identify.model.predict import predict_test
+from thermohyd.identify.users_effects import load_effects
 
 
 def effect_of(result: DiagnosisResult, name: str):
@@ -296,3 +299,21 @@ def test_where_many_rows_are_bad_nothing_is_named():
     assert [fault.masked for fault in result.after.faults] == [False]
     assert result.verdict == "unexplained"
     assert any("not normal" in warning for warning in result.warnings)
+
+
+def test_a_term_written_as_an_effect_is_named_and_closes_the_same_gap(tmp_path):
+    before = small_diagnosis("outside")
+    (tmp_path / "diagnosis.json").write_text(json.dumps(before.to_dict()))
+    write_effect("wandering_null", tmp_path / "diagnosis.json", tmp_path / "mine")
+    assert load_effects(tmp_path / "mine") == ("wandering_null",)
+    try:
+        result = diagnose_case(opened(small_record(**CASES["outside"]), ("viscosity_shift", "wandering_null")))
+        assert result.verdict == "named"
+        found = effect_of(result, "wandering_null")
+        assert found.value == pytest.approx(before.terms[0].value, rel=0.05)
+        assert "the position" in found.sentence
+        assert result.gap_after < 1.3
+        assert result.held_out is not None
+        assert result.held_out.gap_closed > before.terms[0].gap_closed - 0.03
+    finally:
+        unregister_effect("wandering_null")

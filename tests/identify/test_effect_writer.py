@@ -1,0 +1,148 @@
+"""A term of a diagnosis becomes an effect in a user's folder: it loads, shifts what the term shifted, and refuses what has no stage."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from thermohyd.conditions import Conditions
+from thermohyd.effects.effect import Edges
+from thermohyd.effects.library import EFFECTS, effect, effect_info, find_effect, unregister_effect
+from thermohyd.identify.bench.errors import BenchInputError
+from thermohyd.identify.effect_writer import write_effect
+from thermohyd.identify.model.typed_terms import DEGREE, PLACES, VARIABLES, asked_with, basis, place_of, unit_of
+from thermohyd.identify.users_effects import load_effects
+from thermohyd.seed_paper import seed_valve
+from thermohyd.valve import metering_edges, true_oil
+
+
+ENDS = {"constant": (1.0, 1.0), "pressure": (70e5, 210e5), "pressure_drop": (60e5, 200e5), "flow": (0.0, 2e-4)}
+
+
+def diagnosis(folder: Path, place: str, variable: str, law: str, coefficients: list[float]) -> Path:
+    low, high = ENDS.get(variable, (-1.0, 1.0))
+    term = {
+        "place": place, "variable": variable, "law": law, "value": coefficients[0], "unit": unit_of(place, variable, law),
+        "coefficients": coefficients, "range": [low, high], "sentence": f"{place_of(place).noun}: what a test does",
+        "confirmed_by": "another test", "gap_closed": 0.9,
+    }  # fmt: skip
+    path = folder / "diagnosis.json"
+    path.write_text(json.dumps({"verdict": "unexplained", "terms": [term]}))
+    return path
+
+
+@pytest.fixture
+def loaded(tmp_path):
+    """Writes an effect of a term, loads it, and takes it out again."""
+    names = []
+
+    def load(name: str, *term):
+        write_effect(name, diagnosis(tmp_path, *term), tmp_path / name)
+        names.extend(load_effects(tmp_path / name))
+        return effect_info(name)
+
+    yield load
+    for name in names:
+        unregister_effect(name)
+
+
+ROWS = 5
+AT = Conditions(
+    position=jnp.linspace(-50e-6, 50e-6, ROWS), supply_pressure=jnp.linspace(80e5, 200e5, ROWS),
+    return_pressure=jnp.full(ROWS, 2e5), temperature=jnp.linspace(290.0, 340.0, ROWS), load_pressure=jnp.zeros(ROWS),
+    time=jnp.arange(float(ROWS)), direction=jnp.ones(ROWS), run=jnp.zeros(ROWS), rate=jnp.full(ROWS, 1e-5),
+)  # fmt: skip
+
+
+def test_a_flow_into_a_port_with_its_pressure(loaded):
+    info = loaded("leak_at_b", "flow_into_b", "pressure", "proportional", [-2e-14])
+    assert (info.unit, info.stages, info.coupled) == ("m3/s/Pa", ("inflow",), False)
+    pressure = jnp.stack([jnp.full(ROWS, 90e5), jnp.linspace(80e5, 200e5, ROWS)])
+    found = effect("leak_at_b", -2e-14).inflow(pressure, seed_valve().oil, AT)
+    np.testing.assert_allclose(found[0], 0.0)
+    np.testing.assert_allclose(found[1], -2e-14 * pressure[1])
+
+
+def test_what_a_trapped_volume_stores(loaded):
+    info = loaded("hose_at_a", "flow_into_a", "pressure_rate", "proportional", [-2e-12])
+    assert (info.unit, info.lower, info.stores, info.needs) == ("m3/Pa", 0.0, True, ("time",))
+    np.testing.assert_allclose(effect("hose_at_a", 2e-12).compliance(), [[2e-12], [0.0]])
+
+
+def test_a_smooth_law_keeps_its_shape(loaded):
+    own = [2e-6, 1e-6, -0.5e-6, 0.3e-6]
+    assert len(own) == DEGREE + 1
+    loaded("edge_wave", "edge_radius:pa", "position", "smooth", own)
+    valve = seed_valve()
+    ideal = metering_edges(valve, AT)
+    found: Edges = effect("edge_wave", own[0]).edges(ideal, AT)
+    shift = basis("smooth", np.asarray(AT.position), -1.0, 1.0) @ np.array(own)
+    np.testing.assert_allclose(found.supply.radius[0], valve.edge_radius + shift, rtol=1e-12)
+    np.testing.assert_allclose(found.supply.radius[1], valve.edge_radius, rtol=1e-12)
+
+
+def test_oil_that_follows_the_operating_point(loaded):
+    loaded("thick_oil", "viscosity", "pressure", "proportional", [1e-8])
+    thick = effect("thick_oil", 1e-8)
+    oil = true_oil(replace(seed_valve(), effects=(thick,)), AT)
+    np.testing.assert_allclose(oil.viscosity_factor, 1.0 + 1e-8 * np.asarray(AT.supply_pressure))
+
+
+def _terms():
+    for place in [*PLACES, "reading:leakage_flow", "reading:load_pressure", "reading:flows"]:
+        for variable in VARIABLES.values():
+            if asked_with(place_of(place), variable):
+                laws = ["constant"] if variable.name == "constant" else ["proportional", "smooth"]
+                laws += ["root", "square"] if variable.powers else []
+                yield from ((place, variable.name, law) for law in laws)
+
+
+def test_every_entry_of_the_table_is_written_or_refused(tmp_path):
+    """Text that Python compiles, or one line that says why there is no stage."""
+    written, refused, reasons = 0, 0, set()
+    for number, (place, variable, law) in enumerate(_terms()):
+        own = [-1e-9] * (DEGREE + 1 if law == "smooth" else 1)
+        name = f"term_{number}"
+        try:
+            files = write_effect(name, diagnosis(tmp_path, place, variable, law, own), tmp_path / "all")
+        except BenchInputError as error:
+            reasons.add(str(error).split(":")[0].split(" cannot")[1])
+            refused += 1
+            continue
+        for file in files:
+            compile((tmp_path / "all" / file).read_text(), file, "exec")
+        written += 1
+    assert reasons == {" be written as an effect"}
+    assert written > 3 * refused
+
+
+def test_what_cannot_be_done_is_said_in_one_line(tmp_path):
+    path = diagnosis(tmp_path, "flow_into_a", "pressure", "proportional", [1e-14])
+    cases = {
+        "Not A Name": "must be a Python identifier in small letters",
+        "hysteresis": 'the library has an effect "hysteresis" already',
+    }
+    for name, message in cases.items():
+        with pytest.raises(BenchInputError, match=message):
+            write_effect(name, path, tmp_path / "out")
+    with pytest.raises(BenchInputError, match="has 1 terms, so --term is 1 to 1"):
+        write_effect("mine", path, tmp_path / "out", 2)
+    path.write_text('{"verdict": "named", "terms": []}')
+    with pytest.raises(BenchInputError, match="no term: nothing is left unexplained there"):
+        write_effect("mine", path, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_module_that_cannot_be_loaded_is_named(tmp_path):
+    with pytest.raises(BenchInputError, match="is no folder of effects"):
+        load_effects(tmp_path / "none")
+    (tmp_path / "mine.py").write_text("1 / 0\n")
+    with pytest.raises(BenchInputError, match=r"mine\.py: cannot be loaded: ZeroDivisionError"):
+        load_effects(tmp_path)
+    (tmp_path / "mine.py").write_text("x = 1\n")
+    with pytest.raises(BenchInputError, match="has no effect"):
+        load_effects(tmp_path)
+    assert all(find_effect(name) is not None for name in EFFECTS)
