@@ -119,6 +119,9 @@ def ask(job: tuple[Path, tuple[str, ...], bool]) -> dict[str, Any]:
     )
 
 
+RATES = ("place", "allowed", "both", "both_allowed")
+
+
 def rate(good: int, count: int) -> str:
     """A rate with its 95 % interval (Clopper and Pearson)."""
     if not count:
@@ -165,6 +168,9 @@ def table(truth: dict[str, Any], answers: dict[str, dict[str, Any]]) -> str:
                 scores["both"].append(bool(pairs) and pairs[0][0] in places and pairs[0][1] in variables)
                 scores["allowed"].append(any(p in places for p, _ in pairs))
                 scores["both_allowed"].append(any(p in places and v in variables for p, v in pairs))
+                if pairs:
+                    for key in RATES:
+                        scores[f"{key} told"].append(scores[key][-1])
                 mark = (
                     "both"
                     if scores["both"][-1]
@@ -181,6 +187,8 @@ def table(truth: dict[str, Any], answers: dict[str, dict[str, Any]]) -> str:
     lines += [
         f"- right place first: {count('place')}; first or among what the readings allow as well: {count('allowed')}",
         f"- right place and variable first: {count('both')}; first or allowed: {count('both_allowed')}",
+        f"- of the records in which a term is told: {count('place told')}, allowed {count('allowed told')}; with its variable"
+        f" {count('both told')}, allowed {count('both_allowed told')}",
         f"- a false place in records with nothing wrong: {count('false')}",
         f"- another effect stands in and leaves nothing to place: {count('standin')}",
         f"- excess on held-out rows, after/before: median {np.median(left):.3f}, upper quartile {np.quantile(left, 0.75):.3f}"

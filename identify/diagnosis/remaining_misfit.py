@@ -5,7 +5,7 @@ of its own, with a size and a length of their own (Kennedy and O'Hagan, Journal 
 those of highest restricted likelihood (MacKay, Neural Computation 4, 1992), the length is the one under which runs that were left out are
 least surprising (log score: Gneiting and Raftery, Journal of the American Statistical Association 102, 2007). Error bars hold that. Whether
 readings are weighed by it as well, or by their noise alone, is asked of the same runs: by which parameters their readings are met best.
-docs/diagnosis.md section 14.1.
+docs/diagnosis.md section 14.3.
 """
 
 from collections.abc import Callable, Iterator, Mapping

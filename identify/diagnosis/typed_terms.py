@@ -35,7 +35,6 @@ from .final_model import ON_HELD_OUT, closed, mean_square
 from .held_out import Split
 from .max_t import MaxT
 from .screening import LEAST_KEPT, Projection
-from .search import EXPLAINED, FAR
 
 
 LEVEL = 1e-3  # of the whole table
@@ -47,6 +46,7 @@ AS_GOOD = 6.0  # chi-square, in units of what the best leaves, up to which anoth
 CURVE_POINTS = 41
 ROUNDS, TRIES, PATIENT = 6, 3, 20  # of Gauss-Newton
 DAMPED = 30.0
+BENT = 1.5  # reduced chi-square from which a model counts as bent
 STRAIGHTENED = 3  # times that a table is asked anew
 SETTLED, ENOUGH = 0.02, 1e-4  # chi-square, and share of it, that another round would gain
 
@@ -469,7 +469,7 @@ def terms_of(problem: Problem, fit: Fit, split: Split, say: Progress = lambda _:
     # the parameters that the best term so far has straightened.
     for _ in range(STRAIGHTENED if refits else 0):
         best_so_far = min(f.fit.chi2 for _, f in asked)
-        if fit.chi2 <= FAR * table.rows or best_so_far <= EXPLAINED * table.rows:
+        if fit.chi2 <= BENT * table.rows:
             break
         best_one = min((f for _, f in asked), key=lambda f: f.fit.chi2)
         start = straightened(problem, fit, fitted_inside(problem, best_one.fit, best_one.term, PATIENT).fit)
@@ -478,7 +478,7 @@ def terms_of(problem: Problem, fit: Fit, split: Split, say: Progress = lambda _:
         if min(f.fit.chi2 for _, f in asked) > 0.9 * best_so_far:
             break
     freedom = max(table.rows, 1)
-    count = lambda s: s.rank * float(np.log(freedom))
+    count = lambda s: s.rank * float(np.log(freedom)) + place_of(s.entry.place).prior
     noise = max(min(f.fit.chi2 for _, f in asked) / freedom, 1.0)
     cost = lambda item: item[1].fit.chi2 / noise + count(item[0])
     asked.sort(key=cost)

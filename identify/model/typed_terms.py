@@ -29,6 +29,7 @@ class Place:
 
     unit: of a shift, "1" for a share. local: whose pressure is the local one: "a", "b", "a-b", "supply", "return". noun: what enters or
     shifts, as words say it. asked: variables that it is asked with, all where empty: another place says the rest better.
+    prior: chi-square by which it must do better than a simpler place: of some edges and not all, of two pressures and not one.
     """
 
     name: str
@@ -38,10 +39,14 @@ class Place:
     readings: Mapping[str, float] = field(default_factory=dict)
     local: str = "supply"
     asked: tuple[str, ...] = ()
+    prior: float = 0.0
 
 
 def _of_edges(quantity: str, edges: Iterable[str], sign: float = 1.0) -> dict[str, float]:
     return {f"{quantity}_{edge}": sign for edge in edges}
+
+
+_PRIOR = {4: 0.0, 2: 1.0, 1: 2.0}
 
 
 def _edge_places(quantity: str, unit: str, noun: str) -> list[Place]:
@@ -49,7 +54,7 @@ def _edge_places(quantity: str, unit: str, noun: str) -> list[Place]:
     parts = {"": (EDGES, "all edges"), ":supply": (SUPPLY, "the supply edges"), ":return": (RETURN, "the return edges")}
     parts |= {f":{edge}": ((edge,), f"the edge {_edge_words(edge)}") for edge in EDGES}
     return [
-        Place(f"{quantity}{part}", unit, f"{noun} of {words}", _of_edges(quantity, edges))
+        Place(f"{quantity}{part}", unit, f"{noun} of {words}", _of_edges(quantity, edges), prior=_PRIOR[len(edges)])
         for part, (edges, words) in parts.items()
     ]
 
@@ -77,7 +82,7 @@ PLACES: dict[str, Place] = {
         Place("supply_pressure", "Pa", "a shift of the supply pressure inside", {"supply_pressure": 1.0}),
         Place("return_pressure", "Pa", "a shift of the return pressure inside", {"return_pressure": 1.0}),
         Place("pressure_in_passages", "Pa", "a loss of pressure on both sides of the edges",
-              {"supply_pressure": -1.0, "return_pressure": 1.0}),
+              {"supply_pressure": -1.0, "return_pressure": 1.0}, prior=1.0),
         Place("viscosity", "1", "a factor on the oil's viscosity", {"viscosity": 1.0}),
         *_edge_places("edge_flow", "1", "a factor on the flow"),
         *_edge_places("clearance", "m", "a change of the clearance"),
