@@ -1,9 +1,10 @@
-"""A user's own effects: modules in a folder that the user names, and entry points of installed packages. Imports no JAX by itself.
+"""Effects that a user names, and those of his own: modules of a folder, and entry points of installed packages. Imports no JAX itself.
 
 What is loaded is the user's code, and runs as such: nothing is loaded that was not asked for by name or installed, and never from the
 folder of a record.
 """
 
+import difflib
 import importlib.util
 import sys
 from collections.abc import Callable, Iterable
@@ -52,6 +53,16 @@ def load_entry_points() -> dict[str, tuple[str, ...]]:
         package = point.dist.name if point.dist is not None else point.module
         own = _registered(point.load, Path(point.value))
         found[package] = (*found.get(package, ()), *own)
+    return found
+
+
+def known_effects(names: Iterable[str]) -> tuple[str, ...]:
+    """The names, each once; raises BenchInputError for one that the library does not have."""
+    found = tuple(dict.fromkeys(name.strip() for name in names if name.strip()))
+    for name in found:
+        if find_effect(name) is None:
+            near = difflib.get_close_matches(name, whole_library(), n=1, cutoff=0.0)
+            raise BenchInputError(f'without: the library has no effect "{name}"; the nearest is "{near[0]}"')
     return found
 
 

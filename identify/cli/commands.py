@@ -145,14 +145,16 @@ def diagnose_command(
     """
 
     def diagnoses() -> "Work":
-        from thermohyd.identify.diagnosis.diagnose import diagnose, known_effects
+        from thermohyd.identify.diagnosis.diagnose import diagnose
+        from thermohyd.identify.users_effects import known_effects
 
         from .several_results import print_summary_of_many, unsettled_diagnoses
 
         load_users_effects(effects)
         names = known_effects(without.split(","))
+        more: dict[str, Any] = {"without": names} if names else {}
         return (
-            (lambda record, say: diagnose(record, learn=learn, model_form=model_form, without=names, progress=say)),
+            (lambda record, say: diagnose(record, learn=learn, model_form=model_form, progress=say, **more)),
             print_summary_of_many,
             unsettled_diagnoses,
         )

@@ -5,15 +5,12 @@ once would integrate every run with the columns of effects that no run can show.
 all tests together, so that every value and error bar is that of the whole record.
 """
 
-import difflib
 import time
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from thermohyd.effects.library import find_effect, whole_library
-from thermohyd.identify.bench.errors import BenchInputError
 from thermohyd.identify.bench.record import BenchRecord
 from thermohyd.identify.bench.test_record import dynamic_among
 from thermohyd.identify.fitting.library import Library, motion_library
@@ -23,6 +20,7 @@ from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.fitting.readings import Noise
 from thermohyd.identify.fitting.result import FitResult
 from thermohyd.identify.noise.level import repeat_differences
+from thermohyd.identify.users_effects import known_effects
 from thermohyd.numerics import require_float64
 
 from .case import Case, Progress, choose, open_case
@@ -239,16 +237,6 @@ def diagnose(
             result, notes=(*result.notes, f"taken out of the library for this diagnosis: {', '.join(out)}")
         )
     return replace(result, seconds=time.perf_counter() - began)
-
-
-def known_effects(names: Iterable[str]) -> tuple[str, ...]:
-    """The names, each once; raises BenchInputError for one that the library does not have."""
-    found = tuple(dict.fromkeys(name.strip() for name in names if name.strip()))
-    for name in found:
-        if find_effect(name) is None:
-            near = difflib.get_close_matches(name, whole_library(), n=1, cutoff=0.0)
-            raise BenchInputError(f'without: the library has no effect "{name}"; the nearest is "{near[0]}"')
-    return found
 
 
 def diagnose_stage(

@@ -6,7 +6,7 @@ not fitted to. A term says where and with what, never why: after Kristensen, Mad
 28, 2004), who ask which state of a grey-box model lacks something, here with places of the circuit and control of false ones.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -42,6 +42,7 @@ DRAWS = 4000
 ASKED_BY_REFIT = 6  # pairs of place and variable
 FROM_ONE_PLACE = 3  # of these at most
 MOST = 3  # terms that are told
+SIMPLE_LAWS = 3  # of the leading place, that are asked in the end
 AS_GOOD = 6.0  # chi-square, in units of what the best leaves, up to which another pair does as well
 CURVE_POINTS = 41
 ROUNDS, TRIES, PATIENT = 6, 3, 20  # of Gauss-Newton
@@ -483,7 +484,7 @@ def terms_of(problem: Problem, fit: Fit, split: Split, say: Progress = lambda _:
     cost = lambda item: item[1].fit.chi2 / noise + count(item[0])
     asked.sort(key=cost)
     if refits:
-        asked = sorted([*asked, *_other_laws(table, asked[0], ask)], key=cost)
+        asked = sorted([*asked, *_other_laws(table, asked[0], [s for s, _ in asked], ask)], key=cost)
         first, rough = asked[0]
         asked[0] = (first, fitted_inside(problem, rough.fit, rough.term, PATIENT))
         asked.sort(key=cost)
@@ -518,10 +519,18 @@ def straightened(problem: Problem, fit: Fit, other: Fit) -> Fit:
     return _Limits.of(problem, fit).kept(fit, problem.with_terms().evaluate(other.values, fit.effects))
 
 
-def _other_laws(table: Table, best: tuple[Scored, FittedTerm], ask) -> list[tuple[Scored, FittedTerm]]:
-    """The other laws of the leading pair, fitted too: a linear score may have preferred the wrong one."""
-    others = [s for s in table.entries if s.entry.pair == best[0].entry.pair and s.entry.law != best[0].entry.law]
-    return [(s, ask(s)) for s in others]
+def _other_laws(
+    table: Table, best: tuple[Scored, FittedTerm], asked: list[Scored], ask: Callable[[Scored], FittedTerm]
+) -> list[tuple[Scored, FittedTerm]]:
+    """The other laws of the leading pair, and the simple ones of its place, fitted too: a linear score may have preferred the wrong one."""
+    pair, known = best[0].entry.pair, {(s.entry.pair, s.entry.law) for s in asked}
+    new = [s for s in table.entries if (s.entry.pair, s.entry.law) not in known]
+    own = [s for s in new if s.entry.pair == pair]
+    simple = [s for s in new if s.entry.place == pair[0] and s.rank == 1 and s.entry.pair != pair]
+    simple.sort(key=lambda s: -s.gain)
+    constant = [s for s in simple if s.entry.law == "constant"]
+    chosen = {id(s): s for s in (*own, *constant, *simple[:SIMPLE_LAWS])}
+    return [(s, ask(s)) for s in chosen.values()]
 
 
 ALIKE = 0.995  # cosine of two directions beyond which no reading tells them apart
