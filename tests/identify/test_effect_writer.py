@@ -88,6 +88,7 @@ def test_oil_that_follows_the_operating_point(loaded):
     loaded("thick_oil", "viscosity", "pressure", "proportional", [1e-8])
     thick = effect("thick_oil", 1e-8)
     oil = true_oil(replace(seed_valve(), effects=(thick,)), AT)
+    assert oil.viscosity_factor is not None
     np.testing.assert_allclose(oil.viscosity_factor, 1.0 + 1e-8 * np.asarray(AT.supply_pressure))
 
 

@@ -18,6 +18,7 @@ from thermohyd.identify.diagnosis.typed_terms import terms_of
 from thermohyd.identify.effect_writer import write_effect
 from thermohyd.identify.model.model_file import load_model, model_json
 from thermohyd.identify.model.predict import predict_test
+from thermohyd.identify.model.typed_terms import TypedTerm
 from thermohyd.identify.users_effects import load_effects
 
 
@@ -160,6 +161,7 @@ def test_learning_closes_the_gap_and_says_that_it_learned():
     assert result.held_out is not None
     assert result.held_out.gap_closed > 0.9
     [term] = result.learned
+    assert isinstance(term, TypedTerm)
     assert (term.place, term.variable, term.law) == ("position", "temperature", "proportional")
     assert term.coefficients[0] == pytest.approx(-DRIFT, rel=0.1)
     assert len(term.covariance) == 1
@@ -172,6 +174,8 @@ def test_a_learned_term_is_read_back_and_predicts_with_its_error(tmp_path):
     path.write_text(json.dumps(model_json(result.after, result.learned)))
     model = load_model(path)
     [term], [learned] = model.learned, result.learned
+    assert isinstance(term, TypedTerm)
+    assert isinstance(learned, TypedTerm)
     assert (term.place, term.coefficients, term.covariance) == (learned.place, learned.coefficients, learned.covariance)
     test = result.record.tests["leakage"]
     (value, std), channel = predict_test(model, result.record, test)["leakage_flow"], test.channels[0]
