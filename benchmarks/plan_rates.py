@@ -58,8 +58,12 @@ def _stated(record: Any) -> Any:
 
 
 @cache
-def views_of(seed: int, which: int) -> dict[str, Any]:
-    """What the plan says, of the valve expected and of the nominal one."""
+def views_of(seed: int, which: int | None) -> Any:
+    """What the plan says of one of the random valves, or (None) of the nominal one."""
+    sys.path.insert(0, str(ROOT / "tests"))
+    from thermohyd.identify.cli.jax_setup import set_up_jax
+
+    set_up_jax()
     from helpers.small_bench import small_record
 
     from thermohyd.identify.model.model import Model
@@ -67,8 +71,23 @@ def views_of(seed: int, which: int) -> dict[str, Any]:
     from thermohyd.identify.planning.visible import view_of
 
     empty = _stated(small_record(noise=NOISE))
-    model = Model(empty.valve, empty.oil, valve_of(seed, which))
-    return {"expected": view_of(prospect_of(empty, model)), "nominal": view_of(prospect_of(empty))}
+    model = None if which is None else Model(empty.valve, empty.oil, valve_of(seed, which))
+    return view_of(prospect_of(empty, model))
+
+
+def with_chances(answer: dict[str, Any]) -> dict[str, Any]:
+    """The answer with what both plans say of it: {"found": chance, "rivals": {effect: chance}}."""
+    from thermohyd.identify.planning.visible import chance_of_finding, chance_of_rival
+
+    effect, amount, chances = answer["effect"], abs(answer["amount"]), {}
+    for which, valve in (("expected", answer["number"] % VALVES), ("nominal", None)):
+        view = views_of(answer["seed"], valve)
+        others = [s.name for s in view.sights if s.name != effect]
+        chances[which] = {
+            "found": chance_of_finding(view.sights[view.place(effect)], amount, view.critical),
+            "rivals": {other: chance_of_rival(view, effect, other, amount) for other in others},
+        }
+    return {**answer, "chances": chances}
 
 
 def ask(job: tuple[int, int]) -> dict[str, Any]:
@@ -82,14 +101,12 @@ def ask(job: tuple[int, int]) -> dict[str, Any]:
 
     from thermohyd.effects.library import EFFECTS
     from thermohyd.identify.diagnosis.diagnose import diagnose
-    from thermohyd.identify.planning.visible import chance_of_finding, chance_of_rival
 
     names = [name for name in EFFECTS if name not in LEFT_OUT]
     effect, factor = names[number % len(names)], FACTORS[(number // len(names) + number) % len(FACTORS)]
     valve, name = valve_of(seed, number), f"record_{number:03d}"
     try:
-        views = views_of(seed, number % VALVES)
-        view = views["expected"]
+        view = views_of(seed, number % VALVES)
         sight = view.sights[view.place(effect)]
         amount = factor * sight.amount * (1.0 if number % 2 or EFFECTS[effect].lower == 0.0 else -1.0)
         record = small_record({effect: amount}, seed=1000 * seed + number, noise=NOISE, valve=valve)
@@ -99,13 +116,6 @@ def ask(job: tuple[int, int]) -> dict[str, Any]:
     finally:
         keep_memory_flat()
     alike = {e.name: [a.name for a in e.alternatives] for e in found.effects}
-    chances = {}
-    for which, own in views.items():
-        others = [s.name for s in own.sights if s.name != effect]
-        chances[which] = {
-            "found": chance_of_finding(own.sights[own.place(effect)], abs(amount), own.critical),
-            "rivals": {other: chance_of_rival(own, effect, other, abs(amount)) for other in others},
-        }
     return plain(
         {
             "record": name,
@@ -117,7 +127,8 @@ def ask(job: tuple[int, int]) -> dict[str, Any]:
             "verdict": found.verdict,
             "named": alike,
             "suspects": [s.name for s in found.suspects],
-            "chances": chances,
+            "seed": seed,
+            "number": number,
             "seconds": found.seconds,
         }
     )
@@ -230,6 +241,7 @@ def main() -> None:
         any_version=options.any_version or options.show,
         ask_more=not options.show,
     )
+    found = {name: answer if "error" in answer else with_chances(answer) for name, answer in found.items()}
     print(table(found))
     picture(found, WORK / f"seed{options.seed}.png")
 

@@ -1,20 +1,21 @@
 """The least amount of each effect that planned tests show, and what could stand in its place there.
 
 An effect of amount a changes the readings by f(a) - f(0); what the free parameters leave of it, in units of the noise, is the score
-that it will have (docs/diagnosis.md section 7), but for the noise itself. It is found in a share `POWER` of records from the amount on
-whose score is the critical one plus the normal quantile of that share. Another effect explains it as well where what is left of the
-one beside the other, too, is no more than a likelihood ratio of 20 (section 10).
+that it will have (docs/diagnosis.md section 7), but for the noise itself. It is found where the score passes the critical one and,
+if it is below eight, where a quarter of the rows predicted from the others says so too (section 11.1). Another effect explains it as well
+where it comes within a likelihood ratio of 20 (section 10), in records in which the effect is found.
 """
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import ndtr, ndtri
+from scipy.optimize import brentq
+from scipy.special import log_ndtr, ndtr, ndtri
 
 from thermohyd.effects.library import effect_info
 from thermohyd.identify.diagnosis.case import LEVEL_OF_ALL_ROWS
-from thermohyd.identify.diagnosis.result import MOST_USUAL
+from thermohyd.identify.diagnosis.result import MOST_USUAL, WEAK
 from thermohyd.identify.diagnosis.rivals import ALIKE
 from thermohyd.identify.diagnosis.screening import LEAST_KEPT, Projection, finite_steps, screen
 from thermohyd.identify.diagnosis.search import BEYOND_TYPICAL
@@ -60,10 +61,33 @@ class View:
     @property
     def wanted(self) -> float:
         """The score to expect of what is found in a share `POWER` of records."""
-        return self.critical + float(ndtri(POWER))
+        return score_found(self.critical)
 
     def place(self, name: str) -> int:
         return next(i for i, sight in enumerate(self.sights) if sight.name == name)
+
+
+def chance_of_naming(score: float, critical: float) -> float:
+    """Share of records in which an effect of this expected score is found.
+
+    A quarter of the rows holds half of the score; with the amount of the others it does better by 2 a h - a^2, h its own estimate: in
+    a share Phi(score/4) of records.
+    """
+    passes = float(ndtr(score - critical))
+    return passes if score >= WEAK else passes * float(ndtr(0.25 * score))
+
+
+def score_found(critical: float) -> float:
+    """The expected score of an effect that is found in a share `POWER` of records."""
+    wanted = lambda score: chance_of_naming(score, critical) - POWER
+    least = critical + float(ndtri(POWER))
+    return (
+        least
+        if wanted(least) >= 0.0
+        else float(brentq(wanted, least, WEAK - 1e-9))
+        if wanted(WEAK - 1e-9) > 0.0
+        else WEAK
+    )
 
 
 def view_of(prospect: Prospect, say: Callable[[str], None] = lambda _: None) -> View:
@@ -100,7 +124,7 @@ def change_at(prospect: Prospect, name: str, amount: float) -> np.ndarray:
 
 def _sight(prospect: Prospect, projection: Projection, name: str, critical: float) -> Sight | str:
     info = effect_info(name)
-    usual, wanted = info.typical[1], critical + float(ndtri(POWER))
+    usual, wanted = info.typical[1], score_found(critical)
     most = min(MOST_USUAL * usual, info.upper)
     amount, found = info.scale, None
     for _ in range(ROUNDS):
@@ -136,28 +160,28 @@ def strength_for(sight: Sight, amount: float) -> float:
 
 
 def chance_of_finding(sight: Sight, amount: float, critical: float) -> float:
-    """Share of records with this amount in which its score passes."""
-    return float(ndtr(strength_for(sight, amount) - critical))
-
-
-def _beside(view: View, true: str, rival: str, amount: float) -> tuple[float, float]:
-    """(what is left of the score of this amount beside its rival, chi-square that the rival's own amount is implausible by); of a
-    rival that would need a sign that it cannot have all is left."""
-    sight, other = view.sights[view.place(true)], view.sights[view.place(rival)]
-    cosine, score = float(view.correlation[view.place(true), view.place(rival)]), strength_for(sight, amount)
-    # An effect of either sign may come with the sign that its rival can follow.
-    if cosine < 0.0 and effect_info(rival).lower == 0.0 and effect_info(true).lower == 0.0:
-        return score, 0.0
-    times = abs(cosine) * score / max(other.strength_of_usual, 1e-300)
-    penalty = BEYOND_TYPICAL * float(np.log(times)) ** 2 if times > 1.0 else 0.0
-    return score * float(np.sqrt(max(1.0 - cosine**2, 0.0))), penalty
+    """Share of records with this amount in which it is found."""
+    return chance_of_naming(strength_for(sight, amount), critical)
 
 
 def chance_of_rival(view: View, true: str, rival: str, amount: float) -> float:
-    """Share of records with this amount of `true` in which `rival` does about as well in its place."""
-    left, penalty = _beside(view, true, rival, amount)
-    reach = float(np.sqrt(max(ALIKE - penalty, 0.0)))
-    return float(ndtr(reach - left) - ndtr(-reach - left))
+    """Share of the records in which this amount of `true` is found where `rival` does about as well in its place.
+
+    Of a score s of the true effect the rival's is rho s + sqrt(1 - rho^2) e, e a normal deviate; it falls behind by s^2 less that squared.
+    """
+    sight, other = view.sights[view.place(true)], view.sights[view.place(rival)]
+    cosine = float(view.correlation[view.place(true), view.place(rival)])
+    # An effect of either sign may come with the sign that its rival can follow.
+    if cosine < 0.0 and effect_info(rival).lower == 0.0 and effect_info(true).lower == 0.0:
+        return 0.0
+    beyond = view.critical - strength_for(sight, amount)
+    # The mean of a score beyond the critical one.
+    score = view.critical - beyond + float(np.exp(-0.5 * beyond**2 - log_ndtr(-beyond))) / float(np.sqrt(2.0 * np.pi))
+    times = abs(cosine) * score / max(other.strength_of_usual, 1e-300)
+    penalty = BEYOND_TYPICAL * float(np.log(times)) ** 2 if times > 1.0 else 0.0
+    least = float(np.sqrt(max(score**2 - ALIKE + penalty, 0.0)))
+    beside = float(np.sqrt(max(1.0 - cosine**2, 1e-12)))
+    return float(ndtr((abs(cosine) * score - least) / beside))
 
 
 def amount_told_apart(view: View, true: str, rival: str) -> float:

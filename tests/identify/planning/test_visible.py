@@ -17,6 +17,7 @@ from thermohyd.identify.planning.visible import (
     View,
     amount_told_apart,
     chance_of_finding,
+    chance_of_naming,
     chance_of_rival,
     confused_with,
     groups,
@@ -75,10 +76,13 @@ def test_the_least_amount_scores_as_the_search_asks(view: View):
     for name in ("pilot_leakage", "flowmeter_offset"):
         sight = view.sights[view.place(name)]
         assert sight.visible
-        assert sight.amount == pytest.approx((view.critical + float(ndtri(POWER))) / left(name), rel=0.02)
+        assert sight.amount == pytest.approx(view.wanted / left(name), rel=0.02)
         assert chance_of_finding(sight, sight.amount, view.critical) == pytest.approx(POWER, abs=0.02)
         assert chance_of_finding(sight, 0.5 * sight.amount, view.critical) < 0.2
     assert 3.0 < view.critical < 4.0
+    assert view.critical + float(ndtri(POWER)) < view.wanted < 8.0  # below eight the rows held out have a say
+    assert chance_of_naming(view.wanted, view.critical) == pytest.approx(POWER)
+    assert chance_of_naming(8.0, view.critical) > 0.999
 
 
 def test_what_the_parameters_do_and_what_is_too_small(view: View):
@@ -93,10 +97,12 @@ def test_a_twin_falls_behind_from_an_amount_on(view: View):
     """A rival of another sign is none where neither can have it."""
     amount = amount_told_apart(view, "pilot_leakage", "bushing_leakage")
     i, j = view.place("pilot_leakage"), view.place("bushing_leakage")
-    beside = np.sqrt(1.0 - view.correlation[i, j] ** 2)
-    by_hand = (np.sqrt(6.0) + float(ndtri(POWER))) / (beside * left("pilot_leakage"))
-    assert amount == pytest.approx(float(by_hand), rel=0.06)  # the grid of amounts
-    assert chance_of_rival(view, "pilot_leakage", "bushing_leakage", 1e-4 * amount) > 0.98
+    # By draws: the true effect's score, the rival's beside it, and how far that falls behind.
+    random, cosine = np.random.default_rng(1), float(view.correlation[i, j])
+    score = amount * left("pilot_leakage") + random.standard_normal(200_000)
+    other = cosine * score + np.sqrt(1.0 - cosine**2) * random.standard_normal(len(score))
+    assert np.mean(score**2 - other**2 < 6.0) == pytest.approx(1.0 - POWER, abs=0.03)
+    assert chance_of_rival(view, "pilot_leakage", "bushing_leakage", 0.02 * amount) > 0.9
     assert chance_of_rival(view, "pilot_leakage", "bushing_leakage", 3.0 * amount) < 1e-3
     least = view.sights[i].amount
     assert view.correlation[i, view.place("hysteresis")] < -0.99
