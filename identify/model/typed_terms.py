@@ -305,11 +305,11 @@ def unit_of(place: str, variable: str, law: str) -> str:
         return "s"
     if own == of and law == "proportional":
         return "1"
-    power = {"proportional": of, "square": f"({of})^2", "root": f"sqrt({of})"}[law]
+    whole = f"({of})" if "/" in of else of
+    power = {"proportional": whole, "square": f"{whole}^2", "root": f"sqrt({of})"}[law]
     if (own, variable, law) == ("m3/s", "pressure_rate", "proportional"):
         return "m3/Pa"
-    per = f"({power})" if "/" in power and not power.startswith("(") else power
-    return own if of == "1" else f"{own}/{per}"
+    return f"m3/(s {power})" if own == "m3/s" and law != "root" else f"{own}/{power}"
 
 
 def with_covariance(term: TypedTerm, free: tuple[str, ...], matrix: np.ndarray) -> TypedTerm:

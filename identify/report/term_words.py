@@ -60,7 +60,7 @@ KNOWN = (
     Known(
         ("position",),
         ("direction",),
-        "what play, friction or magnetic hysteresis does",
+        "what play, friction or a magnetic loop does",
         "sweep again at another rate: the width stays",
     ),
     Known(
@@ -250,4 +250,4 @@ def _closes(term: "Term") -> str:
         return ""
     where = "of the remaining gap on rows held out" if term.on_held_out else "of the remaining gap, by one linear step"
     weak = "" if term.holds else "; that does not prove it"
-    return f"It would close {percent(max(term.gap_closed, 0.0))} {where}{weak}."
+    return f"{'It closes' if term.learned else 'It would close'} {percent(max(term.gap_closed, 0.0))} {where}{weak}."

@@ -59,7 +59,7 @@ AT = Conditions(
 
 def test_a_flow_into_a_port_with_its_pressure(loaded):
     info = loaded("leak_at_b", "flow_into_b", "pressure", "proportional", [-2e-14])
-    assert (info.unit, info.stages, info.coupled) == ("m3/s/Pa", ("inflow",), False)
+    assert (info.unit, info.stages, info.coupled) == ("m3/(s Pa)", ("inflow",), False)
     pressure = jnp.stack([jnp.full(ROWS, 90e5), jnp.linspace(80e5, 200e5, ROWS)])
     found = effect("leak_at_b", -2e-14).inflow(pressure, seed_valve().oil, AT)
     np.testing.assert_allclose(found[0], 0.0)
