@@ -186,7 +186,8 @@ def readings_of_rows(
         conditions = args.data.conditions
         moves = None if storing else values[count : count + MOVES]
         if places is not None:
-            shifts = jnp.asarray(places) if storing else jnp.asarray(places) + values[count:]
+            shifts = jnp.asarray(places)
+            shifts = shifts if storing else shifts + values[count:]
             moves, shifts = shifts[:MOVES], shifts[MOVES:]
             valve = replace(valve, effects=(*valve.effects, RowShifts(shifts)))
         if moves is not None:
