@@ -140,6 +140,7 @@ def test_what_the_library_lacks_stays_unexplained_and_what_would_have_to_vary_is
     np.testing.assert_allclose(best.curve - best.curve.mean(), DRIFT * (best.variable_values - MIDDLE), atol=0.3e-6)
     [place, *_] = result.terms
     assert (place.place, place.variable, place.law, place.unit) == ("position", "temperature", "proportional", "m/K")
+    assert place.std is not None
     assert abs(place.value + DRIFT) < 4.0 * place.std < 0.2 * DRIFT  # the spool stands where the null has gone from
     assert place.holds
     assert place.gap_closed > 0.9
