@@ -484,6 +484,7 @@ def terms_of(problem: Problem, fit: Fit, split: Split, say: Progress = lambda _:
     cost = lambda item: item[1].fit.chi2 / noise + count(item[0])
     asked.sort(key=cost)
     if refits:
+        asked = sorted([*asked, *_other_edges(table, asked[0][0], [s for s, _ in asked], ask)], key=cost)
         asked = sorted([*asked, *_other_laws(table, asked[0], [s for s, _ in asked], ask)], key=cost)
         first, rough = asked[0]
         asked[0] = (first, fitted_inside(problem, rough.fit, rough.term, PATIENT))
@@ -531,6 +532,21 @@ def _other_laws(
     constant = [s for s in simple if s.entry.law == "constant"]
     chosen = {id(s): s for s in (*own, *constant, *simple[:SIMPLE_LAWS])}
     return [(s, ask(s)) for s in chosen.values()]
+
+
+def _other_edges(
+    table: Table, best: Scored, asked: list[Scored], ask: Callable[[Scored], FittedTerm]
+) -> list[tuple[Scored, FittedTerm]]:
+    """The quantity of the leading place at all edges, a pair or one of them, with the same variable: scores beside a bent fit may have
+    preferred the wrong ones."""
+    place, variable = best.entry.pair
+    known = {s.entry.pair for s in asked}
+    new = [
+        s
+        for s in table.ranked
+        if s.entry.variable == variable and _family(s.entry.place) == _family(place) and s.entry.pair not in known
+    ]
+    return [(s, ask(s)) for s in new]
 
 
 ALIKE = 0.995  # cosine of two directions beyond which no reading tells them apart

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import brentq
+from scipy.optimize import root_scalar
 from scipy.special import log_ndtr, ndtr, ndtri
 
 from thermohyd.effects.library import effect_info
@@ -81,13 +81,11 @@ def score_found(critical: float) -> float:
     """The expected score of an effect that is found in a share `POWER` of records."""
     wanted = lambda score: chance_of_naming(score, critical) - POWER
     least = critical + float(ndtri(POWER))
-    return (
-        least
-        if wanted(least) >= 0.0
-        else float(brentq(wanted, least, WEAK - 1e-9))
-        if wanted(WEAK - 1e-9) > 0.0
-        else WEAK
-    )
+    if wanted(least) >= 0.0:
+        return least
+    if wanted(WEAK - 1e-9) <= 0.0:
+        return WEAK
+    return float(root_scalar(wanted, bracket=(least, WEAK - 1e-9), method="brentq").root)
 
 
 def view_of(prospect: Prospect, say: Callable[[str], None] = lambda _: None) -> View:
