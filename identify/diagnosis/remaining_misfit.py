@@ -37,6 +37,7 @@ MOST_CURVES, FEWEST_CURVES = 300, 3  # of all sweeps of a channel; of one sweep
 ROUNDS, SETTLED = 4, 0.05  # of size and fit in turn, until no size changes by more than this
 MOST_TURNS = 40  # of the search for the sizes
 SMALLEST, LARGEST = 1e-8, 1e8  # variance of a curve, against the noise
+BETTER = 0.95  # mean square misfit of runs left out, from which on other weights are worth their while
 WITHIN = 5.0  # natural steps that a parameter may lie away where the runs left say nothing of it
 
 
@@ -71,8 +72,8 @@ class Remaining:
     """What a model misses as a part of the readings' error. believed: under which runs left out are least surprising.
 
     weighed: what the fit that is kept weighs its readings by. score: of `believed` on runs left out, in units of log likelihood, over
-    that of the noise widened to the misfit. errors: mean square misfit of runs left out by the parameters of `weighed`, over that
-    by those of the noise alone; the geometric mean over the channels.
+    that of the noise widened to the misfit. errors: mean square misfit of runs left out by fits beside `believed`, over that by fits
+    beside the noise alone; the geometric mean over the channels.
     """
 
     weighed: Beside
@@ -100,28 +101,37 @@ class Remaining:
 
     def weighing(self, problem: Problem) -> Problem:
         """A problem of the same tests whose fits are weighed likewise; of the rows that it uses, if not all."""
-        sizes = self.weighed.sizes
-        if sizes is None or problem.used is None:
-            return problem.with_discrepancy(self.weighed.discrepancy)
-        curves = _curves(problem, self.weighed.length, len(self.fit.residual))
-        columns = [c.columns * np.sqrt(size) for c, size in zip(curves, sizes, strict=True)]
-        return problem.with_discrepancy(Discrepancy(np.concatenate(columns, axis=1)))
+        return weighing(problem, self.weighed)
+
+
+def weighing(problem: Problem, beside: Beside) -> Problem:
+    """A problem whose readings are known to the noise and to a discrepancy, in the rows that it uses."""
+    if beside.sizes is None or problem.used is None:
+        return problem.with_discrepancy(beside.discrepancy)
+    curves = _curves(problem, beside.length, len(beside.fit.residual))
+    columns = [c.columns * np.sqrt(size) for c, size in zip(curves, beside.sizes, strict=True)]
+    return problem.with_discrepancy(Discrepancy(np.concatenate(columns, axis=1)))
 
 
 def remaining_misfit(problem: Problem, fit: Fit, say: Callable[[str], None] = lambda _: None) -> Remaining:
     """The discrepancy beside `fit`, and the fit that predicts runs left out best."""
     say("how far readings may be trusted beside the misfit")
     parts = runs_left_out(problem.tests)
-    tried = [Beside(fit, _scale(problem, fit)), *(_fitted(problem, fit, length) for length in LENGTHS)]
-    found = [left_out(problem, beside, parts) for beside in tried]
-    scores, errors = [score for score, _ in found], [error - found[0][1] for _, error in found]
-    believed, weighed = tried[int(np.argmax(scores))], tried[int(np.argmin(errors))]
-    if weighed.discrepancy is not None:
-        beside = problem.with_discrepancy(weighed.discrepancy)
-        weighed = replace(weighed, fit=beside.fit(fit.effects, weighed.fit.values, patient=True))
-    return Remaining(
-        weighed, believed, max(scores) - scores[0], float(np.exp(min(errors))), tuple(_channels(problem, believed))
-    )
+    alone = Beside(fit, _scale(problem, fit))
+    tried = [alone, *(_fitted(problem, fit, length) for length in LENGTHS)]
+    scores = [left_out_score(problem, beside, parts) for beside in tried]
+    believed = tried[int(np.argmax(scores))]
+    channels = tuple(_channels(problem, believed))
+    errors = np.ones(1)
+    if believed is not alone:
+        say("which weights predict runs left out best")
+        errors = left_out_errors(problem, believed, parts) / left_out_errors(problem, alone, parts)
+    ratio = float(np.exp(np.mean(np.log(errors))))
+    weighed = alone
+    if ratio < BETTER:
+        beside = problem.with_discrepancy(believed.discrepancy)
+        weighed = replace(believed, fit=beside.fit(fit.effects, believed.fit.values, patient=True))
+    return Remaining(weighed, believed, max(scores) - scores[0], ratio, channels)
 
 
 def weighed_again(problem: Problem, rivals: Mapping[str, Rivals], remaining: Remaining) -> dict[str, Rivals]:
@@ -247,20 +257,30 @@ def likeliest_sizes(fit: Fit, columns: np.ndarray, which: np.ndarray, begin: np.
     return sizes
 
 
-def left_out(problem: Problem, beside: Beside, parts: np.ndarray) -> tuple[float, float]:
-    """(log likelihood of the rows of each part, mean over the channels of the log of their mean square misfit), each part predicted by
-    parameters that did not see it: one Gauss-Newton step from the fit. Curves are not predicted, only allowed for.
+def left_out_errors(problem: Problem, beside: Beside, parts: np.ndarray) -> np.ndarray:
+    """Mean square misfit (channels,) of the rows of each part in units of their noise, each predicted by a fit without its part."""
+    misses = np.zeros(len(parts))
+    white = problem.with_noise(problem.noise.white)
+    for part in np.unique(parts[parts >= 0]):
+        fit = weighing(problem.with_rows(parts != part), beside).fit(beside.fit.effects, beside.fit.values)
+        own = parts == part
+        misses[own] = white.evaluate(fit.values, fit.effects).residual[: len(parts)][own]
+    shown = [misses[place][parts[place] >= 0] for place in problem.rows().values()]
+    return np.array([np.mean(own**2) for own in shown if len(own)])
+
+
+def left_out_score(problem: Problem, beside: Beside, parts: np.ndarray) -> float:
+    """Log likelihood of the rows of each part, predicted by parameters that did not see it: one Gauss-Newton step from the fit. Curves
+    are not predicted, only allowed for.
     """
     fit, scale = beside.fit, beside.scale
     seen = fit if beside.discrepancy is None else problem.evaluate(fit.values, fit.effects)
-    white = problem.with_noise(problem.noise.white).evaluate(fit.values, fit.effects)
     names = [name for name in fit.free if name not in fit.active]
     steps = np.array([problem.scale_of(name) for name in names])
-    slopes = lambda f: f.columns[:, [f.order.index(name) for name in names]] * steps
-    jacobian, plain = slopes(seen), slopes(white)
+    jacobian = seen.columns[:, [seen.order.index(name) for name in names]] * steps
     curves = np.zeros((len(seen.residual), 0)) if beside.discrepancy is None else beside.discrepancy.columns
     whole = np.concatenate([parts, np.full(len(seen.residual) - len(parts), -1)])
-    score, misses = 0.0, white.residual.copy()
+    score = 0.0
     for part in np.unique(parts[parts >= 0]):
         kept, left = whole != part, whole == part
         both = np.concatenate([jacobian[kept], seen.residual[kept, None]], axis=1)
@@ -269,19 +289,13 @@ def left_out(problem: Problem, beside: Beside, parts: np.ndarray) -> tuple[float
         normal = (both.T @ both - across.T @ cho_solve(cho_factor(among), across)) / scale
         matrix = normal[:-1, :-1] + np.eye(len(names)) / WITHIN**2
         step = -np.linalg.solve(matrix, normal[:-1, -1])
-        misses[left] += plain[left] @ step
         spread = cholesky(np.linalg.inv(0.5 * (matrix + matrix.T)), lower=True)
         score += _log_likelihood(
             seen.residual[left] + jacobian[left] @ step,
             np.concatenate([curves[left], jacobian[left] @ spread], axis=1),
             scale,
         )
-    errors = []
-    for place in problem.rows().values():
-        own = misses[place][parts[place] >= 0]
-        if len(own):
-            errors.append(np.log(np.mean(own**2)))
-    return score, float(np.mean(errors))
+    return score
 
 
 def _log_likelihood(miss: np.ndarray, spread: np.ndarray, scale: float) -> float:

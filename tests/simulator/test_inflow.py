@@ -50,7 +50,7 @@ def fed_valve(flow: float) -> tuple[Valve, Conditions]:
 
 
 def fed_plant(flow: float) -> FedPlant:
-    valve = ReferenceValve(slot_width=12e-3, **TRUTH)
+    valve = ReferenceValve(slot_width=12e-3, **TRUTH, edge_law="orifice")
     rows = np.full(len(X), 1.0)
     oil = ReferenceOil(POINTS.viscosity_a, POINTS.viscosity_b)
     return FedPlant(valve, Effects(), oil, X, 210e5 * rows, 0.0 * rows, 313.15 * rows, fed=flow)
