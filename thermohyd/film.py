@@ -106,9 +106,13 @@ def _two_arcs(share: Values, ratio: Values, *, slopes: bool) -> tuple[Values, Va
     return third * spread, fourth * spread, slope * spread
 
 
+# 2 r [m] below which an edge is sharp: far below an atom, and far above what second derivatives of u/(2 r) overflow at.
+SHARP = 1e-30
+
+
 def _shares(opening: Values, radius: Values, clearance: Values) -> tuple[Values, Values, Values]:
     """(1 where the arcs face each other, 0 beyond, 1/2 where they end; u/(2 r) in 0 ... 1, and short of 1; r/c)."""
-    ends = 2.0 * radius
+    ends = jnp.where(2.0 * radius > SHARP, 2.0 * radius, 0.0)
     facing = jnp.where(opening < ends, 1.0, jnp.where(opening == ends, 0.5, 0.0))
     within = (opening > 0.0) & (opening <= ends)
     share = jnp.where(within, opening, 0.0) / jnp.where(within, ends, 1.0)

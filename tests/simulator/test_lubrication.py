@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from helpers.quick_compile import quick_jit
 from helpers.valves import STROKE, seed_oil, temperature_at
-from hypothesis import given, settings, strategies as st
+from hypothesis import example, given, settings, strategies as st
 from reference import conformance_lubrication as conformance
 from reference.film import film_integral
 from reference.oil import walther
@@ -218,6 +218,7 @@ lengths = st.floats(0.0, 40e-6)
     drop=st.floats(-350e5, 350e5),
     kelvin=st.floats(233.0, 393.0),
 )
+@example(opening=4.905695172829685e-191, radius=4.905695172829685e-191, clearance=4.7e-5, drop=0.0, kelvin=233.0)
 def test_an_edge_is_finite_and_odd_everywhere(opening, radius, clearance, drop, kelvin):
     at = jnp.array([opening * 1e5, radius * 1e5, clearance * 1e5, drop * 1e-5])
     flow, forward, reverse, second = edge_flow_and_slopes(at, jnp.asarray(kelvin))
