@@ -4,6 +4,7 @@ Answers go to a file of JSON lines; a run that was interrupted goes on where it 
 same (a hash of its source is in every line).
 """
 
+import argparse
 import hashlib
 import json
 import math
@@ -72,6 +73,31 @@ def answers(
         any_version=any_version,
         ask_more=ask_more,
         enough=lambda answer: "baselines" in answer or not with_baselines,
+    )
+
+
+def answers_of_seeds(
+    description: str, noun: str, count: int, work: Path, digits: int, ask: Callable[[Any], dict[str, Any]]
+) -> tuple[int, dict[str, dict[str, Any]]]:
+    """(the seed, {name: answer}) of what a command line asks of numbered records or pairs, which `ask` makes of (seed, number)."""
+    parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument(f"--{noun}s", type=int, default=count, dest="count", metavar="N")
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--seed", type=int, default=1, help="1: development; others are looked at once")
+    parser.add_argument("--processes", type=int, default=1)
+    parser.add_argument("--any-version", action="store_true", help="keep answers of an earlier state of the program")
+    parser.add_argument("--show", action="store_true", help="only the table of the answers so far, of any version")
+    options = parser.parse_args()
+    work.mkdir(parents=True, exist_ok=True)
+    numbers = range(options.first, options.first + options.count)
+    return options.seed, kept(
+        work / f"seed{options.seed}.jsonl",
+        source_hash(ROOT / "thermohyd", ROOT / "identify"),
+        {f"{noun}_{number:0{digits}d}": (options.seed, number) for number in numbers},
+        ask,
+        options.processes,
+        any_version=options.any_version or options.show,
+        ask_more=not options.show,
     )
 
 

@@ -10,7 +10,6 @@ both in different amounts; the clearance differs and an effect is in one. Every 
 Answers are appended to build/compare_pairs/*.jsonl; an interrupted run goes on where it stopped.
 """
 
-import argparse
 import sys
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -22,7 +21,7 @@ from scipy.stats import binomtest
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from _hidden_run import ROOT, kept, plain, source_hash
+from _hidden_run import ROOT, answers_of_seeds, plain
 
 
 WORK = ROOT / "build" / "compare_pairs"
@@ -258,26 +257,7 @@ def table(answers: dict[str, dict[str, Any]]) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--pairs", type=int, default=40)
-    parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--seed", type=int, default=1, help="1: development; others are looked at once")
-    parser.add_argument("--processes", type=int, default=1)
-    parser.add_argument("--any-version", action="store_true", help="keep answers of an earlier state of the program")
-    parser.add_argument("--show", action="store_true", help="only the table of the answers so far, of any version")
-    options = parser.parse_args()
-    WORK.mkdir(parents=True, exist_ok=True)
-    numbers = range(options.first, options.first + options.pairs)
-    found = kept(
-        WORK / f"seed{options.seed}.jsonl",
-        source_hash(ROOT / "thermohyd", ROOT / "identify"),
-        {f"pair_{number:02d}": (options.seed, number) for number in numbers},
-        ask,
-        options.processes,
-        any_version=options.any_version or options.show,
-        ask_more=not options.show,
-    )
-    print(table(found))
+    print(table(answers_of_seeds(__doc__ or "", "pair", 40, WORK, 2, ask)[1]))
 
 
 if __name__ == "__main__":

@@ -15,11 +15,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.stats import beta
 
 
 sys.path.insert(0, str(Path(__file__).parent))
 
+from _hidden_bench_tables import rate
 from _hidden_run import ROOT, answer_within, folder_of_set, kept, records_of_set, source_hash
 
 
@@ -122,22 +122,10 @@ def ask(job: tuple[Path, tuple[str, ...], bool]) -> dict[str, Any]:
 RATES = ("place", "quantity", "allowed", "both", "both_allowed")
 
 
-def rate(good: int, count: int) -> str:
-    """A rate with its 95 % interval (Clopper and Pearson)."""
-    if not count:
-        return "none"
-    low = float(beta.ppf(0.025, good, count - good + 1)) if good else 0.0
-    high = float(beta.ppf(0.975, good + 1, count - good)) if good < count else 1.0
-    return f"{good} of {count} ({100 * good / count:.0f} %, {100 * low:.0f} to {100 * high:.0f})"
-
-
-def _family(place: str) -> str:
-    """The quantity, whichever edges."""
-    return place if place.startswith("reading:") else place.split(":")[0]
-
-
 def table(truth: dict[str, Any], answers: dict[str, dict[str, Any]]) -> str:
     """The rates, then a line per record."""
+    from thermohyd.identify.diagnosis.typed_terms import family
+
     lines, rows = [], []
     scores: dict[str, list[bool]] = {key: [] for key in ("false", "standin", *RATES, *(f"{one} told" for one in RATES))}
     left: list[float] = []
@@ -168,7 +156,7 @@ def table(truth: dict[str, Any], answers: dict[str, dict[str, Any]]) -> str:
                     [] if first is None else [(first["place"], first["variable"]), *map(tuple, first["alternatives"])]
                 )
                 scores["place"].append(bool(pairs) and pairs[0][0] in places)
-                scores["quantity"].append(bool(pairs) and _family(pairs[0][0]) in {_family(p) for p in places})
+                scores["quantity"].append(bool(pairs) and family(pairs[0][0]) in {family(p) for p in places})
                 scores["both"].append(bool(pairs) and pairs[0][0] in places and pairs[0][1] in variables)
                 scores["allowed"].append(any(p in places for p, _ in pairs))
                 scores["both_allowed"].append(any(p in places and v in variables for p, v in pairs))
@@ -187,7 +175,7 @@ def table(truth: dict[str, Any], answers: dict[str, dict[str, Any]]) -> str:
                 if first is not None:
                     left.append(1.0 - first["gap_closed"])
         rows.append(f"| {name} | {what} | {words} | {closes} | {mark} |")
-    count = lambda key: rate(sum(scores[key]), len(scores[key]))
+    count = lambda key: rate(scores[key])
     lines += [
         f"- right place first: {count('place')}; right but for which edges: {count('quantity')}",
         f"- right place first or among what the readings allow as well: {count('allowed')}",

@@ -8,7 +8,6 @@ record hides one effect of the library, in turn, in 0.6, 1 or 1.6 times the amou
 The plan knows the conditions, the noise and the valve's parameters ("expected"), or takes the nominal valve ("nominal").
 """
 
-import argparse
 import sys
 from functools import cache
 from pathlib import Path
@@ -20,7 +19,7 @@ from scipy.stats import binomtest
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from _hidden_run import ROOT, kept, plain, source_hash
+from _hidden_run import ROOT, answers_of_seeds, plain
 from compare_pairs import share
 
 
@@ -223,27 +222,10 @@ def picture(answers: dict[str, dict[str, Any]], path: Path) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--records", type=int, default=84)
-    parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--seed", type=int, default=1, help="1: development; others are looked at once")
-    parser.add_argument("--processes", type=int, default=1)
-    parser.add_argument("--any-version", action="store_true", help="keep answers of an earlier state of the program")
-    parser.add_argument("--show", action="store_true", help="only the table of the answers so far, of any version")
-    options = parser.parse_args()
-    WORK.mkdir(parents=True, exist_ok=True)
-    found = kept(
-        WORK / f"seed{options.seed}.jsonl",
-        source_hash(ROOT / "thermohyd", ROOT / "identify"),
-        {f"record_{n:03d}": (options.seed, n) for n in range(options.first, options.first + options.records)},
-        ask,
-        options.processes,
-        any_version=options.any_version or options.show,
-        ask_more=not options.show,
-    )
+    seed, found = answers_of_seeds(__doc__ or "", "record", 84, WORK, 3, ask)
     found = {name: answer if "error" in answer else with_chances(answer) for name, answer in found.items()}
     print(table(found))
-    picture(found, WORK / f"seed{options.seed}.png")
+    picture(found, WORK / f"seed{seed}.png")
 
 
 if __name__ == "__main__":

@@ -30,6 +30,7 @@ from .ports import (
     port_flows,
     ports_at,
     return_temperature,
+    with_what_enters,
 )
 
 
@@ -121,9 +122,7 @@ def ports_with_crossing(
     ports = ports_at(flows, drops)
     extra = ports.crossing
     if conductance is None:
-        if extra is None:
-            return ports, jnp.zeros(()), jnp.zeros(())
-        return ports, _positive(extra), _positive(-extra)
+        return ports, *with_what_enters(jnp.zeros(()), jnp.zeros(()), extra)
     up, down = drops.supply_drop, drops.return_drop
     # p_A - p_B from the smaller drops keeps its digits where both ports are near one end.
     drop = jnp.where(jnp.sum(up, axis=0) < jnp.sum(down, axis=0), up[1] - up[0], down[0] - down[1])
@@ -137,8 +136,7 @@ def ports_with_crossing(
         arriving = other + flows.heat_retention * throttling_rise(flows.oil, -fall, mean, other)
         warm = ports.temperature + into * (arriving - ports.temperature) / (ports.inflow + into)
         ports = eqx.tree_at(lambda p: (p.temperature, p.outflow), ports, (warm, flows.outflow(drops.return_drop, warm)))
-    if extra is not None:
-        into, out = into + _positive(extra), out + _positive(-extra)
+    into, out = with_what_enters(into, out, extra)
     return Ports(ports.pressure, ports.temperature, ports.inflow, ports.outflow, crossing=into - out), into, out
 
 
@@ -200,13 +198,8 @@ def coupled_connected_ports(
 
     def balance(q: Float[Array, "1 rows"], inside: Conditions) -> tuple[Float[Array, "1 rows"], Ports]:
         ports = ports_at(eqx.tree_at(lambda f: f.conditions, flows, inside), between(q[0], inside))
-        into, out = jnp.sum(ports.inflow, axis=0), jnp.sum(ports.outflow, axis=0)
-        if ports.crossing is not None:
-            into, out = (
-                into + jnp.sum(_positive(ports.crossing), axis=0),
-                out + jnp.sum(_positive(-ports.crossing), axis=0),
-            )
-        return jnp.log(into / out)[None], ports
+        into, out = with_what_enters(ports.inflow, ports.outflow, ports.crossing)
+        return jnp.log(jnp.sum(into, axis=0) / jnp.sum(out, axis=0))[None], ports
 
     def alone(q: Float[Array, " rows"]) -> Float[Array, " rows"]:
         return balance(q[None], conditions)[0][0]
@@ -277,11 +270,10 @@ def coupled_loaded_ports(
             mass = conductance * density(oil, mean, jnp.where(load > 0.0, warm[0], warm[1]))
             into = mass * _positive(-fall)
             crossing = into - mass * _positive(fall)
-        came = jnp.sum(_positive(inflow) + _positive(-outflow), axis=0)
-        left = jnp.sum(_positive(outflow) + _positive(-inflow), axis=0)
         extra = mass_from_outside(coupling.inflows, pressure, oil, inside)
+        came, left = _positive(inflow) + _positive(-outflow), _positive(outflow) + _positive(-inflow)
+        came, left = (jnp.sum(flow, axis=0) for flow in with_what_enters(came, left, extra))
         if extra is not None:
-            came, left = came + jnp.sum(_positive(extra), axis=0), left + jnp.sum(_positive(-extra), axis=0)
             crossing = extra if crossing is None else crossing + extra
         ports = Ports(pressure, warm, inflow, outflow, crossing)
         residual = jnp.log(came / left)[None]

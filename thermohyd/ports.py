@@ -98,6 +98,13 @@ def mass_from_outside(
     return density(oil, pressure, conditions.temperature) * volume
 
 
+def with_what_enters(
+    into: Float[Array, "..."], out: Float[Array, "..."], extra: Float[Array, "..."] | None
+) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+    """Mass flows [kg/s] into and out of ports with what comes in by no edge, below 0: goes out; None: nothing does."""
+    return (into, out) if extra is None else (into + _positive(extra), out + _positive(-extra))
+
+
 def port_flows(
     edges: Edges,
     oil: Oil,
@@ -145,9 +152,7 @@ def blocked_ports(
         drops = between(q, conditions)
         temperature = flows.port_temperature(drops.supply_drop)
         into, out = flows.inflow(drops.supply_drop), flows.outflow(drops.return_drop, temperature)
-        extra = flows.entering(drops)
-        if extra is not None:
-            into, out = into + _positive(extra), out + _positive(-extra)
+        into, out = with_what_enters(into, out, flows.entering(drops))
         return jnp.log(into / out)
 
     q = falling_root(log_ratio, jnp.zeros((2, *conditions.position.shape)))
@@ -167,12 +172,9 @@ def connected_ports(
     def log_ratio(q: Float[Array, " rows"]) -> Float[Array, " rows"]:
         drops = between(q, conditions)
         temperature = flows.port_temperature(drops.supply_drop)
-        into = jnp.sum(flows.inflow(drops.supply_drop), axis=0)
-        out = jnp.sum(flows.outflow(drops.return_drop, temperature), axis=0)
-        extra = flows.entering(drops)
-        if extra is not None:
-            into, out = into + jnp.sum(_positive(extra), axis=0), out + jnp.sum(_positive(-extra), axis=0)
-        return jnp.log(into / out)
+        into, out = flows.inflow(drops.supply_drop), flows.outflow(drops.return_drop, temperature)
+        into, out = with_what_enters(into, out, flows.entering(drops))
+        return jnp.log(jnp.sum(into, axis=0) / jnp.sum(out, axis=0))
 
     # What enters from outside may push the pressure far from the middle.
     steps = NEWTON_STEPS if outside else CONNECTED_STEPS
@@ -265,8 +267,7 @@ def loaded_ports(
         ports = state(q)
         into = _positive(ports.inflow) + _positive(-ports.outflow)
         out = _positive(ports.outflow) + _positive(-ports.inflow)
-        if ports.crossing is not None:
-            into, out = into + _positive(ports.crossing), out + _positive(-ports.crossing)
+        into, out = with_what_enters(into, out, ports.crossing)
         return jnp.log(jnp.sum(into, axis=0) / jnp.sum(out, axis=0))
 
     return state(falling_root(log_ratio, jnp.zeros(c.position.shape), NEWTON_STEPS))

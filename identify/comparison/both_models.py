@@ -21,6 +21,7 @@ from thermohyd.identify.fitting.bench_faults import info_of, is_fault
 from thermohyd.identify.fitting.library import Library, asks_for_more
 from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.fitting.problem_fit import Fit
+from thermohyd.identify.fitting.problem_solution import misfit_scale
 
 from .joint_fit import Part
 
@@ -48,8 +49,7 @@ class Diagnosed:
     @property
     def scale(self) -> float:
         """Variance of the whitened residuals, at least 1."""
-        rows = len(self.fit.residual) - len(self.problem.parameters)
-        return max(self.fit.chi2 / max(rows - len(self.fit.free), 1), 1.0)
+        return misfit_scale(self.problem, self.fit)
 
     def fitted_with(self, effects: Iterable[str], *, stays: bool = False) -> "Diagnosed":
         """The same with these effects of its library freed, and its own faults of the bench."""

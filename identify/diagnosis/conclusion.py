@@ -6,7 +6,7 @@ bars by generalised least squares.
 
 import re
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -31,7 +31,7 @@ from .case import Case, Progress
 from .final_model import FinalModel, exchange_fits, held_out_result, scattered
 from .found_faults import alternative, with_evidence, with_faults_apart
 from .held_out import Split
-from .left_over import lack_of_fit, learn as learn_term, smooth_block, variations_of
+from .left_over import LackOfFit, lack_of_fit, learn as learn_term, smooth_block, variations_of
 from .model_average import with_rivals
 from .next_test import check_of, next_test, what_shows
 from .other_law import ANOTHER_LAW, OtherLawSays, what_the_other_law_says
@@ -133,31 +133,17 @@ def conclude(
         patched = scattered(case, model.fit)
         asked = problem.fit(model.fit.physics, model.fit.values, hop_basins=True) if patched else model.fit
         found = terms_of(problem, asked, split, say)
-    terms = tuple(as_term(term) for term in found)
-    fit, term, left, beside = model.fit, None, model.left, None
-    if learn and found and found[0].learnable:
-        say(f"learning how {found[0].fitted.term.place} goes with {found[0].fitted.term.variable}")
-        best = found[0].fitted
-        problem, fit = best.problem, best.fit
-        whole = with_coefficients(best)
-        beside = whole.columns[:, len(fit.order) :]
-        known = gls_covariance(fit, max(fit.chi2 / len(fit.residual), 1.0), len(problem.parameters), beside)
-        term = with_covariance(best.term, fit.free, known.matrix)
-        problem = problem.with_terms(term)
-        left = lack_of_fit(problem, replace(whole, columns=whole.columns), smooth_block(problem, len(fit.residual)))
-        terms = (replace(terms[0], learned=True), *terms[1:])
-    elif learn and smooth:
-        say(f"learning how {smooth[0].quantity} varies with {smooth[0].variable}")
-        problem, fit, term = learn_term(problem, fit, smooth[0])
-        left = lack_of_fit(problem, fit, smooth_block(problem, len(fit.residual)))
-        smooth = (_learned(smooth[0], term), *smooth[1:])
+    end = _with_learned(problem, model, found, smooth, learn, say)
+    problem, fit, term, terms, smooth = end.problem, end.fit, end.term, end.terms, end.smooth
     # Error bars know a misfit that remains. Of runs in time there is no such curve, and a learned term is one.
     beside_noise = model.disagrees and term is None and not problem.in_motion
     remaining = remaining_misfit(problem, fit, say) if beside_noise else None
     held = _held_out(case, split, model, fit, term, smooth, first, remaining, say)
     before = result_of(case.problem, base, case.fitted, case.noise, scale=max(base.chi2 / len(base.residual), 1.0))
     kept = fit if remaining is None else remaining.fit
-    after = result_of(problem, kept, case.fitted, case.noise, max(fit.chi2 / len(fit.residual), 1.0), remaining, beside)
+    after = result_of(
+        problem, kept, case.fitted, case.noise, max(fit.chi2 / len(fit.residual), 1.0), remaining, end.beside
+    )
     if term is None:
         rivals = model.rivals if remaining is None else weighed_again(problem, model.rivals, remaining)
         weighing = problem if remaining is None else remaining.weighing(problem)
@@ -240,7 +226,7 @@ def conclude(
         variations=smooth,
         evidence=seen,
         noise=_noise(case),
-        left_over_p=left.p_value,
+        left_over_p=end.left.p_value,
         critical_level=first.critical,
         seconds=0.0,
         evaluations=problem.work.evaluations,
@@ -270,6 +256,47 @@ def stopped(evaluations: int) -> str:
         f"the search was ended after {evaluations:,} evaluations of the model, with something left to find: it names what it "
         "had found by then, and the record counts as unexplained"
     )
+
+
+@dataclass(frozen=True)
+class _Learned:
+    """The final model with what was learned at the user's word, if anything. beside: columns of a typed term's coefficients."""
+
+    problem: Problem
+    fit: Fit
+    left: LackOfFit
+    terms: tuple[Term, ...]
+    smooth: tuple[Variation, ...]
+    term: LearnedTerm | TypedTerm | None = None
+    beside: np.ndarray | None = None
+
+
+def _with_learned(
+    problem: Problem,
+    model: FinalModel,
+    found: tuple[Found, ...],
+    smooth: tuple[Variation, ...],
+    learn: bool,
+    say: Progress,
+) -> _Learned:
+    """The leading typed term where one holds, else the leading smooth variation, where the user wants to learn."""
+    terms = tuple(as_term(term) for term in found)
+    if learn and found and found[0].learnable:
+        best = found[0].fitted
+        say(f"learning how {best.term.place} goes with {best.term.variable}")
+        fit, whole = best.fit, with_coefficients(best)
+        beside = whole.columns[:, len(fit.order) :]
+        known = gls_covariance(fit, max(fit.chi2 / len(fit.residual), 1.0), len(problem.parameters), beside)
+        term = with_covariance(best.term, fit.free, known.matrix)
+        problem = best.problem.with_terms(term)
+        left = lack_of_fit(problem, whole, smooth_block(problem, len(fit.residual)))
+        return _Learned(problem, fit, left, (replace(terms[0], learned=True), *terms[1:]), smooth, term, beside)
+    if learn and smooth:
+        say(f"learning how {smooth[0].quantity} varies with {smooth[0].variable}")
+        problem, fit, term = learn_term(problem, model.fit, smooth[0])
+        left = lack_of_fit(problem, fit, smooth_block(problem, len(fit.residual)))
+        return _Learned(problem, fit, left, terms, (_learned(smooth[0], term), *smooth[1:]), term)
+    return _Learned(problem, model.fit, model.left, terms, smooth)
 
 
 def _held_out(

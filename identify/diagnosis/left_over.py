@@ -214,12 +214,14 @@ def _times(problem: Problem, at: Fit, quantity: str, shapes: np.ndarray) -> np.n
     """A quantity's own column times shapes (readings, degrees), whitened; zero in the rows of priors."""
     size = MICRON if quantity in ABSOLUTE else _size(quantity, at)
     slope = at.column(factor_on(quantity) or quantity) * size
-    block = np.zeros((len(at.residual), shapes.shape[1]))
-    first = 0
+    return whitened_rows(problem, slope[: len(shapes), None] * shapes, len(at.residual))
+
+
+def whitened_rows(problem: Problem, columns: np.ndarray, rows: int) -> np.ndarray:
+    """Columns (readings, k) in units of the noise, whitened like a residual of `rows` rows; zero in those of priors."""
+    block = np.zeros((rows, columns.shape[1]))
     for key, place in problem.rows().items():
-        count = place.stop - place.start
-        block[place] = whiten_on_host(problem.whitening(key), slope[place, None] * shapes[first : first + count])
-        first += count
+        block[place] = whiten_on_host(problem.whitening(key), columns[place])
     return block
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from thermohyd.identify.fitting.model_form import refit
 from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.fitting.problem_fit import Fit
+from thermohyd.identify.fitting.problem_solution import misfit_scale
 
 from .rivals import ALIKE
 from .search import implausible
@@ -44,9 +45,7 @@ def what_the_other_law_says(problem: Problem, final: Fit, critical: float) -> Ot
     the better of both laws leaves, would not have been found with the other law.
     """
     there, whole = refit(problem, final.effects, final.values)
-    rows = len(final.residual) - len(problem.parameters)
-    left = lambda fit: max(fit.chi2 / max(rows - len(fit.free), 1), 1.0)
-    scale = min(left(whole), left(final))
+    scale = min(misfit_scale(there, whole), misfit_scale(problem, final))
     needed = whole
     while needed.effects:
         without = [

@@ -18,7 +18,7 @@ from thermohyd.identify.bench.test_record import TestRecord
 from thermohyd.identify.fitting.discrepancy import Discrepancy
 from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.fitting.problem_fit import Fit
-from thermohyd.identify.fitting.problem_solution import gls_covariance
+from thermohyd.identify.fitting.problem_solution import gls_covariance, misfit_scale
 from thermohyd.identify.fitting.uncertainty import Covariance
 from thermohyd.identify.reduction.monotone_pieces import piece_bounds, sweep_ids
 
@@ -42,18 +42,6 @@ WITHIN = 5.0  # natural steps that a parameter may lie away where the runs left 
 
 
 @dataclass(frozen=True)
-class Curves:
-    """Curves (rows, k) over a channel's sweeps, of unit variance at every row in units of the channel's typical noise, whitened.
-
-    key: test, channel. common: whether all sweeps share them.
-    """
-
-    key: tuple[str, str]
-    common: bool
-    columns: np.ndarray
-
-
-@dataclass(frozen=True)
 class Beside:
     """A fit beside a discrepancy, curves of one length and of these sizes (variances, in those of the noise); None: beside the noise.
 
@@ -71,15 +59,11 @@ class Beside:
 class Remaining:
     """What a model misses as a part of the readings' error. believed: under which runs left out are least surprising.
 
-    weighed: what the fit that is kept weighs its readings by. score: of `believed` on runs left out, in units of log likelihood, over
-    that of the noise widened to the misfit. errors: mean square misfit of runs left out by fits beside `believed`, over that by fits
-    beside the noise alone; the geometric mean over the channels.
+    weighed: what the fit that is kept weighs its readings by.
     """
 
     weighed: Beside
     believed: Beside
-    score: float
-    errors: float
     channels: tuple[ChannelDiscrepancy, ...]
 
     @property
@@ -109,7 +93,7 @@ def weighing(problem: Problem, beside: Beside) -> Problem:
     if beside.sizes is None or problem.used is None:
         return problem.with_discrepancy(beside.discrepancy)
     curves = _curves(problem, beside.length, len(beside.fit.residual))
-    columns = [c.columns * np.sqrt(size) for c, size in zip(curves, beside.sizes, strict=True)]
+    columns = [own * np.sqrt(size) for own, size in zip(curves, beside.sizes, strict=True)]
     return problem.with_discrepancy(Discrepancy(np.concatenate(columns, axis=1)))
 
 
@@ -117,21 +101,17 @@ def remaining_misfit(problem: Problem, fit: Fit, say: Callable[[str], None] = la
     """The discrepancy beside `fit`, and the fit that predicts runs left out best."""
     say("how far readings may be trusted beside the misfit")
     parts = runs_left_out(problem.tests)
-    alone = Beside(fit, _scale(problem, fit))
+    alone = Beside(fit, misfit_scale(problem, fit))
     tried = [alone, *(_fitted(problem, fit, length) for length in LENGTHS)]
-    scores = [left_out_score(problem, beside, parts) for beside in tried]
-    believed = tried[int(np.argmax(scores))]
-    channels = tuple(_channels(problem, believed))
-    errors = np.ones(1)
+    believed = max(tried, key=lambda beside: left_out_score(problem, beside, parts))
+    weighed = alone
     if believed is not alone:
         say("which weights predict runs left out best")
         errors = left_out_errors(problem, believed, parts) / left_out_errors(problem, alone, parts)
-    ratio = float(np.exp(np.mean(np.log(errors))))
-    weighed = alone
-    if ratio < BETTER:
-        beside = problem.with_discrepancy(believed.discrepancy)
-        weighed = replace(believed, fit=beside.fit(fit.effects, believed.fit.values, patient=True))
-    return Remaining(weighed, believed, max(scores) - scores[0], ratio, channels)
+        if np.exp(np.mean(np.log(errors))) < BETTER:
+            beside = problem.with_discrepancy(believed.discrepancy)
+            weighed = replace(believed, fit=beside.fit(fit.effects, believed.fit.values, patient=True))
+    return Remaining(weighed, believed, tuple(_channels(problem, believed)))
 
 
 def weighed_again(problem: Problem, rivals: Mapping[str, Rivals], remaining: Remaining) -> dict[str, Rivals]:
@@ -164,16 +144,11 @@ def runs_left_out(tests: Mapping[str, TestRecord]) -> np.ndarray:
     return np.concatenate([by_test[name] for name, test in tests.items() for _ in test.channels])
 
 
-def _scale(problem: Problem, fit: Fit) -> float:
-    rows = len(fit.residual) - len(problem.parameters)
-    return max(fit.chi2 / max(rows - len(fit.free), 1), 1.0)
-
-
 def _fitted(problem: Problem, fit: Fit, length: float) -> Beside:
     """Sizes and fit in turn, for curves of one length."""
     curves = list(_curves(problem, length, len(fit.residual)))
-    columns = np.concatenate([c.columns for c in curves], axis=1)
-    which = np.repeat(np.arange(len(curves)), [c.columns.shape[1] for c in curves])
+    columns = np.concatenate(curves, axis=1)
+    which = np.repeat(np.arange(len(curves)), [own.shape[1] for own in curves])
     seen, found, sizes, discrepancy = fit, fit, np.ones(len(curves)), Discrepancy(columns)
     for _ in range(ROUNDS):
         before, sizes = sizes, likeliest_sizes(seen, columns, which, sizes)
@@ -183,7 +158,7 @@ def _fitted(problem: Problem, fit: Fit, length: float) -> Beside:
         changed = np.abs(np.sqrt(sizes) - np.sqrt(before)) > SETTLED * np.sqrt(np.maximum(sizes, 1.0))
         if not changed.any():
             break
-    return Beside(found, _scale(problem, found), length, sizes, discrepancy)
+    return Beside(found, misfit_scale(problem, found), length, sizes, discrepancy)
 
 
 def _channels(problem: Problem, beside: Beside) -> Iterator[ChannelDiscrepancy]:
@@ -201,8 +176,11 @@ def _typical(problem: Problem, key: tuple[str, str]) -> float:
     return float(np.sqrt(np.mean(problem.noise.std[key] ** 2)))
 
 
-def _curves(problem: Problem, length: float, rows: int) -> Iterator[Curves]:
-    """Of each channel the curves that its sweeps share, then those of each sweep; rows: of a fit's residual."""
+def _curves(problem: Problem, length: float, rows: int) -> Iterator[np.ndarray]:
+    """Of each channel the curves (rows, k) that its sweeps share, then those of each sweep; rows: of a fit's residual.
+
+    Of unit variance at every row in units of the channel's typical noise, whitened, 0 elsewhere.
+    """
     for key, place in problem.rows().items():
         test = problem.tests[key[0]]
         rank = np.empty(test.rows)
@@ -214,10 +192,10 @@ def _curves(problem: Problem, length: float, rows: int) -> Iterator[Curves]:
         own = np.zeros((test.rows, each * len(sweeps)))
         for number, (start, stop) in enumerate(sweeps):
             own[start:stop, number * each : (number + 1) * each] = of_one[start:stop]
-        for common, columns in ((True, shared), (False, own)):
+        for columns in (shared, own):
             block = np.zeros((rows, columns.shape[1]))
             block[place] = whitened(problem, key, columns * _typical(problem, key))
-            yield Curves(key, common, block)
+            yield block
 
 
 def kernel_curves(place: np.ndarray, length: float, count: int) -> np.ndarray:

@@ -27,12 +27,12 @@ from thermohyd.identify.model.typed_terms import (
     read_as,
     values_of,
 )
-from thermohyd.identify.noise.whitening import whiten_on_host
 
 from .case import Progress
 from .confirmation import PROVEN, parts_left_out, predicted_apart
 from .final_model import ON_HELD_OUT, closed, mean_square
 from .held_out import Split
+from .left_over import whitened_rows
 from .max_t import MaxT
 from .screening import LEAST_KEPT, Projection
 
@@ -241,10 +241,7 @@ def _values(problem: Problem, variable: str, place: Place, states: States, null:
 
 def _whitened(problem: Problem, fit: Fit, columns: np.ndarray) -> np.ndarray:
     """Columns (readings, k) in units of the noise, whitened as the residual is, zero in the rows of priors and in rows not used."""
-    block = np.zeros((len(fit.residual), columns.shape[1]))
-    for key, place in problem.rows().items():
-        block[place] = whiten_on_host(problem.whitening(key), columns[place])
-    return block * fit.used[:, None]
+    return whitened_rows(problem, columns, len(fit.residual)) * fit.used[:, None]
 
 
 def term_columns(
@@ -308,7 +305,7 @@ def leading(table: Table) -> list[Scored]:
     """Whom a refit asks: the best pairs, of one place a few."""
     chosen: list[Scored] = []
     for found in table.ranked:
-        same = sum(_family(c.entry.place) == _family(found.entry.place) for c in chosen)
+        same = sum(family(c.entry.place) == family(found.entry.place) for c in chosen)
         twin = any(_alike(c, found) for c in chosen)
         if same < FROM_ONE_PLACE and not twin and table.p_value(found) <= LEVEL:
             chosen.append(found)
@@ -317,7 +314,8 @@ def leading(table: Table) -> list[Scored]:
     return chosen
 
 
-def _family(place: str) -> str:
+def family(place: str) -> str:
+    """The quantity of a place, whichever edges; a reading is one of its own."""
     return place if place.startswith("reading:") else place.split(":")[0]
 
 
@@ -544,7 +542,7 @@ def _other_edges(
     new = [
         s
         for s in table.ranked
-        if s.entry.variable == variable and _family(s.entry.place) == _family(place) and s.entry.pair not in known
+        if s.entry.variable == variable and family(s.entry.place) == family(place) and s.entry.pair not in known
     ]
     return [(s, ask(s)) for s in new]
 

@@ -41,6 +41,12 @@ def solution_of(problem: Problem, fit: Fit, seen: Fit | None = None) -> LeastSqu
     )  # fmt: skip
 
 
+def misfit_scale(problem: Problem, fit: Fit) -> float:
+    """Reduced chi-square of the readings beside a fit, at least 1."""
+    rows = len(fit.residual) - len(problem.parameters)
+    return max(fit.chi2 / max(rows - len(fit.free), 1), 1.0)
+
+
 def gls_covariance(fit: Fit, scale: float, priors: int, beside: np.ndarray | None = None) -> Covariance:
     """(J'J)^-1 of the whitened problem over `fit.free`; scale: variance of the whitened residuals where it exceeds 1.
 

@@ -259,7 +259,7 @@ def predict_test(model: Model, record: BenchRecord, test: TestRecord) -> dict[st
     smooth = row_terms(model, test)
     ask = lambda more, wanted: predicted_in_pieces(valve, rowwise, values, amounts, smooth | more, test, wanted)
     columns, of_terms = _with_typed_terms(model, test, channels, ask)
-    free = (*free, *of_terms)
+    free, covariance = (*free, *of_terms), joint_covariance(model)
     out: dict[str, tuple[np.ndarray, np.ndarray]] = {}
     for name in channels:
         slope = dict(zip(("", *rowwise), columns[name], strict=True))  # the reading itself under no name
@@ -269,7 +269,7 @@ def predict_test(model: Model, record: BenchRecord, test: TestRecord) -> dict[st
         slope = as_read(slope, model, test, name)
         out[name] = (
             slope[""],
-            _deviation([slope.get(n, np.zeros(test.rows)) for n in free], joint_covariance(model), test.rows),
+            _deviation([slope.get(n, np.zeros(test.rows)) for n in free], covariance, test.rows),
         )
     return out
 

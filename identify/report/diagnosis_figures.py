@@ -140,17 +140,16 @@ _AXES = {"m": ("um", 1e6), "Pa": ("bar", 1e-5), "m3/s": ("l/min", 6e4), "Pa/s": 
 def _draw_term(axes: Axes, found: Term) -> None:
     x_unit, x_size = _AXES.get(found.variable_unit, (found.variable_unit, 1.0))
     label, scale = ("%", 100.0) if found.place_unit == "1" else _AXES[found.place_unit]
-    colour = LEARNED if found.learned else CURVE
-    x, y, band = found.variable_values * x_size, found.curve * scale, 1.96 * found.band * scale
-    axes.axhline(0.0, color=look.FAINT, linewidth=0.8)
-    axes.fill_between(x, y - band, y + band, color=colour, alpha=0.22, linewidth=0.0)
-    axes.plot(x, y, color=colour)
     closes = f"closes {percent(max(found.gap_closed, 0.0))}" if np.isfinite(found.gap_closed) else ""
-    axes.set_title(
-        f"{found.place.replace('_', ' ')}{' (LEARNED)' if found.learned else ''}\n{found.law}{f', {closes}' if closes else ''}",
-        loc="left",
-        color=look.INK if found.learned else look.FAINT,
-        fontsize=9,
+    figures = f"{found.law}{f', {closes}' if closes else ''}"
+    _draw_curve(
+        axes,
+        found.place,
+        figures,
+        found.variable_values * x_size,
+        found.curve * scale,
+        found.band * scale,
+        found.learned,
     )
     axes.set_xlabel(f"{found.variable.replace('_', ' ')}{f' [{x_unit}]' if x_unit != '1' else ''}")
     axes.set_ylabel(f"shift [{label}]")
@@ -160,23 +159,30 @@ def _draw(axes: Axes, found: Variation) -> None:
     unit = column_unit(found.variable)
     label, scale = ("%", 100.0) if found.unit in ("1", "dimensionless", "") else _unit(found.unit)
     order = np.argsort(found.variable_values)
-    x = unit.of(found.variable_values[order])
-    y, band = found.curve[order] * scale, 1.96 * found.band[order] * scale
-    colour = LEARNED if found.learned else CURVE
-    axes.axhline(0.0, color=look.FAINT, linewidth=0.8)
-    axes.fill_between(x, y - band, y + band, color=colour, alpha=0.22, linewidth=0.0)
-    axes.plot(x, y, color=colour)
     figures = [f"closes {percent(found.gap_closed)}"] if np.isfinite(found.gap_closed) else []
     p = p_words(found.p_value)
     figures += [f"p {p}" if p.startswith("<") else f"p = {p}"] if p else []
-    axes.set_title(
-        f"{found.quantity.replace('_', ' ')}{' (LEARNED)' if found.learned else ''}\n{', '.join(figures)}",
-        loc="left",
-        color=look.INK if found.learned else look.FAINT,
-        fontsize=9,
-    )
+    x = unit.of(found.variable_values[order])
+    curve, band = found.curve[order] * scale, found.band[order] * scale
+    _draw_curve(axes, found.quantity, ", ".join(figures), x, curve, band, found.learned)
     axes.set_xlabel(f"{found.variable.replace('_', ' ')}{f' [{unit.label}]' if unit.label else ''}")
     axes.set_ylabel(f"change [{label}]")
+
+
+def _draw_curve(
+    axes: Axes, what: str, figures: str, x: np.ndarray, curve: np.ndarray, std: np.ndarray, learned: bool
+) -> None:
+    """A curve with its 95 % band, and above it what it is of."""
+    colour, band = LEARNED if learned else CURVE, 1.96 * std
+    axes.axhline(0.0, color=look.FAINT, linewidth=0.8)
+    axes.fill_between(x, curve - band, curve + band, color=colour, alpha=0.22, linewidth=0.0)
+    axes.plot(x, curve, color=colour)
+    axes.set_title(
+        f"{what.replace('_', ' ')}{' (LEARNED)' if learned else ''}\n{figures}",
+        loc="left",
+        color=look.INK if learned else look.FAINT,
+        fontsize=9,
+    )
 
 
 def _unit(si_unit: str) -> tuple[str, float]:
