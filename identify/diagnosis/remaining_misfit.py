@@ -33,7 +33,8 @@ from .screening import Projection
 # Shares of a sweep's readings over which what is missed stays alike: narrower is noise, wider the parameters follow.
 LENGTHS = (0.05, 0.15, 0.5)
 CURVES = {0.05: 24, 0.15: 12, 0.5: 6}  # of a sweep: three for each length, so that the law between them is the kernel's
-MOST_CURVES, FEWEST_CURVES = 300, 3  # of all sweeps of a channel; of one sweep
+# Of all sweeps of a channel, and of one sweep; where there are more sweeps than that allows, some share theirs.
+MOST_CURVES, FEWEST_CURVES = 300, 3
 ROUNDS, SETTLED = 4, 0.05  # of size and fit in turn, until no size changes by more than this
 MOST_TURNS = 40  # of the search for the sizes
 SMALLEST, LARGEST = 1e-8, 1e8  # variance of a curve, against the noise
@@ -92,7 +93,7 @@ def weighing(problem: Problem, beside: Beside) -> Problem:
     """A problem whose readings are known to the noise and to a discrepancy, in the rows that it uses."""
     if beside.sizes is None or problem.used is None:
         return problem.with_discrepancy(beside.discrepancy)
-    curves = _curves(problem, beside.length, len(beside.fit.residual))
+    curves = curves_of(problem, beside.length, len(beside.fit.residual))
     columns = [own * np.sqrt(size) for own, size in zip(curves, beside.sizes, strict=True)]
     return problem.with_discrepancy(Discrepancy(np.concatenate(columns, axis=1)))
 
@@ -146,7 +147,7 @@ def runs_left_out(tests: Mapping[str, TestRecord]) -> np.ndarray:
 
 def _fitted(problem: Problem, fit: Fit, length: float) -> Beside:
     """Sizes and fit in turn, for curves of one length."""
-    curves = list(_curves(problem, length, len(fit.residual)))
+    curves = list(curves_of(problem, length, len(fit.residual)))
     columns = np.concatenate(curves, axis=1)
     which = np.repeat(np.arange(len(curves)), [own.shape[1] for own in curves])
     seen, found, sizes, discrepancy = fit, fit, np.ones(len(curves)), Discrepancy(columns)
@@ -176,7 +177,7 @@ def _typical(problem: Problem, key: tuple[str, str]) -> float:
     return float(np.sqrt(np.mean(problem.noise.std[key] ** 2)))
 
 
-def _curves(problem: Problem, length: float, rows: int) -> Iterator[np.ndarray]:
+def curves_of(problem: Problem, length: float, rows: int) -> Iterator[np.ndarray]:
     """Of each channel the curves (rows, k) that its sweeps share, then those of each sweep; rows: of a fit's residual.
 
     Of unit variance at every row in units of the channel's typical noise, whitened, 0 elsewhere.
@@ -187,11 +188,13 @@ def _curves(problem: Problem, length: float, rows: int) -> Iterator[np.ndarray]:
         rank[np.argsort(test.place, kind="stable")] = np.arange(test.rows) / max(test.rows - 1, 1)
         sweeps = list(piece_bounds(sweep_ids(test)))
         shared = kernel_curves(rank, length, CURVES[length])
-        each = min(CURVES[length], max(FEWEST_CURVES, MOST_CURVES // len(sweeps)))
+        apart = min(len(sweeps), MOST_CURVES // FEWEST_CURVES)
+        each = min(CURVES[length], MOST_CURVES // apart)
         of_one = kernel_curves(rank, length, each)
-        own = np.zeros((test.rows, each * len(sweeps)))
+        own = np.zeros((test.rows, each * apart))
         for number, (start, stop) in enumerate(sweeps):
-            own[start:stop, number * each : (number + 1) * each] = of_one[start:stop]
+            first = number % apart * each
+            own[start:stop, first : first + each] = of_one[start:stop]
         for columns in (shared, own):
             block = np.zeros((rows, columns.shape[1]))
             block[place] = whitened(problem, key, columns * _typical(problem, key))

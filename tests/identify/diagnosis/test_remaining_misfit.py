@@ -1,13 +1,16 @@
 """Where a misfit remains: sizes of curves, the choice by runs left out, and error bars that hold the truth."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from helpers.linear_fit import linear_fit
-from helpers.small_bench import VALVE
+from helpers.linear_fit import linear_fit, linear_problem
+from helpers.small_bench import REACH, VALVE, conditions_only
 from helpers.small_diagnosis import small_diagnosis
 
-from thermohyd.identify.diagnosis.remaining_misfit import kernel_curves, likeliest_sizes
+from thermohyd.identify.diagnosis.remaining_misfit import MOST_CURVES, curves_of, kernel_curves, likeliest_sizes
 from thermohyd.identify.fitting.discrepancy import Discrepancy
+from thermohyd.identify.noise.correlation import NoiseCorrelation
 
 
 def test_a_discrepancy_whitens_by_the_inverse_root_of_its_covariance() -> None:
@@ -30,6 +33,17 @@ def test_curves_have_unit_variance_and_the_kernels_correlation(length: float, co
     away = np.sqrt(3.0) * 0.1 / length
     seen = np.mean(np.diag(covariance, 10))
     assert seen == pytest.approx((1.0 + away) * np.exp(-away), abs=0.01)
+
+
+def test_many_short_sweeps_share_curves() -> None:
+    """Supply pressures that are read with noise cut a sweep into hundreds."""
+    tests = {name: conditions_only(name) for name in REACH}
+    tests = {name: replace(test, run=np.arange(test.rows)) for name, test in tests.items()}
+    problem = linear_problem(NoiseCorrelation(), tests)
+    rows = sum(test.rows * len(test.channels) for test in tests.values())
+    for columns in curves_of(problem, 0.05, rows):
+        assert columns.shape[1] <= MOST_CURVES
+        assert np.isfinite(columns).all()
 
 
 def test_sizes_of_curves_are_found_beside_parameters_that_take_a_part_of_them() -> None:
