@@ -143,26 +143,49 @@ def _channel_shares(problem: Problem, base: Fit, without: Fit, fit: Fit) -> list
     return shares
 
 
+def fits_without(problem: Problem, fit: Fit) -> dict[str, Fit]:
+    """{effect or fault: the fit without it}."""
+    return {name: problem.fit([n for n in fit.effects if n != name], {**fit.values, name: 0.0}) for name in fit.effects}
+
+
+HOPELESS = 0.5  # times the least share: an equal in its place would have to close twice as much
+
+
+def without_hopeless(problem: Problem, base: Fit, fit: Fit, block: np.ndarray) -> Fit:
+    """The model without what closes so little of a misfit that remains that its rivals need not be asked."""
+    while len(fit.effects) > 1 and lack_of_fit(problem, fit, block).p_value < LEVEL_OF_LEFT_OVER:
+        without = fits_without(problem, fit)
+        closures = {name: relative_closure(problem, base, without[name], fit) for name in fit.effects}
+        weakest = min(closures, key=lambda name: closures[name])
+        if closures[weakest] >= HOPELESS:
+            break
+        fit = problem.fit(without[weakest].effects, without[weakest].values, hop_basins=True)
+    return fit
+
+
 def proven(
     case: Case, fit: Fit, rivals: dict[str, Rivals], split: Split, scale: Callable[[Fit], float]
 ) -> tuple[Fit, dict[str, Rivals], Confirmation | None, tuple[Suspect, ...]]:
     """The model without effects that do not predict what they were not fitted to, or that nobody would believe in such an amount:
     the fit, its rivals, the proof, and what went."""
     problem, suspects = case.problem, []
+    without = {name: rivals[name].without for name in fit.physics}
+    proof: Confirmation | None = None
     while fit.physics:
-        without = {name: rivals[name].without for name in fit.physics}
         alone = len(fit.physics) == 1
         bare = without[fit.physics[0]] if alone else problem.fit(fit.faults, {n: fit.values[n] for n in fit.order})
         proof = confirmation(problem, fit, bare, without, scale(fit), split.held)
         times = times_usual(fit)
         gone = unproven(proof, fit.physics) or next((n for n in fit.physics if times[n] > MOST_USUAL), None)
         if gone is None:
-            return fit, rivals, proof, tuple(suspects)
+            break
         lost = strength(fit, without[gone], scale(fit))
         suspects.append(Suspect(gone, fit.values[gone], effect_info(gone).unit, proof.each[gone], times[gone], lost))
         fit = problem.fit(without[gone].effects, without[gone].values, hop_basins=True)
+        without, proof = fits_without(problem, fit), None
+    if suspects:
         rivals = all_rivals(problem, fit, case.steps, scale(fit), case.freedom)
-    return fit, rivals, None, tuple(suspects)
+    return fit, rivals, proof, tuple(suspects)
 
 
 def scattered(case: Case, fit: Fit) -> bool:
@@ -220,12 +243,13 @@ def final_model(case: Case, selection: Selection, split: Split, say: Progress = 
     rows = len(base.residual) - len(problem.plans)
     degrees_of_freedom = max(rows - len(base.free), 1)
     scale = lambda fit: max(fit.chi2 / max(rows - len(fit.free), 1), 1.0)
-    fit, rivals = settle_rivals(problem, whole.final, case.steps, scale=scale(whole.final), freedom=case.freedom)
+    block = smooth_block(problem, len(base.residual))
+    fit = without_hopeless(problem, base, whole.final, block)
+    fit, rivals = settle_rivals(problem, fit, case.steps, scale=scale(fit), freedom=case.freedom)
 
     # The way back from a model that fits may lead to a better ideal valve than any first search found.
     base = min([base, *(r.without for r in rivals.values() if not r.without.effects)], key=lambda f: f.chi2)
     say("looking at what is left")
-    block = smooth_block(problem, len(base.residual))
     excess = base.chi2 - degrees_of_freedom
     left = lack_of_fit(problem, fit, block)
     dropped = False
@@ -237,7 +261,7 @@ def final_model(case: Case, selection: Selection, split: Split, say: Progress = 
         if closures[weakest] >= 1.0:
             break
         fit = problem.fit(without[weakest].effects, without[weakest].values, hop_basins=True)
-        without = {name: problem.fit([n for n in fit.effects if n != name], fit.values) for name in fit.effects}
+        without = fits_without(problem, fit)
         left, dropped = lack_of_fit(problem, fit, block), True
     misfit = left.p_value < LEVEL_OF_LEFT_OVER and bool(fit.effects)
     if misfit and not (_enough_together(problem, base, fit) and _holds_up(problem, base, fit, split)):

@@ -27,11 +27,11 @@ FAR = 3.0  # reduced chi-square from which a model counts as bent by what it mis
 EXPLAINED = 1.1  # reduced chi-square of a refit that leaves nothing to look for elsewhere
 MOST_HOPPING = 3  # refits that go on by basin hopping
 HOPPING_REACH = 2.0  # times the lowest chi-square: hopping moved none of a real valve's refits by a tenth of that
-# Evaluations of the model after which a search adds nothing more (one of ports tied together counts for what it takes): of static
-# tests so many, or fewer where these have many readings, and in motion. Four effects take about a thousand: an answer without the
+# Evaluations of the model after which a search adds nothing more, each counted for what it takes (`relative_cost`): of static
+# tests so many, or fewer where these have many readings, and in motion. Four effects take a few hundred: an answer without the
 # last ones beats none.
-MOST_EVALUATIONS, LEAST_EVALUATIONS, MOST_IN_MOTION = 8000, 1500, 1500
-MOST_READINGS = 16_000_000  # evaluated
+MOST_EVALUATIONS, LEAST_EVALUATIONS, MOST_IN_MOTION = 4000, 750, 1500
+MOST_READINGS = 8_000_000  # evaluated
 # Steps of a refit that only has to show which candidate is worth more; each about halves the way to its optimum at worst.
 GLANCE = 15
 # A pair must beat the best single effect by this much chi-square beyond the search's own critical value.

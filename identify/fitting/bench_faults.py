@@ -40,6 +40,7 @@ class FaultInfo:
     coupled: ClassVar[bool] = False
     stores: ClassVar[bool] = False
     computes_heat: ClassVar[bool] = False
+    costly: ClassVar[bool] = False
     of_sweeps: ClassVar[bool] = False
 
     @property

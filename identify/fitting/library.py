@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from thermohyd.effects.effect_info import EffectInfo
-from thermohyd.effects.library import DYNAMIC_EFFECTS, EFFECTS, effect_info, whole_library
+from thermohyd.effects.library import DYNAMIC_EFFECTS, EFFECTS, whole_library
 from thermohyd.identify.bench.test_record import DynamicTest, TestRecord
 
 from .bench_faults import info_of
@@ -30,32 +30,36 @@ class Library:
         return Library(tuple(name for name in self.names if name not in out), kept)
 
     @property
-    def plain(self) -> tuple[str, ...]:
-        """Those that leave the ports' balances apart: cheap to compile and to run."""
-        return tuple(name for name in self.names if not coupled(name) and not stores(name))
-
-    @property
     def steady(self) -> tuple[str, ...]:
         """Those that leave every row of a sweep a balance of its own."""
         return tuple(name for name in self.names if not stores(name))
 
-    @property
-    def cold(self) -> tuple[str, ...]:
-        """Steady ones that need no heat computed, coupled ones included: half as expensive to compile and run."""
-        return tuple(name for name in self.steady if not effect_info(name).computes_heat)
+    def program(self, chosen: Iterable[str], heat: bool = False) -> tuple[str, ...]:
+        """The effects that share a compiled program with `chosen`: all that make no evaluation of it longer than these do.
 
-    @property
-    def uncoupled(self) -> tuple[str, ...]:
-        """Those that leave the ports' balances apart, storage included."""
-        return tuple(name for name in self.names if not coupled(name))
-
-    @property
-    def stored(self) -> tuple[str, ...]:
-        """Of `uncoupled` those that need no heat computed."""
-        return tuple(name for name in self.uncoupled if not effect_info(name).computes_heat)
+        heat: computed in any case.
+        """
+        needs = _needs(chosen, heat)
+        if needs == {COSTLY}:  # where ports and rows are apart, one more program to compile takes longer than it saves
+            needs |= {HEAT}
+        return tuple(name for name in self.names if _needs((name,)) <= needs)
 
 
 NOTHING = Library((), {})  # of a plain fit
+TIED, STORED, HEAT, COSTLY = "tied", "stored", "heat", "costly"
+
+
+def _needs(names: Iterable[str], heat: bool = False) -> frozenset[str]:
+    """What of a program that is dear to run effects ask for."""
+    infos = [info_of(name) for name in names]
+    heat = heat or any(info.computes_heat for info in infos)
+    asked = {
+        TIED: any(info.coupled for info in infos),
+        STORED: any(info.stores for info in infos),
+        HEAT: heat,
+        COSTLY: heat or any(info.costly for info in infos),
+    }
+    return frozenset(need for need in asked if asked[need])
 
 
 def coupled(name: str) -> bool:
@@ -85,16 +89,28 @@ def asks_for_more(names: Iterable[str]) -> bool:
     return expensive_to_compile(names) or any(stores(name) for name in names)
 
 
-# Times that an evaluation of a real valve's 1,608 readings took: 12 ms, 25 where lines or a path tie the ports together, 49 where
-# they store oil, 160 with both.
-COUPLED_COST, STORED_COST, BOTH_COST = 2.0, 4.0, 13.0
+# Times that an evaluation of a real valve's 1,608 readings took, on one core and without anything costly: 6.8 ms, 13.5 where lines or
+# a path tie the ports together, 59 where they store oil, 110 with both; 26, 80 and 168 ms with what is costly; 24, 57, 106 and
+# 337 with heat. In units of 24 ms.
+COSTS = {
+    frozenset(): 0.3,
+    frozenset({TIED}): 0.6,
+    frozenset({STORED}): 2.5,
+    frozenset({TIED, STORED}): 4.6,
+    frozenset({COSTLY}): 1.0,
+    frozenset({TIED, COSTLY}): 1.1,
+    frozenset({STORED, COSTLY}): 3.3,
+    frozenset({TIED, STORED, COSTLY}): 7.0,
+    frozenset({HEAT, COSTLY}): 1.0,
+    frozenset({TIED, HEAT, COSTLY}): 2.4,
+    frozenset({STORED, HEAT, COSTLY}): 4.4,
+    frozenset({TIED, STORED, HEAT, COSTLY}): 14.0,
+}
 
 
 def relative_cost(names: Iterable[str]) -> float:
-    """What an evaluation with these effects takes, in those of effects that leave every row and port apart."""
-    names = tuple(names)
-    tied, lasting = any(map(coupled, names)), any(map(stores, names))
-    return BOTH_COST if tied and lasting else STORED_COST if lasting else COUPLED_COST if tied else 1.0
+    """What an evaluation of static tests with these effects takes, in those of heat with every row and port apart."""
+    return COSTS[_needs(names)]
 
 
 def library_for(tests: Iterable[TestRecord]) -> Library:

@@ -5,7 +5,7 @@ search share one compiled solve, and every solve returns the derivatives to all 
 """
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -109,7 +109,7 @@ def _residual(effects: tuple[str, ...], classes: tuple[type, ...]) -> Callable[[
     return jitted(functools.partial(residual_alone, effects), options)
 
 
-def with_amounts(valve: Valve, names: tuple[str, ...], amounts: Float[Array, "effects ..."]) -> Valve:
+def with_amounts(valve: Valve, names: tuple[str, ...], amounts: Sequence[Float[Array, "..."]]) -> Valve:
     """The valve with the named effects at these amounts; one number each, or one per row of a test."""
     added = with_effects(valve, dict.fromkeys(names, 0.0))
     place = {EFFECTS[name].effect_class: i for i, name in enumerate(names)}
@@ -117,29 +117,35 @@ def with_amounts(valve: Valve, names: tuple[str, ...], amounts: Float[Array, "ef
     return eqx.tree_at(lambda v: [effect.amount for effect in v.effects], added, [amounts[i] for i in order])
 
 
-def spread_over_rows(values: Float[Array, " all"], data: StaticData) -> dict[str, Float[Array, "all rows"]]:
+# One array for each entry of the vector. Of a matrix the reverse pass would make one of zeros for every entry that is picked from
+# it, and add them all up: that took three quarters of an evaluation with the whole library.
+Rows = tuple[Float[Array, " rows"], ...]
+
+
+def spread_over_rows(values: Float[Array, " all"], data: StaticData) -> dict[str, Rows]:
     """The values beside every row of each group of tests."""
     return {
-        group: jnp.broadcast_to(values[:, None], (values.shape[0], group_rows(data.conditions, tests)))
+        group: tuple(jnp.broadcast_to(value, (group_rows(data.conditions, tests),)) for value in values)
         for group, tests in groups_of(data.conditions).items()
     }
 
 
-def rowwise_valve(effects: tuple[str, ...], group: str, values: Float[Array, "all rows"], args: LibraryArgs) -> Valve:
+def rowwise_valve(effects: tuple[str, ...], group: str, values: Rows, args: LibraryArgs) -> Valve:
     """The valve at the rows of a group, with the learned terms, from parameters and amounts row by row."""
     rowwise, _ = split(effects)
     terms = args.terms[group]
     parameters, amounts = values[: len(PARAMETERS)], values[len(PARAMETERS) :]
     factor = str(factor_on("viscosity"))
     if factor not in rowwise:
-        rowwise, amounts = (*rowwise, factor), jnp.concatenate([amounts, jnp.zeros_like(values[:1])])
+        rowwise, amounts = (*rowwise, factor), (*amounts, jnp.zeros_like(values[0]))
     # Without heat (valve.heat_retention None) its entry stands in the vector but nothing depends on it.
     heat = args.valve.heat_retention is not None
     names = PARAMETERS if heat else PARAMETERS[:-1]
-    valve = with_parameters(args.valve, names, parameters * terms.factor + terms.shift)
+    changed = [value * terms.factor[i] + terms.shift[i] for i, value in enumerate(parameters)]
+    valve = with_parameters(args.valve, names, changed)
     thicker = rowwise.index(factor)
-    amounts = amounts.at[thicker].set((1.0 + amounts[thicker]) * terms.viscosity - 1.0)
-    return with_amounts(valve, rowwise, amounts)
+    thickened = (1.0 + amounts[thicker]) * terms.viscosity - 1.0
+    return with_amounts(valve, rowwise, (*amounts[:thicker], thickened, *amounts[thicker + 1 :]))
 
 
 # Entries of a row behind its parameters and amounts: changes of both port pressures [Pa] where ports store oil, elsewhere of
@@ -150,14 +156,14 @@ ENTRIES = (*FIELDS.values(), *SHIFTS)
 
 
 def moved_conditions(
-    conditions: dict[str, Conditions], tests: tuple[str, ...], moves: Float[Array, "fields rows"]
+    conditions: dict[str, Conditions], tests: tuple[str, ...], moves: Sequence[Float[Array, " rows"]]
 ) -> dict[str, Conditions]:
     """The operating points of a group's tests with these changes."""
     found, first = {}, 0
     for test in tests:
         before = conditions[test]
         rows = slice(first, first + before.position.shape[0])
-        changed = {field: getattr(before, field) + moves[i, rows] for i, field in enumerate(FIELDS.values())}
+        changed = {field: getattr(before, field) + moves[i][rows] for i, field in enumerate(FIELDS.values())}
         found[test] = replace(before, **changed)
         first = rows.stop
     return found
@@ -171,7 +177,7 @@ def behind(effects: tuple[str, ...], args: LibraryArgs) -> int:
 
 
 def readings_of_rows(
-    effects: tuple[str, ...], spread: dict[str, Float[Array, "all rows"]], args: LibraryArgs
+    effects: tuple[str, ...], spread: dict[str, Rows], args: LibraryArgs
 ) -> tuple[dict[str, dict[str, Float[Array, " padded"]]], StoredPorts | None]:
     """{test: {channel: reading}} before any filter and any mean over bins, from parameters and amounts given row by row, and
     what ties the rows of blocked ports together where they store oil."""
@@ -186,14 +192,15 @@ def readings_of_rows(
         conditions = args.data.conditions
         moves = None if storing else values[count : count + MOVES]
         if places is not None:
-            shifts = jnp.asarray(places)
-            shifts = shifts if storing else shifts + values[count:]
-            moves, shifts = shifts[:MOVES], shifts[MOVES:]
-            valve = replace(valve, effects=(*valve.effects, RowShifts(shifts)))
+            shifts = [jnp.asarray(place) for place in places]
+            if not storing:
+                shifts = [shift + value for shift, value in zip(shifts, values[count:], strict=True)]
+            moves = shifts[:MOVES]
+            valve = replace(valve, effects=(*valve.effects, RowShifts(jnp.stack(shifts[MOVES:]))))
         if moves is not None:
             conditions = moved_conditions(conditions, tests, moves)
         if storing and group == STORED_GROUP:
-            readings, stored = predict_stored(valve, tests, conditions, values[count:])
+            readings, stored = predict_stored(valve, tests, conditions, jnp.stack(values[count:]))
             found |= readings
         else:
             found |= predict_group(valve, group, tests, conditions)
@@ -219,7 +226,7 @@ def residual_and_columns(
     whole = jnp.concatenate([p[:given], jnp.zeros(behind(effects, args))])
     spread = spread_over_rows(whole, data)
 
-    def of_rows(spread: dict[str, Float[Array, "all rows"]]) -> tuple[tuple[Array, ...], Array | None, Array | None]:
+    def of_rows(spread: dict[str, Rows]) -> tuple[tuple[Array, ...], Array | None, Array | None]:
         found, stored = readings_of_rows(effects, spread, args)
         readings = tuple(found[c.test][c.reads] for c in data.channels)
         return readings, None if stored is None else stored.source, None if stored is None else stored.carried
@@ -229,13 +236,14 @@ def residual_and_columns(
     slopes: dict[int, Array] = {}
     for layer in channel_layers(data):
         pull = jax.linear_transpose(lambda moved, layer=layer: [push(moved)[0][i] for i in layer], spread)
-        pulled = pull([jnp.ones_like(readings[i]) for i in layer])[0]
+        pulled = _stacked(pull([jnp.ones_like(readings[i]) for i in layer])[0])
         for i in layer:
             slopes[i] = rows_of_test(pulled, data.channels[i].test, groups, data)
     moved: list[dict[str, Array]] = []
     if source is not None and carried is not None:
         pull = jax.linear_transpose(lambda moved: push(moved)[1], spread)
-        by_port = [pull(jnp.zeros_like(source).at[port].set(1.0))[0][STORED_GROUP][:entries] for port in range(PUSHES)]
+        ones = [jnp.zeros_like(source).at[port].set(1.0) for port in range(PUSHES)]
+        by_port = [jnp.stack(pull(one)[0][STORED_GROUP][:entries]) for one in ones]
         along = jax.vmap(lambda sources: along_rows(carried, sources), in_axes=1)(jnp.stack(by_port))
         moved = [{STORED_GROUP: along[:, port]} for port in range(PUSHES)]
     parts, columns, by_row = [], [], []
@@ -252,6 +260,10 @@ def residual_and_columns(
         columns.append(whiten(args.whitening[i], jnp.concatenate([column[:given], column[entries:]])))
         by_row.append(jnp.full((MOVES, column.shape[1]), jnp.nan) if storing else column[given:entries])
     return jnp.concatenate(parts), jnp.concatenate(columns, axis=1), jnp.concatenate(by_row, axis=1)
+
+
+def _stacked(spread: dict[str, Rows]) -> dict[str, Float[Array, "all rows"]]:
+    return {group: jnp.stack(rows) for group, rows in spread.items()}
 
 
 def residual_alone(effects: tuple[str, ...], p: Float[Array, " all"], args: LibraryArgs) -> Float[Array, " residuals"]:

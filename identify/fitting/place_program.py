@@ -17,8 +17,7 @@ from thermohyd.effects.library import classes_of
 from thermohyd.identify.noise.whitening import whiten
 from thermohyd.numerics import OPTIONS, jitted, known_options
 
-from .library_program import LibraryArgs, behind, filtered, readings_of_rows, split
-from .static_readings import group_rows, groups_of
+from .library_program import LibraryArgs, behind, filtered, readings_of_rows, split, spread_over_rows
 
 
 def place_program(
@@ -50,11 +49,7 @@ def residual_columns_and_places(
     whole = jnp.concatenate([p[:given], jnp.zeros(behind(effects, args))])
 
     def of(whole: Float[Array, " entries"]) -> dict[str, dict[str, Array]]:
-        spread = {
-            group: jnp.broadcast_to(whole[:, None], (len(whole), group_rows(data.conditions, tests)))
-            for group, tests in groups_of(data.conditions).items()
-        }
-        found, _ = readings_of_rows(effects, spread, args)
+        found, _ = readings_of_rows(effects, spread_over_rows(whole, data), args)
         return {test: {n: data.means(test, value) for n, value in own.items()} for test, own in found.items()}
 
     found, push = jax.linearize(of, whole)

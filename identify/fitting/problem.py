@@ -239,7 +239,8 @@ class Problem:
         """
         system = self.system(effects, start)
         chosen, order, free, begin = system.chosen, system.order, system.free, [box.start for box in system.boxes]
-        boxes, both, cost = system.boxes, system.both, relative_cost(chosen)
+        boxes, both = system.boxes, system.both
+        cost = 1.0 if self.in_motion else relative_cost(chosen)
 
         def from_point(
             point: np.ndarray, enough: float = np.inf, *, closeness: float = CLOSE_TO_COMPARE
@@ -303,11 +304,15 @@ class Problem:
         present = [name for name in fit.order if name in self.library.names and fit.values[name] != 0.0]
         steady, stored = [n for n in missing if not stores(n)], [n for n in missing if stores(n)]
         seen = [fit]
-        cold, lasting = [n for n in steady if not with_heat((n,))], [n for n in present if not stores(n)]
-        if cold:
-            seen.append(self._beside(fit, part.program((*lasting, *cold))))
-        if len(cold) < len(steady):
-            seen.append(self._beside(fit, part.program(())))
+        lasting = [n for n in present if not stores(n)]
+        apart = not any(map(coupled, lasting))
+        # What ties the ports together, and what is costly beside it only where the model ties them already.
+        tied = [n for n in steady if coupled(n) or not (apart or with_heat((n,)))]
+        if tied:
+            seen.append(self._beside(fit, part.program((*lasting, *tied))))
+        if len(tied) < len(steady):
+            rest = (n for n in steady if n not in tied)
+            seen.append(self._beside(fit, part.program((*(lasting if apart else ()), *rest))))
         if stored:
             # As beside the heating: of the valve without the coupling.
             seen.append(replace(fit, order=tuple(stored), columns=self.stored_beside(fit)[1]))

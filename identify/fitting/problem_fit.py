@@ -67,7 +67,7 @@ class Fit:
 @dataclass
 class Work:
     """What the refits of a record have taken so far: evaluations of the model with its derivatives, and their cost in those of
-    ports that neither lines nor storage tie together."""
+    static tests with heat and with every row and port apart."""
 
     evaluations: int = 0
     cost: float = 0.0

@@ -21,7 +21,7 @@ from thermohyd.identify.noise.whitening import Whitening, whiten_on_host, whiten
 from thermohyd.identify.reduction.monotone_pieces import run_ids
 
 from .bench_faults import BenchFault, corrected
-from .library import Library, coupled, stores, with_heat
+from .library import Library, stores, with_heat
 from .library_program import ENTRIES, LibraryArgs, RowTerms, library_program, library_residual, order_of
 from .parameters import PARAMETERS, ParameterPlan
 from .place_program import place_program
@@ -127,13 +127,7 @@ class StaticReadings:
     def program(self, chosen: tuple[str, ...]) -> tuple[str, ...]:
         if self.states is not None:  # no more than the model holds: see `place_program`
             return chosen
-        heat = with_heat(chosen) or self._heat_asked
-        tied = any(coupled(name) for name in chosen)
-        if any(stores(name) for name in chosen):
-            return self.library.names if tied else self.library.uncoupled if heat else self.library.stored
-        if not tied:
-            return self.library.plain
-        return self.library.steady if heat else self.library.cold
+        return self.library.program(chosen, self._heat_asked)
 
     def order(self, program: tuple[str, ...]) -> tuple[str, ...]:
         return order_of(program)

@@ -5,7 +5,7 @@ Leakage and pressure gain are the same balance of blocked ports: their rows run 
 channel come first, then the priors.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import equinox as eqx
@@ -178,7 +178,7 @@ def base_valve(record: BenchRecord, parameters: Mapping[str, float], heat: bool 
     )
 
 
-def with_parameters(valve: Valve, names: tuple[str, ...], values: Float[Array, "free ..."]) -> Valve:
+def with_parameters(valve: Valve, names: tuple[str, ...], values: Sequence[Array] | Float[Array, "free ..."]) -> Valve:
     """The valve with some of its parameters replaced; one number each, or one per row of a test."""
     if not names:
         return valve

@@ -79,13 +79,13 @@ def residual_and_columns(
     places = np.array(own_entries(names), dtype=int)
     own_names, own_values = tuple(names[i] for i in own_entries(names)), values[places]
     spread = {
-        group: jnp.broadcast_to(own_values[:, None], (len(own_names), group_rows(data.conditions, tests)))
+        group: tuple(jnp.broadcast_to(value, (group_rows(data.conditions, tests),)) for value in own_values)
         for group, tests in groups.items()
     }
     given = {name: values[i] for i, name in enumerate(names)}
 
     def of_rows(
-        spread: dict[str, Float[Array, "free rows"]],
+        spread: dict[str, tuple[Float[Array, " rows"], ...]],
     ) -> tuple[tuple[Float[Array, " padded"], ...], dict[int, dict[str, Array]]]:
         found: dict[str, dict[str, Array]] = {}
         for group, tests in groups.items():
@@ -102,7 +102,7 @@ def residual_and_columns(
     columns: dict[int, Array] = {}
     for layer in channel_layers(data):
         ones = tuple(jnp.ones_like(p) if i in layer else jnp.zeros_like(p) for i, p in enumerate(parts))
-        slopes = pull(ones)[0]
+        slopes = {group: jnp.stack(rows) for group, rows in pull(ones)[0].items()}
         for i in layer:
             test = data.channels[i].test
             own = rows_of_test(slopes, test, groups, data)

@@ -38,6 +38,7 @@ class EffectInfo:
     adds_to: "heat_retention" where the amount is added to that parameter, whose limits the sum must keep.
     also_in_motion: of a static effect, that step tests show it too.
     caveat: what a report adds to the sentence, unless one of the channels `settled_by` was measured.
+    costly: its presence alone makes each step of the ports' balance longer, so that fits without it go without it.
     mirrored_in: the parameter p for which (p, amount) and (p + amount, -amount) are one valve to most readings; "" for none.
 
     Everything else follows from the class. Raises ValueError or TypeError, with one sentence, for an entry that is none.
@@ -62,6 +63,7 @@ class EffectInfo:
     caveat: str = ""
     settled_by: tuple[str, ...] = ()
     mirrored_in: str = ""
+    costly: bool = False
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name.isidentifier() or iskeyword(self.name):

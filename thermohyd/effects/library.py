@@ -171,6 +171,7 @@ _STATIC = (
         scale=2e-14,
         shows=_ALL,
         sentence="the clearance grows with the pressure",
+        costly=True,
     ),
     EffectInfo(
         name="flow_saturation",
@@ -228,6 +229,7 @@ _STATIC = (
         scale=1e-8,
         shows=_ALL,
         sentence="the oil thickens under pressure",
+        costly=True,
     ),
     EffectInfo(
         name="viscosity_shift",

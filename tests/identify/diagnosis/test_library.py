@@ -50,13 +50,20 @@ def test_tests_that_an_effect_shows_in():
 
 def test_programs():
     library = library_for(bench_of())
-    assert set(library.plain) == {name for name in EFFECTS if not coupled(name) and name not in STORED}
+    apart = {name for name in EFFECTS if not coupled(name) and name not in STORED}
+    costly = {"throttle_heating", "pressure_viscosity", "pressure_clearance"}
+    assert set(library.program(())) == set(library.program(("hysteresis",))) == apart - costly
+    assert set(library.program((), heat=True)) == set(library.program(("pressure_viscosity",))) == apart
     assert {name for name in EFFECTS if coupled(name)} == {
         "flow_saturation", "supply_droop", "return_back_pressure", "cross_port_leakage"
     }  # fmt: skip
-    assert set(library.names) - set(library.cold) == {"throttle_heating", *STORED}
+    tied = set(library.program(("supply_droop",)))
+    assert set(library.names) - tied == costly | STORED
+    assert set(library.program(("supply_droop", "pressure_viscosity"))) == (tied | costly) - {"throttle_heating"}
+    assert set(library.program(("supply_droop", "throttle_heating"))) == tied | costly
     assert {name for name in EFFECTS if stores(name)} == STORED
-    assert set(library.stored) == {*library.plain, *STORED} - {"throttle_heating"}
+    assert set(library.program(("port_compliance_a",))) == (apart - costly) | STORED
+    assert set(library.program(("port_compliance_a", "supply_droop", "throttle_heating"))) == set(library.names)
     assert expensive_to_compile(("throttle_heating", "supply_droop"))
     assert not expensive_to_compile(("throttle_heating", "hysteresis"))
     assert not expensive_to_compile(("supply_droop", "cross_port_leakage"))
@@ -65,6 +72,8 @@ def test_programs():
 
 def test_what_ties_ports_and_rows_together_costs_more():
     cost = relative_cost
-    assert cost(()) == cost(("hysteresis", "throttle_heating")) == 1.0
+    assert cost(()) == cost(("hysteresis",)) < cost(("hysteresis", "throttle_heating")) == 1.0
     lines, stored = ("hysteresis", "supply_droop"), ("hysteresis", "port_compliance_a")
-    assert 1.0 < cost(lines) < cost(stored) < cost((*lines, *stored))
+    assert cost(()) < cost(lines) < cost(stored) < cost((*lines, *stored))
+    dear = ("throttle_heating", "pressure_clearance")
+    assert cost(("pressure_clearance", *lines)) < cost((*lines, *dear)) < cost((*lines, *stored, *dear))

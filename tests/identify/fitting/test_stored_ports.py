@@ -100,10 +100,11 @@ def test_programs_with_and_without_storage():
     """Only who asks for storage waits for its program; heat and lines stay out of it as long as they may."""
     library = library_for(record().tests.values())
     assert "port_compliance_a" in library.names
-    assert not {"port_compliance_a", "supply_droop"} & set(library.plain)
-    assert "port_compliance_a" not in library.cold
-    assert "port_compliance_b" in library.stored
-    assert not {"cross_port_leakage", "throttle_heating"} & set(library.stored)
+    assert not {"port_compliance_a", "supply_droop"} & set(library.program(()))
+    assert "port_compliance_a" not in library.program(("supply_droop",))
+    stored = library.program(("port_compliance_a",))
+    assert "port_compliance_b" in stored
+    assert not {"cross_port_leakage", "throttle_heating"} & set(stored)
     timeless = [replace(test, time=None, rate=None) for test in record().tests.values()]
     assert "needs the column time" in library_for(timeless).impossible["port_compliance_a"]
 
