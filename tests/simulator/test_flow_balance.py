@@ -25,3 +25,12 @@ def test_their_neighbours_keep_their_derivatives(mode):
     height = jnp.array([-1.0, 1.0, -4.0, 1e-3])
     slopes = np.asarray(mode(lambda h: solved(h)[0])(height))
     np.testing.assert_allclose(slopes[[0, 2]][:, [0, 2]], np.diag([-0.5, -0.25]), rtol=1e-14)
+
+
+def test_a_row_ends_where_it_would_alone():
+    """Rows that are done wait for the last one without moving."""
+    height = jnp.array([-1.0, -4.0, -1e-6, -0.49])
+    together = np.asarray(solved(height))
+    for i in range(4):
+        alone = np.asarray(solved(jnp.full(4, height[i])))[:, 0]
+        np.testing.assert_allclose(together[:, i], alone, rtol=1e-15)
