@@ -19,12 +19,13 @@ QUICK := identify/bench identify/report identify/noise identify/model/test_model
 	identify/diagnosis/test_where.py simulator/test_against_reference.py simulator/test_dynamics_field.py \
 	test_import_direction.py test_effect_names.py test_citations.py
 
-.PHONY: help demo compare-pairs plan-rates test quick lint typecheck pytest bench figures hidden hidden-bench hidden-dynamic hidden-logs joint-coverage law-coverage \
+.PHONY: help demo compare-pairs plan-rates test quick lint typecheck pytest dist bench figures hidden hidden-bench hidden-dynamic hidden-logs joint-coverage law-coverage \
 	recovery petab-select real-valve clean
 help:
 	@echo "make demo    fit one sample record, diagnose another, write demo-report/"
 	@echo "make test    ruff, pyright and pytest against the installed package"
 	@echo "make quick   half of the tests, those that compile little, in about a minute"
+	@echo "make dist    wheel and sdist into dist/, each installed into an environment of its own elsewhere and tried (two minutes)"
 	@echo "make bench   the benchmarks, each with its peer"
 	@echo "make figures  the benchmarks again, into docs/figures and README with commit and date (PARTS=\"start-up hidden-1\": these; all: a day)"
 	@echo "make hidden  76 records with a hidden effect, diagnosed and scored (SET=2: other seeds, SET=3: faint effects; half an hour)"
@@ -66,6 +67,19 @@ quick: $(VENV)/.installed-dev
 	$(BIN)/ruff check --quiet
 	$(BIN)/pytest -q -n 2 --dist loadfile $(addprefix tests/,$(QUICK)) \
 		--ignore tests/identify/report/test_diagnosis_page.py --ignore tests/identify/bench/test_mangled_records.py
+
+# Each is installed where neither this tree nor its environment is seen, and reads a sample record that it brings along.
+dist: $(VENV)/.installed-dev
+	@rm -rf dist build/lib build/bdist.* *.egg-info
+	$(BIN)/python -m build --outdir dist .
+	@rm -rf build/lib build/bdist.* *.egg-info
+	@set -e; for made in dist/*.whl dist/*.tar.gz; do \
+		elsewhere=$$(mktemp -d); echo "== $$made"; \
+		$(BIN)/python -m venv $$elsewhere/env; \
+		$$elsewhere/env/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt $$made; \
+		record=$$(cd $$elsewhere && env/bin/python -P -c "import thermohyd.data as d; print(d.sample_record('seed_valve'))"); \
+		(cd $$elsewhere && env/bin/thermohyd --version && env/bin/thermohyd check $$record --out seen --quiet && test -s seen/check.png); \
+		rm -rf $$elsewhere; done
 
 bench: $(VENV)/.installed-dev
 	@for script in $(filter-out benchmarks/hidden_% benchmarks/joint_% benchmarks/law_% benchmarks/recovery.py benchmarks/real_valve.py \

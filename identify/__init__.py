@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from .bench.errors import BenchInputError
     from .bench.read import read_record
     from .bench.record import ActuatorData, BenchRecord, StartValue, ValveData
+    from .checking.check import check
+    from .checking.result import CheckResult
     from .comparison.result import ComparisonResult
     from .comparison.study import compare
     from .diagnosis.case import Case, choose, open_case
@@ -48,6 +50,8 @@ _HOME = {
     "bench.errors": ("BenchInputError",),
     "bench.read": ("read_record",),
     "bench.record": ("ActuatorData", "BenchRecord", "StartValue", "ValveData"),
+    "checking.check": ("check",),
+    "checking.result": ("CheckResult",),
     "comparison.result": ("ComparisonResult",),
     "comparison.study": ("compare",),
     "diagnosis.case": ("Case", "choose", "open_case"),

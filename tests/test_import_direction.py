@@ -25,6 +25,7 @@ ENTRY = f"{IDENTIFY}.__main__"
 # Whole packages that a reader of files or results needs without waiting for JAX.
 WITHOUT_JAX = (
     "bench",
+    "checking",
     "reduction",
     "report",
     "result",
@@ -40,6 +41,7 @@ FACES = {
     f"{IDENTIFY}.{name}"
     for name in (
         "bench.record",
+        "checking.result",
         "comparison.result",
         "fitting.result",
         "diagnosis.result",

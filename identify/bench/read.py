@@ -5,7 +5,7 @@ tables that are already in memory.
 """
 
 import os
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -70,12 +70,8 @@ def record_folder(path: str | Path) -> Path:
     return path.parent if path.name == NAME and not os.path.isdir(path) else path
 
 
-def read_record(folder: str | Path, *, readings_required: bool = True) -> BenchRecord:
-    """The record in a folder (docs/bench_format.md), or the one whose bench.toml is named. With `readings_required=False`
-    (predictions) readings may be missing: a test without any then has no channels.
-
-    Raises BenchInputError, and nothing else, for whatever is wrong with the folder or its files.
-    """
+def described_record(folder: str | Path) -> tuple[Path, BenchFile]:
+    """(the folder of a record, what its bench.toml says). Raises BenchInputError, and nothing else."""
     folder = record_folder(folder)
     try:
         if not folder.is_dir():
@@ -85,13 +81,67 @@ def read_record(folder: str | Path, *, readings_required: bool = True) -> BenchR
             raise BenchInputError(f"holds no {NAME}; `thermohyd new` writes a template", file=folder)
     except (OSError, ValueError) as error:  # a name that no file system takes
         raise BenchInputError(f"cannot be read ({error})", file=folder) from None
-    bench = read_bench_toml(folder / NAME)
+    return folder, read_bench_toml(folder / NAME)
+
+
+def read_record(folder: str | Path, *, readings_required: bool = True) -> BenchRecord:
+    """The record in a folder (docs/bench_format.md), or the one whose bench.toml is named. With `readings_required=False`
+    (predictions) readings may be missing: a test without any then has no channels.
+
+    Raises BenchInputError, and nothing else, for whatever is wrong with the folder or its files.
+    """
+    folder, bench = described_record(folder)
     record = record_of(bench, read_tables(bench), folder, readings_required=readings_required)
     try:
         provenance = provenance_of(folder, folder / NAME, record.tests.values())
     except OSError as error:  # gone since it was read
         raise BenchInputError(f"cannot be read ({error.strerror})", file=error.filename) from None
     return replace(record, provenance=provenance)
+
+
+@dataclass(frozen=True)
+class EachTest:
+    """The tests of a record read one by one. refused: {test: why a fit would not take it}; record: of all others, None without
+    any. without_readings: of the refused those that predictions would take.
+    """
+
+    tables: dict[str, BenchTable]
+    refused: dict[str, BenchInputError]
+    without_readings: tuple[str, ...]
+    record: BenchRecord | None
+
+
+def read_each_test(bench: BenchFile, folder: Path) -> EachTest:
+    """Read every test by itself, so that a mistake in one hides none in another. Raises BenchInputError about the whole alone."""
+    tables: dict[str, BenchTable] = {}
+    refused: dict[str, BenchInputError] = {}
+    bare: list[str] = []
+    for test in (*bench.tests.values(), *bench.dynamic.values()):
+        try:
+            table = _read_table(test, bench)
+            record_of(_only(bench, [test.name]), {test.name: table}, folder, readings_required=False)
+        except BenchInputError as error:
+            refused[test.name] = error
+            continue
+        tables[test.name] = table
+        try:
+            record_of(_only(bench, [test.name]), {test.name: table}, folder, readings_required=not test.planned)
+        except BenchInputError as error:
+            refused[test.name] = error
+            bare.append(test.name)
+    if not tables:
+        return EachTest({}, refused, (), None)
+    record = record_of(_only(bench, list(tables)), tables, folder, readings_required=False)
+    return EachTest(tables, refused, tuple(bare), record)
+
+
+def _only(bench: BenchFile, names: list[str]) -> BenchFile:
+    """The description with some of its tests."""
+    return replace(
+        bench,
+        tests={name: test for name, test in bench.tests.items() if name in names},
+        dynamic={name: test for name, test in bench.dynamic.items() if name in names},
+    )
 
 
 def record_of(

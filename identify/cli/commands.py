@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from .check_command import check_command
+from .loudness import Commands
 from .process import fail, plain_failures
 from .run_command import begin, load_users_effects, of_each_record, run_study, say_where, show
 
@@ -22,7 +24,7 @@ app = typer.Typer(
     name="thermohyd",
     help="Servovalve models from test-bench curves. A bench record is a folder with bench.toml and one CSV per test.",
     no_args_is_help=True,
-    add_completion=False,
+    cls=Commands,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
@@ -429,6 +431,9 @@ def new_command(
 
         write_template(folder)
         say_where(begin(None, False)[1].results, folder, "bench.toml")
+
+
+app.command("check")(check_command)
 
 
 def main() -> None:

@@ -17,6 +17,8 @@ from rich.text import Text
 from thermohyd.identify.bench.errors import BenchInputError, one_line
 from thermohyd.identify.interruption import INTERRUPTED, begin, what_was_written
 
+from .loudness import Loudness, loudness
+
 
 FAILED, BAD_INPUT = 1, 2
 LONGEST_REASON = 300
@@ -87,15 +89,19 @@ class Consoles:
 
     def warn(self, warnings: Iterable[str], of: str = "") -> None:
         """Warnings stand in the results; where those go to a file, they are said on stderr too."""
-        if self.results is not self.notes and not self.results.is_terminal:
+        if self.results is not self.notes and (self.results.quiet or not self.results.is_terminal):
             for warning in warnings:
                 self.notes.print(Text(f"thermohyd: warning: {f'{of}: ' if of else ''}{warning}"), soft_wrap=True)
 
 
 def consoles(json: bool) -> Consoles:
-    """The two of a command; without escape codes where they are no terminal."""
+    """The two of a command; without escape codes where they are no terminal. With --quiet nothing of the results is shown."""
     notes = _console(stderr=True)
-    return Consoles(notes if json else _console(stderr=False), notes)
+    results = notes if json else _console(stderr=False)
+    if loudness() is Loudness.QUIET:
+        results = _console(stderr=json)
+        results.quiet = True
+    return Consoles(results, notes)
 
 
 def _console(stderr: bool) -> Console:

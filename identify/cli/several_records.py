@@ -20,6 +20,7 @@ from thermohyd.identify.report.files import checked_folder
 from thermohyd.identify.result import Result
 
 from .jax_setup import keep_memory_flat
+from .loudness import Loudness, loudness
 from .process import in_words, wants_the_whole_story
 
 
@@ -121,12 +122,19 @@ SILENT_SECONDS = 10.0
 
 @contextmanager
 def progress_on(console: Console) -> Iterator[Callable[[str], None]]:
-    """A function that takes a sentence about what is going on now; the live line vanishes at the end."""
+    """A function that takes a sentence about what is going on now; the live line vanishes at the end. --quiet: nothing;
+    --verbose: every sentence on a line that stays, with the seconds since the start."""
+    if loudness() is Loudness.QUIET:
+        yield lambda words: None
+        return
+    began = time.monotonic()
+    if loudness() is Loudness.VERBOSE:
+        yield lambda words: console.print(Text(f"{time.monotonic() - began:7.1f} s  {words}"), soft_wrap=True)
+        return
     if console.is_terminal:
         with console.status(Text("starting")) as status, when_interrupted(status.stop):
             yield lambda words: status.update(Text(words))
         return
-    began = time.monotonic()
 
     def say(words: str) -> None:
         if time.monotonic() - began > SILENT_SECONDS:

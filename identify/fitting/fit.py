@@ -26,8 +26,9 @@ from .profile_intervals import covariance_holds, profile_intervals
 from .readings import white_noise
 from .relative import with_relatives
 from .result import FitResult, OtherLaw, StartOutcome
+from .reversed_signs import reversed_channels, warning_of, with_signs_turned
 from .sensed import sensed_channels, sensor_plans, with_starts
-from .starts import basin_hopping, null_position, reversed_channels, warning_of, with_signs_turned
+from .starts import basin_hopping, null_position
 from .static_readings import base_valve, channel_slices, quantities_of, static_data
 from .static_residuals import FitArgs, box_of, prior_rows, residual_of
 from .uncertainty import largest_change, settled_noise

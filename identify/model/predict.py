@@ -25,7 +25,7 @@ from thermohyd.identify.bench.errors import BenchInputError
 from thermohyd.identify.bench.record import BenchRecord
 from thermohyd.identify.bench.test_record import TestRecord
 from thermohyd.identify.bench.units import from_si
-from thermohyd.identify.fitting.starts import reversed_channels, warning_of
+from thermohyd.identify.fitting.reversed_signs import reversed_channels, warning_of
 from thermohyd.identify.fitting.static_readings import base_valve, conditions_of, pad
 from thermohyd.identify.reduction.reduce import smooth_sweep
 from thermohyd.identify.result import Result

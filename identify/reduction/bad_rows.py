@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import binom, t as student
+from scipy.special import bdtrc, stdtrit
 
 from thermohyd.identify.bench.columns import reading_unit
 from thermohyd.identify.bench.shown_units import significant
@@ -58,7 +58,7 @@ def outliers(
     """
     pieces = _pieces(test) if pieces is None else pieces
     noise = noise_about(values, pieces) if noise is None else noise
-    level = float(student.isf(CHANCE / (2 * LONGEST * max(test.rows, 1)), max(WORTH * test.rows, 3.0)))
+    level = -float(stdtrit(max(WORTH * test.rows, 3.0), CHANCE / (2 * LONGEST * max(test.rows, 1))))
     found: dict[int, float] = {}
     axis = _axis(test)
     for a, b in piece_bounds(pieces):
@@ -293,7 +293,10 @@ def _standing(test: TestRecord, value: np.ndarray, limit: float, limits: tuple[f
     moved = (np.diff(test.spool_position) != 0.0) & (np.diff(test.run) == 0)
     at = moved & (value[:-1] == limit)
     again = at & (value[1:] == limit)
-    if not again.any() or binom.sf(again.sum() - 1, at.sum(), _by_rounding(test, value, moved, limit, limits)) > CHANCE:
+    if (
+        not again.any()
+        or bdtrc(int(again.sum()) - 1, int(at.sum()), _by_rounding(test, value, moved, limit, limits)) > CHANCE
+    ):
         return np.zeros(0, dtype=int)
     standing = np.zeros(test.rows, dtype=bool)
     for a, b in piece_bounds(np.cumsum(np.append(0, ~again))):

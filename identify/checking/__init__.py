@@ -1,0 +1,1 @@
+"""What would be read of a record, how is it reduced, and what is missing?"""

@@ -1,0 +1,79 @@
+"""--quiet and --verbose, which every command takes: how much is said beside results, warnings and failures."""
+
+from contextvars import ContextVar
+from enum import Enum
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+from typer.main import get_command
+
+
+class Loudness(Enum):
+    """QUIET: warnings and failures only. VERBOSE: every step of the work, with the seconds since its start."""
+
+    QUIET = "quiet"
+    USUAL = "usual"
+    VERBOSE = "verbose"
+
+
+_LOUDNESS: ContextVar[Loudness] = ContextVar("loudness", default=Loudness.USUAL)
+
+
+def loudness() -> Loudness:
+    """What the command that runs was asked for."""
+    return _LOUDNESS.get()
+
+
+class Commands(TyperGroup):
+    """The program's commands, each with --quiet and --verbose."""
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        command = super().get_command(ctx, cmd_name)
+        if command is not None and not any(param.name == "quiet" for param in command.params):
+            command.params += _options()
+        return command
+
+    def invoke(self, ctx: Any) -> Any:
+        _LOUDNESS.set(Loudness.USUAL)  # several commands may run in one process
+        return super().invoke(ctx)
+
+
+def _choose(chosen: Loudness, given: bool) -> bool:
+    if given:
+        if loudness() not in (Loudness.USUAL, chosen):
+            raise typer.BadParameter("contradicts --quiet or --verbose beside it: keep one of them")
+        _LOUDNESS.set(chosen)
+    return given
+
+
+def _options() -> list[Any]:
+    """The two options, as typer makes them of a command that has nothing else."""
+    made = typer.Typer(add_completion=False)
+
+    @made.command()
+    def _(
+        quiet: Annotated[
+            bool,
+            typer.Option(
+                "--quiet",
+                "-q",
+                callback=lambda given: _choose(Loudness.QUIET, given),
+                help="Say nothing but warnings and failures; files and --json as ever.",
+            ),
+        ] = False,
+        verbose: Annotated[
+            bool,
+            typer.Option(
+                "--verbose",
+                "-v",
+                callback=lambda given: _choose(Loudness.VERBOSE, given),
+                help="Say every step on stderr, with the seconds since the start.",
+            ),
+        ] = False,
+    ) -> None: ...
+
+    options = [param for param in get_command(made).params if param.name in ("quiet", "verbose")]
+    for option in options:
+        option.expose_value = False  # the commands themselves know nothing of them
+    return options
