@@ -49,7 +49,7 @@ def _read_table(test: StaticTest, bench: BenchFile) -> BenchTable:
     if test.planned:
         return bench_table(test, bench.valve, planned_rows(test, bench.valve))
     if not _is_file(test.file):
-        endings = (".csv", ".csv.gz", ".xlsx", ".parquet")
+        endings = (".csv", ".csv.gz", ".xlsx", ".xlsm", ".parquet", ".mat", ".tdms")
         folder = bench.source.folder or Path()
         found = sorted(p.name for p in folder.iterdir() if p.name.lower().endswith(endings))
         hint = suggestion(test.file.name, found) if found else "the folder holds no CSV file"

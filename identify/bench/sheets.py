@@ -16,7 +16,8 @@ from .errors import BenchInputError, listed, one_line, quoted
 LARGEST = 200_000_000  # bytes after decompression
 MOST_CELLS = 20_000_000
 MOST_ROWS = 1_048_576  # Excel's own limit; a file may claim any number
-ENDINGS = (".xlsx", ".parquet")
+EXCEL = (".xlsx", ".xlsm")
+ENDINGS = (*EXCEL, ".parquet")
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,11 @@ from .columns import CONDITIONS, impossible, plausible_range
 from .csv_file import CsvLines, csv_cells, read_csv_lines
 from .errors import BenchInputError, listed, quoted
 from .headers import mapping, recognise, split_header
+from .mat_file import read_mat
 from .record import ValveData
 from .sensors import COLUMNS, OTHERS, SIGNALS, Sensor, of_signal
 from .sheets import ENDINGS, SheetRows, read_sheet
+from .tdms_file import read_tdms
 from .test_tables import StaticTest
 from .units import Unit, UnitError, expected, parse_unit
 
@@ -119,7 +121,11 @@ def _signals(test: StaticTest, units: dict[str, Unit]) -> dict[str, str]:
 def _source(test: StaticTest) -> Source:
     ending = test.file.suffix.lower()
     if ending in ENDINGS:
-        return read_sheet(test.file, test.skip_rows, test.sheet)
+        return read_sheet(test.file, test.skip_rows, test.part)
+    if ending in (".mat", ".tdms"):
+        if test.skip_rows:
+            raise BenchInputError(f"a {ending} file has no lines above its headers; remove skip_rows", file=test.file)
+        return read_mat(test.file, test.part) if ending == ".mat" else read_tdms(test.file, test.part)
     if ending == ".xls":
         raise BenchInputError("has the format of Excel before 2007; save it as .xlsx or CSV", file=test.file)
     return read_csv_lines(test.file, test.skip_rows)

@@ -147,7 +147,13 @@ def check_word(table: TomlTable, key: str, words: tuple[str, ...]) -> None:
         raise table.error(f"must be one of {', '.join(words)}", key)
 
 
-TEST_KEYS = ("kind", "file", "noise", "columns", "ignore", "missing", "skip_rows", "sheet")
+TEST_KEYS = ("kind", "file", "noise", "columns", "ignore", "missing", "skip_rows", "sheet", "variable", "group")
+# How the part of a file that holds the rows is called, by its ending.
+PARTS = {
+    "sheet": ((".xlsx", ".xlsm"), "an .xlsx file has sheets"),
+    "variable": ((".mat",), "a .mat file has variables"),
+    "group": ((".tdms",), "a .tdms file has groups"),
+}
 DATA_SHEET = ("gain", "zero")  # of a static test's instrument
 PLAN = "plan"  # of a static test that is yet to be run, in the place of its file
 OWN_KEYS = {"frequency": ("output", "absolute"), "leakage": ("meter",), "step": ("command",)}
@@ -170,7 +176,7 @@ class StaticTest:
     table: TomlTable  # for messages
     skip_missing: bool = False  # leave out rows with an empty cell or NaN, instead of refusing them
     skip_rows: int = 0  # lines above the headers
-    sheet: str | None = None  # of an .xlsx file; None: its first
+    part: str | None = None  # sheet, variable or group of its file; None: the first, or the only one
     meter: str = "return"  # where a leakage is read
     sensors: Mapping[str, Sensor] = field(default_factory=dict)  # by column
     # What the data sheet says of the instrument, standard deviations: of the gain, and of the zero as a share of the largest reading.
@@ -363,7 +369,10 @@ def _layout(test: TomlTable) -> dict[str, Any]:
     skip_rows = test.data.get("skip_rows", 0)
     if isinstance(skip_rows, bool) or not isinstance(skip_rows, int) or skip_rows < 0:
         raise test.error(f"{quoted(skip_rows)} must be the number of lines above the headers, such as 3", "skip_rows")
-    sheet = test.text("sheet")
-    if sheet is not None and not str(test.data.get("file")).lower().endswith(".xlsx"):
-        raise test.error("only an .xlsx file has sheets", "sheet")
-    return {"skip_missing": "missing" in test, "skip_rows": skip_rows, "sheet": sheet}
+    part = None
+    for key, (endings, whose) in PARTS.items():
+        if key in test:
+            part = test.text(key)
+            if not str(test.data.get("file")).lower().endswith(endings):
+                raise test.error(f"only {whose}", key)
+    return {"skip_missing": "missing" in test, "skip_rows": skip_rows, "part": part}
