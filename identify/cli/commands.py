@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from .check_command import check_command
+from .export_command import export_app
 from .loudness import Commands
 from .process import fail, plain_failures
 from .run_command import begin, load_users_effects, of_each_record, run_study, say_where, show
@@ -434,6 +435,7 @@ def new_command(
 
 
 app.command("check")(check_command)
+app.add_typer(export_app, name="export")
 
 
 def main() -> None:

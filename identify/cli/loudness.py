@@ -30,12 +30,17 @@ class Commands(TyperGroup):
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         command = super().get_command(ctx, cmd_name)
-        if command is not None and not any(param.name == "quiet" for param in command.params):
+        if (
+            command is not None
+            and not isinstance(command, TyperGroup)
+            and not any(param.name == "quiet" for param in command.params)
+        ):
             command.params += _options()
         return command
 
     def invoke(self, ctx: Any) -> Any:
-        _LOUDNESS.set(Loudness.USUAL)  # several commands may run in one process
+        if ctx.parent is None:
+            _LOUDNESS.set(Loudness.USUAL)  # several commands may run in one process
         return super().invoke(ctx)
 
 

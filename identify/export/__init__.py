@@ -1,0 +1,1 @@
+"""How does a fitted valve get into another program: an FMU of C sources, tables, tables of results?"""

@@ -1,0 +1,147 @@
+"""A model as the numbers that the C sources know: each with unit, description and value; what stays on the bench; what is refused.
+
+No JAX: a model.json becomes C without it.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from thermohyd.effects.library import effect_info
+from thermohyd.identify.bench.errors import BenchInputError
+from thermohyd.identify.model.model import Model
+
+
+if TYPE_CHECKING:
+    from thermohyd.effects.effect_info import EffectInfo
+
+
+OIL = {
+    "viscosity_a": ("1", "Walther's A: log10 log10(nu/cSt + 0.7) = A - B log10(T/K)"),
+    "viscosity_b": ("1", "Walther's B"),
+    "density": ("kg/m3", "Density of the oil at 15 degC, without pressure"),
+    "expansion": ("1/K", "Thermal expansion at 15 degC"),
+    "bulk_modulus": ("Pa", "Bulk modulus at 15 degC, without pressure"),
+    "tait_slope": ("1", "Growth of the bulk modulus with the pressure"),
+    "bulk_modulus_decay": ("1/K", "Relative fall of the bulk modulus with temperature"),
+    "specific_heat": ("J/(kg.K)", "Specific heat at 15 degC"),
+    "specific_heat_slope": ("J/(kg.K2)", "Growth of the specific heat with temperature"),
+}
+PARAMETERS = {
+    "slot_width": ("m", "Width of an edge, all its slots together"),
+    "edge_radius": ("m", "Radius of the metering edges"),
+    "clearance": ("m", "Radial clearance of the spool"),
+    "underlap": ("m", "Opening of every edge with the spool at null"),
+    "discharge_coefficient": ("1", "Discharge coefficient of turbulent flow"),
+    "transition_number": ("1", "Where laminar flow through an open edge becomes turbulent"),
+    "null_bias": ("m", "Position of the hydraulic null"),
+    "heat_retention": ("1", "Share of the throttling heat that stays in the oil: 0 isothermal, 1 adiabatic"),
+    "null_pressure": ("Pa", "Supply pressure at which the null bias holds"),
+}
+# Effects that the C sources know by their names.
+EXPRESSED = (
+    "supply_edge_wear", "return_edge_wear", "edge_wear_pa", "edge_wear_pb", "edge_wear_at", "edge_wear_bt",
+    "unequal_underlap", "eccentricity", "land_leakage", "thermal_clearance", "pressure_clearance",
+    "null_shift_temperature", "null_shift_pressure", "pressure_viscosity", "viscosity_shift", "throttle_heating",
+    "flow_saturation", "supply_droop", "return_back_pressure", "cross_port_leakage", "pilot_leakage",
+    "bushing_leakage", "hysteresis",
+)  # fmt: skip
+# Errors of what was read, and what the bench's own lines store: not the valve's, so that the valve elsewhere has none of them.
+ON_THE_BENCH = frozenset(
+    {
+        "temperature_offset", "position_scale", "pressure_offset", "load_pressure_scale", "flowmeter_offset",
+        "flowmeter_scale", "flowmeter_lag", "position_lag", "port_compliance_a", "port_compliance_b",
+    }
+)  # fmt: skip
+LINES = ("flow_saturation", "supply_droop", "return_back_pressure", "cross_port_leakage")
+NOT_TOGETHER = (
+    "; the C sources solve heat and such a path each by itself: take one of them out of model.json, or export tables"
+)
+
+
+@dataclass(frozen=True)
+class Number:
+    """One parameter of the C sources. unit: as FMI writes it."""
+
+    name: str
+    value: float
+    unit: str
+    description: str
+
+
+@dataclass(frozen=True)
+class ValveNumbers:
+    """numbers: in the order of the C struct. left_out: effects of the model that stay on the bench. driven_by_current: the input
+    is a current [A] instead of a position."""
+
+    numbers: tuple[Number, ...]
+    left_out: tuple[str, ...]
+    driven_by_current: bool
+    hysteresis: bool
+
+    def value(self, name: str) -> float:
+        return next(number.value for number in self.numbers if number.name == name)
+
+
+def valve_numbers(model: Model, *, current: bool = False) -> ValveNumbers:
+    """The numbers of a model. current: the spool is commanded by a current, as the bench's rated current has it.
+
+    Raises BenchInputError, in one sentence, where the model holds what the C sources cannot express.
+    """
+    acting = {name: amount for name, amount in model.effects.items() if amount != 0.0}
+    unknown = [name for name in acting if name not in EXPRESSED and name not in ON_THE_BENCH]
+    if unknown:
+        raise BenchInputError(
+            f"the model holds the effect {unknown[0]}, for which there are no C sources; take it out of model.json, or export tables"
+        )
+    if model.learned:
+        raise BenchInputError(
+            "the model holds a learned term, which is empirical and has no C sources; take it out of model.json, or export tables"
+        )
+    valve = model.valve
+    heat = model.parameters.get("heat_retention", 0.0) + acting.get("throttle_heating", 0.0)
+    tied = [name for name in LINES if name in acting]
+    if heat != 0.0 and tied:
+        raise BenchInputError(f"the oil keeps heat, and {tied[0]} ties the ports together{NOT_TOGETHER}")
+    if "null_shift_pressure" in acting and valve.null_pressure is None:
+        raise BenchInputError(
+            "null_shift_pressure needs null_pressure, the supply pressure at which the null bias holds, in model.json"
+        )
+    if current and valve.rated_current is None:
+        raise BenchInputError(
+            "the valve has no rated_current; write it into the valve of model.json, or export it by position"
+        )
+    given = {
+        **model.parameters,
+        "slot_width": valve.slot_width,
+        "null_pressure": valve.null_pressure or 0.0,
+    }
+    numbers = [Number(name, float(given.get(name, 0.0)), unit, words) for name, (unit, words) in PARAMETERS.items()]
+    numbers += [Number(name, float(getattr(model.oil, name)), unit, words) for name, (unit, words) in OIL.items()]
+    numbers.append(
+        Number(
+            "oil_pressure_viscosity",
+            float(model.oil.pressure_viscosity),
+            "1/Pa",
+            "Growth of the viscosity with the pressure",
+        )
+    )
+    numbers += [_effect(name, acting.get(name, 0.0)) for name in EXPRESSED]
+    law = 1.0 if valve.edge_law == "lubrication" else 0.0
+    numbers.append(Number("edge_law", law, "1", "0: orifice in series with its land; 1: film of lubrication theory"))
+    scale = 1.0
+    if current and valve.rated_current is not None:
+        scale = valve.stroke * valve.polarity / valve.rated_current
+    numbers.append(
+        Number("position_per_input", scale, "m/A" if current else "1", "Spool position per unit of the input")
+    )
+    if not all(math.isfinite(number.value) for number in numbers):
+        bad = next(number.name for number in numbers if not math.isfinite(number.value))
+        raise BenchInputError(f"{bad} of the model is no finite number; correct it in model.json")
+    left = tuple(name for name in acting if name in ON_THE_BENCH)
+    return ValveNumbers(tuple(numbers), left, current, "hysteresis" in acting)
+
+
+def _effect(name: str, amount: float) -> Number:
+    info: EffectInfo = effect_info(name)
+    return Number(name, float(amount), info.unit, f"Effect: {info.sentence}")
