@@ -75,3 +75,151 @@ def _say_left_out(consoles: Any, left_out: tuple[str, ...]) -> None:
             markup=False,
             soft_wrap=True,
         )
+
+
+@export_app.command("tables")
+def tables_command(
+    model: ModelFile,
+    out: OutFolder,
+    supply: Annotated[
+        str, typer.Option("--supply", metavar="PRESSURE", help="Supply pressure of the tables.", show_default=False)
+    ],
+    temperature: Annotated[
+        str, typer.Option("--temperature", "-t", metavar="T", help="Of the oil.", show_default=False)
+    ],
+    return_pressure: Annotated[str, typer.Option("--return", metavar="PRESSURE", help="Return pressure.")] = "0 bar",
+    programs: Annotated[
+        str, typer.Option("--for", metavar="NAMES", help="modelica, simscape, amesim: with commas between them.")
+    ] = "modelica,simscape,amesim",
+    positions: Annotated[
+        int, typer.Option("--positions", min=5, max=1601, help="Nodes along the spool position.")
+    ] = 81,
+    across: Annotated[int, typer.Option("--across", min=3, max=101, help="Nodes along the other axis.")] = 31,
+    effects: Annotated[
+        Path | None,
+        typer.Option(
+            "--effects", metavar="DIR", help="Folder with effects of your own, which are loaded as Python code."
+        ),
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Load flow, leakage and blocked load pressure over two axes, for Modelica (CombiTable2Ds), Simscape (.mat) and Amesim (.data).
+
+    Each says how far linear interpolation between its nodes misses the model, measured in every cell.
+    """
+    with plain_failures():
+        from .jax_setup import set_up_jax
+        from .run_command import load_users_effects
+        from .several_records import progress_on
+
+        folder, consoles = begin(out, json)
+        assert folder is not None
+        with progress_on(consoles.notes) as progress:
+            ps, pt = (
+                _quantity(option, text, "pressure")
+                for option, text in (("--supply", supply), ("--return", return_pressure))
+            )
+            warm = _quantity("--temperature", temperature, "temperature")
+            wanted = [name.strip() for name in programs.split(",") if name.strip()]
+            progress("starting JAX")
+            set_up_jax()
+            load_users_effects(effects)
+            from thermohyd.identify.bench.errors import BenchInputError, quoted
+            from thermohyd.identify.export.table_writers import WRITERS, error_words
+            from thermohyd.identify.export.valve_tables import valve_tables
+            from thermohyd.identify.model.model_file import load_model
+            from thermohyd.identify.report.files import Writer, write_all
+
+            unknown = [name for name in wanted if name not in WRITERS]
+            if unknown or not wanted:
+                named = f"unknown program {quoted(unknown[0])}" if unknown else "names no program"
+                raise BenchInputError(f"--for: {named}; known: {', '.join(WRITERS)}")
+            if not ps > pt:
+                raise BenchInputError("--supply must exceed --return")
+            progress("computing the tables")
+            made = valve_tables(
+                load_model(model),
+                supply_pressure=ps,
+                return_pressure=pt,
+                temperature=warm,
+                positions=positions,
+                across=across,
+            )
+            files = {name: content for program in wanted for name, content in WRITERS[program](made).items()}
+            write_all(folder, files, Writer("export tables", str(model.resolve())))
+        for table in made.tables:
+            size = f"{len(table.x.nodes)} by {len(table.y.nodes)} nodes"
+            consoles.results.print(f"{table.name}: {size}; {error_words(table)}", markup=False, soft_wrap=True)
+        _say_left_out(consoles, made.left_out)
+        say_where(consoles.results, folder, *files)
+        if json:
+            about = {
+                t.name: {"unit": t.unit, "x": t.x.name, "y": t.y.name, "nodes": list(t.values.shape), "largest_error": t.largest,
+                         "mean_error": t.mean, "range": t.span}
+                for t in made.tables
+            }  # fmt: skip
+            print_json({"files": list(files), "tables": about, "left_out": list(made.left_out), "units": "SI"})
+
+
+@export_app.command("results")
+def results_command(
+    result: Annotated[Path, typer.Argument(metavar="RESULT", help="fit.json or diagnosis.json.", show_default=False)],
+    out: OutFolder,
+    formats: Annotated[
+        str, typer.Option("--format", metavar="NAMES", help="csv, parquet, xlsx: with commas between them.")
+    ] = "csv,xlsx",
+    record: Annotated[
+        Path | None,
+        typer.Option(
+            "--record",
+            metavar="BENCH",
+            help="Add curves: this record's rows with the prediction of the model.json beside RESULT.",
+        ),
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Parameters with their errors, correlation, noise, named effects and curves as CSV, Parquet or the sheets of a spreadsheet."""
+    with plain_failures():
+        from thermohyd.identify.export.results import load_result, result_files, result_tables
+        from thermohyd.identify.report.files import Writer, write_all
+
+        from .several_records import progress_on
+
+        folder, consoles = begin(out, json)
+        assert folder is not None
+        with progress_on(consoles.notes) as progress:
+            tables = result_tables(load_result(result))
+            if record is not None:
+                tables |= _curves(result, record, progress)
+            files = result_files(tables, [form.strip() for form in formats.split(",") if form.strip()])
+            write_all(folder, files, Writer("export results", str(result.resolve())))
+        say_where(consoles.results, folder, *files)
+        if json:
+            print_json({"files": list(files), "tables": {name: list(table.columns) for name, table in tables.items()}})
+
+
+def _curves(result: Path, bench: Path, progress: Any) -> dict[str, Any]:
+    """{test: rows with predictions} of a record by the model beside a result."""
+    from thermohyd.identify.bench.read import read_record
+    from thermohyd.identify.model.model_file import load_model
+
+    from .jax_setup import set_up_jax
+
+    progress(f"reading {bench}")
+    record = read_record(bench, readings_required=False)
+    progress("starting JAX")
+    set_up_jax()
+    model = load_model(result.parent / "model.json")
+    from thermohyd.identify.model.predict import simulate
+
+    return dict(simulate(record, model, progress=progress).tables)
+
+
+def _quantity(option: str, text: str, kind: str) -> float:
+    from thermohyd.identify.bench.errors import BenchInputError
+    from thermohyd.identify.bench.units import UnitError, parse_quantity
+
+    try:
+        return parse_quantity(text, kind)
+    except UnitError as error:
+        raise BenchInputError(f"{option}: {error}") from None

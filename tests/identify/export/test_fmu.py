@@ -317,7 +317,7 @@ def test_names_of_valves_become_names_of_c():
 
 @needs_compiler
 def test_a_compiler_that_fails_is_named(tmp_path):
-    with pytest.raises(BenchInputError, match="the compiler .*false failed"):
+    with pytest.raises(BenchInputError, match=r"the compiler .*false failed"):
         make_fmu(model(), compiler="false")
     assert make_fmu(model(), compiler="no such compiler").binary == ""
 
