@@ -38,7 +38,7 @@ SECONDS_TO_COMPILE = 120
 # name: (unit, start, description); the start values of pressures and temperature are the bench's where the model says them
 INPUTS = {
     "spool_position": ("m", 0.0, "Position of the spool, true; opens P to A where positive"),
-    "spool_direction": ("1", 0.0, "Way that the spool last moved: +1, -1; 0: the middle of its hysteresis"),
+    "spool_direction": ("1", 0.0, "Way that the spool last moved: +1, -1; 0: the middle of its loop"),
     "supply_pressure": ("Pa", 70e5, "Supply pressure, gauge"),
     "return_pressure": ("Pa", 0.0, "Return pressure, gauge"),
     "temperature": ("K", 313.15, "Temperature of the oil supplied"),

@@ -4,10 +4,11 @@ No JAX: a model.json becomes C without it.
 """
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from thermohyd.effects.library import effect_info
+from thermohyd.effects.library import EFFECTS, effect_info
 from thermohyd.identify.bench.errors import BenchInputError
 from thermohyd.identify.model.model import Model
 
@@ -38,22 +39,7 @@ PARAMETERS = {
     "heat_retention": ("1", "Share of the throttling heat that stays in the oil: 0 isothermal, 1 adiabatic"),
     "null_pressure": ("Pa", "Supply pressure at which the null bias holds"),
 }
-# Effects that the C sources know by their names.
-EXPRESSED = (
-    "supply_edge_wear", "return_edge_wear", "edge_wear_pa", "edge_wear_pb", "edge_wear_at", "edge_wear_bt",
-    "unequal_underlap", "eccentricity", "land_leakage", "thermal_clearance", "pressure_clearance",
-    "null_shift_temperature", "null_shift_pressure", "pressure_viscosity", "viscosity_shift", "throttle_heating",
-    "flow_saturation", "supply_droop", "return_back_pressure", "cross_port_leakage", "pilot_leakage",
-    "bushing_leakage", "hysteresis",
-)  # fmt: skip
-# Errors of what was read, and what the bench's own lines store: not the valve's, so that the valve elsewhere has none of them.
-ON_THE_BENCH = frozenset(
-    {
-        "temperature_offset", "position_scale", "pressure_offset", "load_pressure_scale", "flowmeter_offset",
-        "flowmeter_scale", "flowmeter_lag", "position_lag", "port_compliance_a", "port_compliance_b",
-    }
-)  # fmt: skip
-LINES = ("flow_saturation", "supply_droop", "return_back_pressure", "cross_port_leakage")
+SOURCES, BENCH = "sources", "bench"  # `EffectInfo.elsewhere`
 NOT_TOGETHER = (
     "; the C sources solve heat and such a path each by itself: take one of them out of model.json, or export tables"
 )
@@ -77,7 +63,6 @@ class ValveNumbers:
     numbers: tuple[Number, ...]
     left_out: tuple[str, ...]
     driven_by_current: bool
-    hysteresis: bool
 
     def value(self, name: str) -> float:
         return next(number.value for number in self.numbers if number.name == name)
@@ -89,7 +74,8 @@ def valve_numbers(model: Model, *, current: bool = False) -> ValveNumbers:
     Raises BenchInputError, in one sentence, where the model holds what the C sources cannot express.
     """
     acting = {name: amount for name, amount in model.effects.items() if amount != 0.0}
-    unknown = [name for name in acting if name not in EXPRESSED and name not in ON_THE_BENCH]
+    known = {name: info for name, info in EFFECTS.items() if info.elsewhere}
+    unknown = [name for name in acting if name not in known]
     if unknown:
         raise BenchInputError(
             f"the model holds the effect {unknown[0]}, for which there are no C sources; take it out of model.json, or export tables"
@@ -99,13 +85,16 @@ def valve_numbers(model: Model, *, current: bool = False) -> ValveNumbers:
             "the model holds a learned term, which is empirical and has no C sources; take it out of model.json, or export tables"
         )
     valve = model.valve
-    heat = model.parameters.get("heat_retention", 0.0) + acting.get("throttle_heating", 0.0)
-    tied = [name for name in LINES if name in acting]
-    if heat != 0.0 and tied:
+    inside = [name for name in acting if known[name].elsewhere == SOURCES]
+    heat = model.parameters.get("heat_retention", 0.0)
+    heat += sum(acting[name] for name in inside if known[name].adds_to == "heat_retention")
+    tied = [name for name in inside if heat != 0.0 and known[name].coupled]
+    if tied:
         raise BenchInputError(f"the oil keeps heat, and {tied[0]} ties the ports together{NOT_TOGETHER}")
-    if "null_shift_pressure" in acting and valve.null_pressure is None:
+    moves_null = [name for name in inside if valve.null_pressure is None and "null" in known[name].stages]
+    if moves_null:
         raise BenchInputError(
-            "null_shift_pressure needs null_pressure, the supply pressure at which the null bias holds, in model.json"
+            f"{moves_null[0]} needs null_pressure, the supply pressure at which the null bias holds; write it into the valve of model.json"
         )
     if current and valve.rated_current is None:
         raise BenchInputError(
@@ -126,7 +115,7 @@ def valve_numbers(model: Model, *, current: bool = False) -> ValveNumbers:
             "Growth of the viscosity with the pressure",
         )
     )
-    numbers += [_effect(name, acting.get(name, 0.0)) for name in EXPRESSED]
+    numbers += [_effect(name, acting.get(name, 0.0)) for name, info in known.items() if info.elsewhere == SOURCES]
     law = 1.0 if valve.edge_law == "lubrication" else 0.0
     numbers.append(Number("edge_law", law, "1", "0: orifice in series with its land; 1: film of lubrication theory"))
     scale = 1.0
@@ -138,8 +127,12 @@ def valve_numbers(model: Model, *, current: bool = False) -> ValveNumbers:
     if not all(math.isfinite(number.value) for number in numbers):
         bad = next(number.name for number in numbers if not math.isfinite(number.value))
         raise BenchInputError(f"{bad} of the model is no finite number; correct it in model.json")
-    left = tuple(name for name in acting if name in ON_THE_BENCH)
-    return ValveNumbers(tuple(numbers), left, current, "hysteresis" in acting)
+    return ValveNumbers(tuple(numbers), left_on_the_bench(acting), current)
+
+
+def left_on_the_bench(effects: Iterable[str]) -> tuple[str, ...]:
+    """Of these effects those of instruments and of the bench's lines: the valve elsewhere has none of them."""
+    return tuple(name for name in effects if name in EFFECTS and EFFECTS[name].elsewhere == BENCH)
 
 
 def _effect(name: str, amount: float) -> Number:

@@ -22,7 +22,7 @@ from thermohyd.identify.model.model import Model
 from thermohyd.static_tests import blocked_port_readings, load_flow
 from thermohyd.valve import Valve
 
-from .valve_numbers import ON_THE_BENCH
+from .valve_numbers import left_on_the_bench
 
 
 FINE = 1601  # positions of the mesh in which nodes are chosen
@@ -91,8 +91,8 @@ def valve_tables(
     if model.learned:
         raise BenchInputError("the model holds a learned term, which is empirical; take it out of model.json")
     acting = {name: amount for name, amount in model.effects.items() if amount != 0.0}
-    left = tuple(name for name in acting if name in ON_THE_BENCH)
-    valve = _valve(model, {name: amount for name, amount in acting.items() if name not in ON_THE_BENCH})
+    left = left_on_the_bench(acting)
+    valve = _valve(model, {name: amount for name, amount in acting.items() if name not in left})
     stroke, span = model.valve.stroke, supply_pressure - return_pressure
 
     def conditions(x: np.ndarray, supply: np.ndarray | float, load: np.ndarray | None) -> Conditions:

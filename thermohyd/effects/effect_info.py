@@ -40,6 +40,8 @@ class EffectInfo:
     caveat: what a report adds to the sentence, unless one of the channels `settled_by` was measured.
     costly: its presence alone makes each step of the ports' balance longer, so that fits without it go without it.
     mirrored_in: the parameter p for which (p, amount) and (p + amount, -amount) are one valve to most readings; "" for none.
+    elsewhere: where the valve goes into another program: "sources", the C sources of an FMU know the effect by its name
+    (identify/export/sources); "bench", it is the bench's and stays there; "", C knows nothing of it.
 
     Everything else follows from the class. Raises ValueError or TypeError, with one sentence, for an entry that is none.
     """
@@ -64,6 +66,7 @@ class EffectInfo:
     settled_by: tuple[str, ...] = ()
     mirrored_in: str = ""
     costly: bool = False
+    elsewhere: str = ""
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name.isidentifier() or iskeyword(self.name):
@@ -82,6 +85,7 @@ class EffectInfo:
             ("needs", self.needs, tuple(NEEDS)),
             ("factor_on", (self.factor_on,), ("", "viscosity")),
             ("adds_to", (self.adds_to,), ("", "heat_retention")),
+            ("elsewhere", (self.elsewhere,), ("", "sources", "bench")),
         ):
             unknown = [repr(name) for name in names if name not in known]
             if isinstance(names, str) or unknown:

@@ -34,6 +34,7 @@ _STATIC = (
         scale=5e-6,
         shows=_ALL,
         sentence="the supply edges are worn round",
+        elsewhere="sources",
     ),
     EffectInfo(
         name="return_edge_wear",
@@ -45,6 +46,7 @@ _STATIC = (
         scale=5e-6,
         shows=_ALL,
         sentence="the return edges are worn round",
+        elsewhere="sources",
     ),
     EffectInfo(
         name="edge_wear_pa",
@@ -56,6 +58,7 @@ _STATIC = (
         scale=5e-6,
         shows=_ALL,
         sentence="the edge from the supply to port A is worn round",
+        elsewhere="sources",
     ),
     EffectInfo(
         name="edge_wear_pb",
@@ -67,6 +70,7 @@ _STATIC = (
         scale=5e-6,
         shows=_ALL,
         sentence="the edge from the supply to port B is worn round",
+        elsewhere="sources",
     ),
     EffectInfo(
         name="edge_wear_at",
@@ -78,6 +82,7 @@ _STATIC = (
         scale=5e-6,
         shows=_ALL,
         sentence="the edge from port A to the return is worn round",
+        elsewhere="sources",
     ),
     EffectInfo(
         name="edge_wear_bt",
@@ -89,6 +94,7 @@ _STATIC = (
         scale=5e-6,
         shows=_ALL,
         sentence="the edge from port B to the return is worn round",
+        elsewhere="sources",
     ),
     EffectInfo(
         name="unequal_underlap",
@@ -104,6 +110,7 @@ _STATIC = (
         caveat="the same with the other sign fits as well unless both port pressures are measured",
         settled_by=("pressure_a", "pressure_b"),
         mirrored_in="underlap",
+        elsewhere="sources",
     ),
     EffectInfo(
         name="eccentricity",
@@ -116,6 +123,7 @@ _STATIC = (
         shows=_ALL,
         sentence="the spool lies off the middle of its sleeve",
         even=True,
+        elsewhere="sources",
     ),
     EffectInfo(
         name="land_leakage",
@@ -127,6 +135,7 @@ _STATIC = (
         scale=10.0,
         shows=_ALL,
         sentence="oil leaks over the lands between the slots",
+        elsewhere="sources",
     ),
     EffectInfo(
         name="null_shift_temperature",
@@ -138,6 +147,7 @@ _STATIC = (
         scale=10e-9,
         shows=_ALL,
         sentence="the hydraulic null moves with the temperature",
+        elsewhere="sources",
     ),
     EffectInfo(
         name="null_shift_pressure",
@@ -149,6 +159,7 @@ _STATIC = (
         scale=5e-14,
         shows=_ALL,
         sentence="the hydraulic null moves with the supply pressure",
+        elsewhere="sources",
     ),
     EffectInfo(
         name="thermal_clearance",
@@ -160,6 +171,7 @@ _STATIC = (
         scale=5e-9,
         shows=_ALL,
         sentence="the clearance changes with the temperature",
+        elsewhere="sources",
     ),
     EffectInfo(
         name="pressure_clearance",
@@ -172,6 +184,7 @@ _STATIC = (
         shows=_ALL,
         sentence="the clearance grows with the pressure",
         costly=True,
+        elsewhere="sources",
     ),
     EffectInfo(
         name="flow_saturation",
@@ -183,6 +196,7 @@ _STATIC = (
         scale=2e13,
         shows=_FLOW,
         sentence="the passages inside the valve choke large flows",
+        elsewhere="sources",
     ),
     EffectInfo(
         name="supply_droop",
@@ -194,6 +208,7 @@ _STATIC = (
         scale=2e9,
         shows=_FLOW,
         sentence="the supply pressure at the valve falls with the flow",
+        elsewhere="sources",
     ),
     EffectInfo(
         name="return_back_pressure",
@@ -205,6 +220,7 @@ _STATIC = (
         scale=3e13,
         shows=_FLOW,
         sentence="the return pressure at the valve rises with the flow",
+        elsewhere="sources",
     ),
     EffectInfo(
         name="throttle_heating",
@@ -218,6 +234,7 @@ _STATIC = (
         sentence="the oil keeps part of its throttling heat",
         shown=_PERCENT,
         adds_to="heat_retention",
+        elsewhere="sources",
     ),
     EffectInfo(
         name="pressure_viscosity",
@@ -230,6 +247,7 @@ _STATIC = (
         shows=_ALL,
         sentence="the oil thickens under pressure",
         costly=True,
+        elsewhere="sources",
     ),
     EffectInfo(
         name="viscosity_shift",
@@ -243,6 +261,7 @@ _STATIC = (
         sentence="the oil is thicker or thinner than its data sheet",
         shown=_PERCENT,
         factor_on="viscosity",
+        elsewhere="sources",
     ),
     EffectInfo(
         name="temperature_offset",
@@ -254,6 +273,7 @@ _STATIC = (
         scale=3.0,
         shows=_ALL,
         sentence="the thermometer reads another temperature than the oil has",
+        elsewhere="bench",
     ),
     EffectInfo(
         name="pilot_leakage",
@@ -265,6 +285,7 @@ _STATIC = (
         scale=1e-9,
         shows=_LEAK,
         sentence="the first stage takes its own flow",
+        elsewhere="sources",
     ),
     EffectInfo(
         name="bushing_leakage",
@@ -276,6 +297,7 @@ _STATIC = (
         scale=2e-13,
         shows=_LEAK,
         sentence="oil leaks around the bushing",
+        elsewhere="sources",
     ),
     EffectInfo(
         name="cross_port_leakage",
@@ -287,6 +309,7 @@ _STATIC = (
         scale=2e-13,
         shows=(*_PRESSURE, *_LEAK, "load_flow"),
         sentence="oil leaks from one port to the other",
+        elsewhere="sources",
     ),
     EffectInfo(
         name="port_compliance_a",
@@ -299,6 +322,7 @@ _STATIC = (
         shows=(*_LEAK, *_PRESSURE),
         sentence="what is trapped at port A stores oil",
         needs=("time",),
+        elsewhere="bench",
     ),
     EffectInfo(
         name="port_compliance_b",
@@ -311,6 +335,7 @@ _STATIC = (
         shows=(*_LEAK, *_PRESSURE),
         sentence="what is trapped at port B stores oil",
         needs=("time",),
+        elsewhere="bench",
     ),
     EffectInfo(
         name="flowmeter_offset",
@@ -322,6 +347,7 @@ _STATIC = (
         scale=1e-7,
         shows=_FLOWS,
         sentence="the flowmeter's zero is off",
+        elsewhere="bench",
     ),
     EffectInfo(
         name="flowmeter_scale",
@@ -334,6 +360,7 @@ _STATIC = (
         shows=_FLOWS,
         sentence="the flowmeter's calibration is off",
         shown=_PERCENT,
+        elsewhere="bench",
     ),
     EffectInfo(
         name="flowmeter_lag",
@@ -346,6 +373,7 @@ _STATIC = (
         shows=_FLOWS,
         sentence="the flowmeter lags behind the flow",
         needs=("time",),
+        elsewhere="bench",
     ),
     EffectInfo(
         name="position_scale",
@@ -360,6 +388,7 @@ _STATIC = (
         shown=_PERCENT,
         also_in_motion=True,
         needs=("measured_spool",),
+        elsewhere="bench",
     ),
     EffectInfo(
         name="hysteresis",
@@ -372,6 +401,7 @@ _STATIC = (
         shows=_ALL,
         sentence="the position depends on the way it was reached",
         needs=("both_directions",),
+        elsewhere="sources",
     ),
     EffectInfo(
         name="position_lag",
@@ -385,6 +415,7 @@ _STATIC = (
         sentence="the spool lags behind the position that is read",
         needs=("rate", "several_rates"),
         looks_like="hysteresis",
+        elsewhere="bench",
     ),
     EffectInfo(
         name="pressure_offset",
@@ -396,6 +427,7 @@ _STATIC = (
         scale=1e5,
         shows=(*_PRESSURE, "load_flow"),
         sentence="the differential pressure gauge's zero is off",
+        elsewhere="bench",
     ),
     EffectInfo(
         name="load_pressure_scale",
@@ -408,6 +440,7 @@ _STATIC = (
         shows=(*_PRESSURE, "load_flow"),
         sentence="the pressure gauge's calibration is off",
         shown=_PERCENT,
+        elsewhere="bench",
     ),
 )
 _DYNAMIC = (

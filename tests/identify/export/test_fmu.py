@@ -23,7 +23,7 @@ from thermohyd.effects.library import EFFECTS
 from thermohyd.identify.bench.errors import BenchInputError
 from thermohyd.identify.bench.record import ValveData
 from thermohyd.identify.export.fmu import INPUTS, OUTPUTS, identifier, make_fmu
-from thermohyd.identify.export.valve_numbers import EXPRESSED, ON_THE_BENCH, valve_numbers
+from thermohyd.identify.export.valve_numbers import valve_numbers
 from thermohyd.identify.model.learned_terms import LearnedTerm
 from thermohyd.identify.model.model import Model
 from thermohyd.identify.model.model_file import save_model
@@ -272,8 +272,9 @@ def test_the_same_model_gives_the_same_bytes():
 
 
 def test_every_static_effect_is_expressed_or_left_out_or_refused():
-    assert {*EXPRESSED} | ON_THE_BENCH == set(EFFECTS)
-    assert not {*EXPRESSED} & ON_THE_BENCH
+    assert {info.elsewhere for info in EFFECTS.values()} == {"sources", "bench"}
+    fields = {number.name for number in valve_numbers(model()).numbers}
+    assert {name for name, info in EFFECTS.items() if info.elsewhere == "sources"} <= fields
     bench = valve_numbers(model(effects={"temperature_offset": 2.0, "hysteresis": 1e-6}))
     assert bench.left_out == ("temperature_offset",)
     assert bench.value("hysteresis") == 1e-6
