@@ -19,13 +19,15 @@ QUICK := identify/bench identify/report identify/noise identify/model/test_model
 	identify/diagnosis/test_where.py simulator/test_against_reference.py simulator/test_dynamics_field.py \
 	test_import_direction.py test_effect_names.py test_citations.py
 
-.PHONY: help demo compare-pairs plan-rates test quick lint typecheck pytest dist bench figures hidden hidden-bench hidden-dynamic hidden-logs joint-coverage law-coverage \
+.PHONY: help demo compare-pairs plan-rates test quick lint typecheck pytest dist site tutorial bench figures hidden hidden-bench hidden-dynamic hidden-logs joint-coverage law-coverage \
 	recovery petab-select real-valve clean
 help:
 	@echo "make demo    fit one sample record, diagnose another, write demo-report/"
 	@echo "make test    ruff, pyright and pytest against the installed package"
 	@echo "make quick   half of the tests, those that compile little, in about a minute"
 	@echo "make dist    wheel and sdist into dist/, each installed into an environment of its own elsewhere and tried (two minutes)"
+	@echo "make site    the documentation as pages, into build/site (installs Zensical into $(VENV))"
+	@echo "make tutorial  docs/tutorial.md typed as it stands, the diagnosis included (three minutes)"
 	@echo "make bench   the benchmarks, each with its peer"
 	@echo "make figures  the benchmarks again, into docs/figures and README with commit and date (PARTS=\"start-up hidden-1\": these; all: a day)"
 	@echo "make hidden  76 records with a hidden effect, diagnosed and scored (SET=2: other seeds, SET=3: faint effects; half an hour)"
@@ -80,6 +82,15 @@ dist: $(VENV)/.installed-dev
 		record=$$(cd $$elsewhere && env/bin/python -P -c "import thermohyd.data as d; print(d.sample_record('seed_valve'))"); \
 		(cd $$elsewhere && env/bin/thermohyd --version && env/bin/thermohyd check $$record --out seen --quiet && test -s seen/check.png); \
 		rm -rf $$elsewhere; done
+
+# Strict: a link that leads nowhere ends it.
+site: $(VENV)/.installed-dev
+	$(INSTALL) '.[docs]'
+	@rm -rf build/lib build/bdist.* *.egg-info
+	$(BIN)/zensical build --strict
+
+tutorial: $(VENV)/.installed-dev
+	THERMOHYD_TUTORIAL=1 $(BIN)/pytest -q tests/test_documentation.py
 
 bench: $(VENV)/.installed-dev
 	@for script in $(filter-out benchmarks/hidden_% benchmarks/joint_% benchmarks/law_% benchmarks/recovery.py benchmarks/real_valve.py \
