@@ -4,8 +4,10 @@ A MATLAB name holds no unit: `columns = { spool_position = "xv [um]" }` in bench
 of texts) may be a column, such as the run.
 """
 
+import struct
 import warnings
-from collections.abc import Mapping
+import zlib
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -47,6 +49,7 @@ def _of_scipy(path: Path) -> dict[str, Any]:
             warnings.simplefilter(
                 "ignore"
             )  # about duplicate names and MATLAB's own objects, of which the reader speaks itself
+            _refuse_claims(path)
             cells = sum(int(np.prod(shape, dtype=float)) for _, shape, _ in whosmat(str(path)))
             if cells > MOST_CELLS:
                 raise BenchInputError(f"has more than {MOST_CELLS:,} cells; thin the log before fitting", file=path)
@@ -58,6 +61,69 @@ def _of_scipy(path: Path) -> dict[str, Any]:
     except Exception:  # SciPy raises whatever it trips over in a damaged or hostile file
         raise BenchInputError(f"is no .mat file, or a damaged one; save it again, {OTHER_WAY}", file=path) from None
     return {name: _plain(value) for name, value in found.items() if not name.startswith("__")}
+
+
+INT32, MATRIX, COMPRESSED = 5, 14, 15  # types of elements of a version 5 file
+SPARSE = 5  # class of a matrix whose size says nothing of what it holds
+DEEPEST = 8  # structs within structs
+
+
+def _refuse_claims(path: Path) -> None:
+    """Raise BenchInputError where an array at any depth claims more cells than are read: SciPy makes room for them first.
+
+    By the file's own format (MATLAB, MAT-File Format, level 5): elements of a tag and its bytes, a matrix being elements itself, of
+    which the second holds its sizes. ValueError or struct.error where that is not kept.
+    """
+    raw = path.read_bytes()
+    if len(raw) < 128 or raw[126:128] not in (b"IM", b"MI"):
+        return  # version 4: all its sizes have been seen
+    order = "<" if raw[126:128] == b"IM" else ">"
+    for kind, start, stop in _elements(raw, 128, len(raw), order):
+        if kind == COMPRESSED:
+            unpacked = zlib.decompressobj().decompress(raw[start:stop], LARGEST + 1)
+            if len(unpacked) > LARGEST:
+                raise BenchInputError(f"unpacks to more than {LARGEST:,} bytes; thin the log before fitting", file=path)
+            _refuse_claim(path, unpacked, 0, len(unpacked), order, 0)
+        elif kind == MATRIX:
+            _refuse_claim(path, raw, start - 8, stop, order, 0)
+
+
+def _refuse_claim(path: Path, raw: bytes, start: int, stop: int, order: str, depth: int) -> None:
+    for kind, inner, end in _elements(raw, start, stop, order):
+        if kind != MATRIX or end == inner:
+            continue
+        if depth > DEEPEST:
+            raise ValueError("nested too deeply")
+        parts = list(_elements(raw, inner, end, order))
+        holds_sizes, a, b = parts[1]
+        if holds_sizes != INT32 or raw[parts[0][1] if order == "<" else parts[0][1] + 3] == SPARSE:
+            continue  # an object of MATLAB's own, or sparse
+        cells = 1.0
+        for size in struct.unpack_from(f"{order}{(b - a) // 4}i", raw, a):
+            if size < 0:
+                raise ValueError("a size below zero")
+            cells *= size
+        if cells > MOST_CELLS:
+            raise BenchInputError(f"has more than {MOST_CELLS:,} cells; thin the log before fitting", file=path)
+        if cells > end - inner:
+            raise ValueError("more cells than bytes")
+        for part, first, last in parts[2:]:
+            if part == MATRIX:
+                _refuse_claim(path, raw, first - 8, last, order, depth + 1)
+
+
+def _elements(raw: bytes, start: int, stop: int, order: str) -> Iterator[tuple[int, int, int]]:
+    """(type, first byte, end) of each element between two places."""
+    while start + 8 <= stop:
+        kind, size = struct.unpack_from(f"{order}II", raw, start)
+        if kind >> 16:  # a small one: type and size in four bytes, its own in the next four
+            yield kind & 0xFFFF, start + 4, start + 4 + min(kind >> 16, 4)
+            start += 8
+            continue
+        if start + 8 + size > stop:
+            raise ValueError("an element beyond its end")
+        yield kind, start + 8, start + 8 + size
+        start += 8 + size + (-size % 8 if kind != COMPRESSED else 0)
 
 
 def _plain(value: Any) -> Any:

@@ -125,7 +125,7 @@ def read_each_test(bench: BenchFile, folder: Path) -> EachTest:
             continue
         tables[test.name] = table
         try:
-            record_of(_only(bench, [test.name]), {test.name: table}, folder, readings_required=not test.planned)
+            record_of(_only(bench, [test.name]), {test.name: table}, folder)
         except BenchInputError as error:
             refused[test.name] = error
             bare.append(test.name)

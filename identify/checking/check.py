@@ -51,16 +51,15 @@ def check(bench: str | Path, *, progress: Callable[[str], None] | None = None) -
         seen = _as_seen(test, turned)
         tests[name] = _checked(test, seen, found.tables[name], description, name in planned, turned)
     free: tuple[str, ...] = ()
-    complete = not refused and not planned
-    if complete:
+    if not refused:
         try:
             free = _free(record, {name: test.seen for name, test in tests.items()})
         except BenchInputError as error:  # about the record as a whole, so under no test's name
             refused[""] = str(error)
-    lost = [name for name in refused if name not in found.without_readings]
+    lost = [name for name in refused if name and name not in found.without_readings]
     missing = () if lost else what_is_missing(record, tests)  # once all is read: a refused test is no missing one
-    command = f"thermohyd fit {bench} --out DIR" if complete and not refused else ""
-    if not complete and all(name in found.without_readings or name in planned for name in (*tests, *refused)):
+    command = "" if refused else f"thermohyd fit {bench} --out DIR"
+    if refused and not lost and "" not in refused:
         command = f"thermohyd {'plan' if planned else 'simulate'} {bench} --out DIR"
     return CheckResult(
         record.name,

@@ -97,10 +97,7 @@ class CheckResult(Result):
     @property
     def for_predictions_only(self) -> bool:
         """Whether every test lacks its readings, as a record for `simulate` does, or is planned."""
-        return bool(self.tests) and all(
-            name in self.without_readings or (name in self.tests and self.tests[name].planned)
-            for name in (*self.tests, *self.refused)
-        )
+        return bool(self.tests) and all(name in self.without_readings for name in (*self.tests, *self.refused))
 
     @property
     def trouble(self) -> str:
@@ -110,7 +107,7 @@ class CheckResult(Result):
         every = len({*self.tests, *self.refused})
         return (
             f"{len(self.refused)} of {every} {'test' if every == 1 else 'tests'} would be refused ({', '.join(self.refused)}): "
-            "correct what the lines above name, and check again"
+            "correct what is named there, and check again"
         )
 
     def print_on(self, console: "Console") -> None:

@@ -58,7 +58,8 @@ OUTPUTS = {
     "leakage_flow": ("m3/s", "Flow to the return with both ports closed, volume at return conditions"),
 }
 # Which inputs an output follows: all but those named.
-INDEPENDENT = dict.fromkeys(("blocked_pressure_a", "blocked_pressure_b", "leakage_flow"), ("pressure_a", "pressure_b"))
+_OF_CLOSED_PORTS = ("blocked_pressure_a", "blocked_pressure_b", "leakage_flow")
+INDEPENDENT: dict[str, tuple[str, ...]] = dict.fromkeys(_OF_CLOSED_PORTS, ("pressure_a", "pressure_b"))
 # Exponents of kg, m, s, A, K.
 BASE_UNITS = {
     "1": {}, "m": {"m": 1}, "Pa": {"kg": 1, "m": -1, "s": -2}, "K": {"K": 1}, "A": {"A": 1}, "m3/s": {"m": 3, "s": -1},
@@ -181,9 +182,8 @@ def description(name: str, guid: str, model: Model, numbers: ValveNumbers) -> by
     )
     for kind in ("ModelExchange", "CoSimulation"):
         more = {"canHandleVariableCommunicationStepSize": "true"} if kind == "CoSimulation" else {}
-        part = ET.SubElement(
-            root, kind, modelIdentifier=name, canGetAndSetFMUstate="true", canSerializeFMUstate="true", **more
-        )
+        states = {"canGetAndSetFMUstate": "true", "canSerializeFMUstate": "true"}
+        part = ET.SubElement(root, kind, {"modelIdentifier": name, **states, **more})
         listed = ET.SubElement(part, "SourceFiles")
         for file in SOURCES:
             if file.endswith(".c"):
@@ -198,10 +198,9 @@ def description(name: str, guid: str, model: Model, numbers: ValveNumbers) -> by
     variables = ET.SubElement(root, "ModelVariables")
 
     def variable(reference: int, name: str, unit: str, words: str, start: float | None, **kind: str) -> None:
-        made = ET.SubElement(
-            variables, "ScalarVariable", name=name, valueReference=str(reference), description=words, **kind
-        )
-        ET.SubElement(made, "Real", unit=unit, **({} if start is None else {"start": repr(float(start))}))
+        about = {"name": name, "valueReference": str(reference), "description": words, **kind}
+        made = ET.SubElement(variables, "ScalarVariable", about)
+        ET.SubElement(made, "Real", {"unit": unit, **({} if start is None else {"start": repr(float(start))})})
 
     for i, number in enumerate(numbers.numbers):
         variable(

@@ -43,12 +43,14 @@ def load_result(path: Path) -> dict[str, Any]:
 def result_tables(content: Mapping[str, Any]) -> dict[str, pd.DataFrame]:
     """{name: table} of a result's JSON."""
     fit = content.get("fit", content)
-    tables = {"parameters": _parameters(fit["parameters"])}
+    tables: dict[str, pd.DataFrame] = {"parameters": _parameters(fit["parameters"])}
     correlation = fit.get("correlation") or {}
     if correlation:
         names = list(correlation)
         rows = [[1.0 if a == b else correlation[a].get(b) for b in names] for a in names]
-        tables["correlation"] = pd.DataFrame(rows, columns=names).assign(parameter=names)[["parameter", *names]]
+        table = pd.DataFrame(rows, columns=names)
+        table.insert(0, "parameter", names)
+        tables["correlation"] = table
     channels = [
         {
             "test": test,

@@ -2,6 +2,7 @@
 # ruff: noqa: E501 (the messages stand whole, as they are printed)
 
 import sys
+from typing import Any
 
 import h5py
 import numpy as np
@@ -154,7 +155,7 @@ def test_a_column_without_a_unit_says_where_it_goes(tmp_path):
 
 def write_tdms(folder, groups, toml=TDMS):
     with TdmsWriter(str(write_record(folder, toml) / "leakage.tdms")) as file:
-        parts = [RootObject({})]
+        parts: list[Any] = [RootObject({})]
         for name, channels in groups.items():
             parts.append(GroupObject(name))
             parts += [ChannelObject(name, *channel) for channel in channels]

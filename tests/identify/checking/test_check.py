@@ -93,7 +93,7 @@ def test_every_test_is_read_by_itself(tmp_path, run):
     assert 'flow.csv, line 1, column "x"' in ran.stdout.replace("\n  ", " ")
     assert "pressure_gain: 3 rows" in ran.stdout
     assert ran.stderr.endswith(
-        "2 of 3 tests would be refused (leakage, flow_gain): correct what the lines above name, and check again\n"
+        "2 of 3 tests would be refused (leakage, flow_gain): correct what is named there, and check again\n"
     )
     assert not (tmp_path / "out").exists()
 
@@ -113,6 +113,17 @@ def test_a_record_for_predictions_only(tmp_path, run):
     assert ran.exit_code == 0
     assert "a record for simulate and plan, not for a fit" in ran.stdout
     assert f"thermohyd simulate {tmp_path}" in ran.stdout
+
+
+def test_a_planned_test_beside_one_that_was_run(tmp_path, run):
+    plan = "[tests.flow_gain]\nplan = { points = 11 }\n"
+    log = LEAKAGE + "2,down,-10,0.1\n3,down,-20,0.05\n"
+    mixed = run(write_record(tmp_path / "mixed", TOML + plan, leakage=log))
+    assert mixed.exit_code == 2
+    assert "1 of 2 tests would be refused (flow_gain)" in mixed.stderr
+    alone = run(write_record(tmp_path / "planned", TOML.replace('[tests.leakage]\nfile = "leakage.csv"\n', plan)))
+    assert alone.exit_code == 0
+    assert "thermohyd plan" in alone.stdout
 
 
 def test_readings_of_the_wrong_sign_are_named(tmp_path):

@@ -4,6 +4,7 @@ import shutil
 import subprocess
 import zipfile
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import fmpy
@@ -107,16 +108,19 @@ def outputs(host, tmp_path, given: Model, at: dict[str, np.ndarray], **options: 
     fmu = unpacked(given, tmp_path, **options)
     about = fmpy.read_model_description(str(fmu))
     lines = "\n".join(" ".join(map(repr, map(float, row))) for row in np.stack(list(at.values()), axis=1))
-    binary = fmu / "binaries" / "linux64" / f"{about.modelName}.so"
-    ran = subprocess.run(
-        [host, binary, about.guid, str(len(at)), str(len(OUTPUTS))], input=lines, capture_output=True, text=True
-    )
+    ran = run_in(host, fmu, str(about.guid), lines, len(at))
     assert (ran.returncode, ran.stderr) == (0, "")
     table = np.array([[float(cell) for cell in line.split()] for line in ran.stdout.splitlines()])
     return dict(zip(OUTPUTS, table.T, strict=True))
 
 
-def unpacked(given: Model, folder, **options: Any):
+def run_in(host, fmu: Path, guid: str, lines: str, inputs: int) -> subprocess.CompletedProcess[str]:
+    (binary,) = (path for path in (fmu / "binaries").rglob("*") if path.is_file())
+    call = [str(host), str(binary), guid, str(inputs), str(len(OUTPUTS))]
+    return subprocess.run(call, input=lines, capture_output=True, text=True)
+
+
+def unpacked(given: Model, folder: Path, **options: Any) -> Path:
     made = make_fmu(given, **options)
     (folder / "valve.fmu").write_bytes(made.content)
     with zipfile.ZipFile(folder / "valve.fmu") as archive:
@@ -128,7 +132,7 @@ def unpacked(given: Model, folder, **options: Any):
 @pytest.mark.parametrize("case", CASES)
 def test_the_c_sources_give_the_numbers_of_the_reference(case, host, tmp_path):
     law, effects = CASES[case]
-    at = points(50)
+    at = points(30)
     found = outputs(host, tmp_path, model(law, effects), at)
     valve = ReferenceValve(slot_width=12e-3, null_pressure=140e5, edge_law=law, **PARAMETERS)
     load = at["pressure_a"] - at["pressure_b"]
@@ -226,7 +230,7 @@ def test_fmpy_runs_and_validates_it(host, tmp_path):
     for kind in ("CoSimulation", "ModelExchange"):
         result = fmpy.simulate_fmu(
             str(tmp_path / "valve.fmu"), fmi_type=kind, start_time=0.0, stop_time=time[-1], output_interval=1e-3, input=signals,
-            step_size=1e-3, solver="Euler" if kind == "ModelExchange" else None,
+            step_size=1e-3, solver="Euler",
         )  # fmt: skip
         for i in (0, 7, 39):
             row = int(np.argmin(np.abs(result["time"] - time[i])))
@@ -328,11 +332,10 @@ def test_inputs_that_are_no_numbers_end_a_step(host, tmp_path):
     about = fmpy.read_model_description(str(unpacked(model(), tmp_path)))
     line = " ".join(str(start) for _, start, _ in INPUTS.values())
     for wrong in (line.replace("313.15", "nan"), line.replace("313.15", "40")):  # 40 degC given as 40 K
-        binary = tmp_path / "inside" / "binaries" / "linux64" / f"{about.modelName}.so"
-        ran = subprocess.run([host, binary, about.guid, "7", "10"], input=wrong, capture_output=True, text=True)
+        ran = run_in(host, tmp_path / "inside", str(about.guid), wrong, 7)
         assert ran.returncode == 3
         assert "an input is no finite number, or the temperature is not between 150 and 700 K" in ran.stderr
-    assert subprocess.run([host, binary, "{0}", "7", "10"], input=line, text=True, capture_output=True).returncode == 2
+    assert run_in(host, tmp_path / "inside", "{0}", line, 7).returncode == 2
 
 
 def test_the_command_writes_it_and_says_what_stays(monkeypatch, tmp_path):
