@@ -147,7 +147,7 @@ def check_word(table: TomlTable, key: str, words: tuple[str, ...]) -> None:
         raise table.error(f"must be one of {', '.join(words)}", key)
 
 
-TEST_KEYS = ("kind", "file", "noise", "columns", "ignore", "missing", "skip_rows", "sheet")
+TEST_KEYS = ("kind", "file", "date", "noise", "columns", "ignore", "missing", "skip_rows", "sheet")
 DATA_SHEET = ("gain", "zero")  # of a static test's instrument
 PLAN = "plan"  # of a static test that is yet to be run, in the place of its file
 OWN_KEYS = {"frequency": ("output", "absolute"), "leakage": ("meter",), "step": ("command",)}

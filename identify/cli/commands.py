@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from .fleet import app as fleet_app
 from .process import fail, plain_failures
 from .run_command import begin, load_users_effects, of_each_record, run_study, say_where, show
 
@@ -429,6 +430,9 @@ def new_command(
 
         write_template(folder)
         say_where(begin(None, False)[1].results, folder, "bench.toml")
+
+
+app.add_typer(fleet_app, name="fleet")
 
 
 def main() -> None:
