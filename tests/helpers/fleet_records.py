@@ -1,6 +1,7 @@
 """A fleet of small records on disk, rows of a store, and jobs that do to their process what a bad record can."""
 
 import os
+import resource
 import signal
 import time
 from datetime import datetime
@@ -54,7 +55,7 @@ def stored_row(number: int, **other: Any) -> dict[str, Any]:
 # Jobs, by `helpers.fleet_records:NAME`: host only.
 
 
-def slowly(record: BenchRecord, seconds: float) -> None:
+def slowly(record: BenchRecord, seconds: float = 0.15) -> None:
     """Long enough to be killed."""
     time.sleep(seconds)
 
@@ -81,3 +82,9 @@ def grows(record: BenchRecord, serial: str, size: int) -> None:
 def raises(record: BenchRecord, serial: str) -> None:
     if record.service.serial == serial:
         raise ZeroDivisionError("no flow at all")
+
+
+def no_room() -> None:
+    """From here on the system refuses to write a file of results: called in a process that computes."""
+    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (500, resource.getrlimit(resource.RLIMIT_FSIZE)[1]))

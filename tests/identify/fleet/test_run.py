@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 from helpers.bench_folder import write_record
-from helpers.fleet_records import write_fleet
+from helpers.fleet_records import no_room, write_fleet
 
 from thermohyd.identify.bench.errors import BenchInputError
 from thermohyd.identify.fleet.chunks import Deal, in_chunks
@@ -103,15 +103,15 @@ def test_a_record_that_breaks_things_stops_no_fleet(tmp_path, job, care, kind, w
     assert failure["reason"].startswith(words)
 
 
-def test_a_store_that_cannot_be_written_ends_the_run(tmp_path):
-    """A full disk, as far as a process without a quota can have one: where a partition should be, nothing can be made."""
+def test_a_full_disk_ends_the_run_and_the_next_one_completes_it(tmp_path):
+    """The system itself refuses, in the middle of writing the first result."""
     fleet = write_fleet(tmp_path / "records", 6)
     store = Store(tmp_path / "store")
-    (store.folder / "results").write_text("in the way")
-    full = run_fleet(store, fleet, Settings("read"))
-    assert "the store cannot be written" in full.trouble
+    full = run_fleet(store, fleet, Settings("read"), care=Care(prepare=no_room))
+    assert "the store cannot be written (File too large)" in full.trouble
+    assert "free some space" in full.trouble
     assert (full.done, full.failed, full.left) == (0, {}, 6)
-    (store.folder / "results").unlink()
+    assert [path for path in (store.folder / "results").rglob("*") if path.is_file()] == []
     assert run_fleet(store, fleet, Settings("read")).done == 6
 
 
