@@ -5,6 +5,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 from thermohyd.identify.bench.record import BenchRecord
+from thermohyd.identify.fitting.result import DISAGREES
 
 from .identity import Found, Settings
 
@@ -42,7 +43,7 @@ def row_of(
         "operating_hours": service.operating_hours,
         "iso_4406": service.iso_4406,
         **_ranges(record),
-        "verdict": content.get("verdict", "read"),
+        "verdict": _verdict(content),
         "converged": content.get("converged"),
         "gap_before": content.get("gap_before", fit.get("reduced_chi2")),
         "gap_after": content.get("gap_after", fit.get("reduced_chi2")),
@@ -52,7 +53,7 @@ def row_of(
             {key: fault.get(key) for key in ("name", "test", "channel", "value", "std", "unit", "sentence")}
             for fault in content.get("faults", ())
         ],
-        "sentences": list(content.get("sentences", ())),
+        "sentences": list(content.get("sentences", fit.get("verdict", ()))),
         "warnings": list(content.get("warnings", record.warnings)),
         "rows": sum(test.rows for test in record.tests.values()),
         "report": report,
@@ -86,6 +87,15 @@ def day_of(text: str | None) -> datetime | None:
         return None
     found = datetime.fromisoformat(text)
     return found if found.tzinfo is None else found.astimezone(UTC).replace(tzinfo=None)
+
+
+def _verdict(content: Mapping[str, Any]) -> str:
+    """A diagnosis's own word; of a fit whether the ideal valve is enough."""
+    if not content:
+        return "read"
+    if isinstance(content["verdict"], str):
+        return content["verdict"]
+    return "misfit" if content["judged"] and (content["reduced_chi2"] or 0.0) > DISAGREES else "fitted"
 
 
 def _estimate(name: str, given: Mapping[str, Any]) -> dict[str, Any]:

@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from multiprocessing import parent_process
+from pathlib import Path
 from typing import Any
 
 from thermohyd.identify.bench.errors import BenchInputError, one_line
@@ -76,16 +77,14 @@ def compute(task: Task) -> Outcome:
         if row is None:
             what = f"{task.found.folder} changed while it was read; the next run takes it"
             return Outcome(identity, "changed", what, folder=task.found.folder)
-        if "kind" in row:
-            store.write_failure(row)
-        else:
-            if report is not None:
-                report.save(store.folder / "reports" / identity)
-            store.write_result(row)
+        if report is not None:
+            report.save(store.folder / "reports" / identity)
+        row = _keep(task, store, row)
     except StoreError as error:
-        return Outcome(identity, "trouble", str(error))
+        return Outcome(identity, "trouble", str(error), folder=task.found.folder)
     except OSError as error:  # of the report's files
-        return Outcome(identity, "trouble", f"the store cannot be written ({error.strerror or error})")
+        what = f"the store cannot be written ({error.strerror or error})"
+        return Outcome(identity, "trouble", what, folder=task.found.folder)
     if task.between is not None:
         task.between()
     state, reason = ("failed", row["reason"]) if "kind" in row else ("done", "")
@@ -94,12 +93,34 @@ def compute(task: Task) -> Outcome:
     )
 
 
+def _keep(task: Task, store: Any, row: dict[str, Any]) -> dict[str, Any]:
+    """What is now in the store: the row, or why it could not become one."""
+    if "kind" not in row:
+        try:
+            store.write_result(row)
+            return row
+        except (
+            TypeError,
+            ValueError,
+            ArithmeticError,
+        ) as error:  # Arrow's are of these: a value of another kind than its column
+            row = _failure(task, "failed", error)
+    store.write_failure(row)
+    return row
+
+
+def _failure(task: Task, kind: str, error: Exception) -> dict[str, Any]:
+    from .rows import failure_of
+
+    return failure_of(task.found, task.settings, kind, in_words(error))
+
+
 def _row(task: Task, job: Callable[..., Any], began: float) -> tuple[dict[str, Any] | None, Any]:
     """(a row of results or of failures, the result where its report is wanted); (None, None) where the record is not what it was."""
     from thermohyd.identify.bench.read import read_record
 
     from .identity import look_at
-    from .rows import failure_of, row_of
+    from .rows import row_of
 
     found, settings = task.found, task.settings
     kind = "unreadable"
@@ -108,21 +129,12 @@ def _row(task: Task, job: Callable[..., Any], began: float) -> tuple[dict[str, A
         kind = "failed"
         result = job(record, **settings.options)
         content = {} if result is None else result.to_dict()
+        report = result if task.reports and result is not None else None
+        where = f"reports/{found.identity(settings)}" if report is not None else None
+        row = row_of(found, settings, record, content, time.monotonic() - began, where)
     except Exception as error:
-        if look_at(_path(found)).content != found.content:
-            return None, None
-        return failure_of(found, settings, kind, in_words(error)), None
-    if look_at(_path(found)).content != found.content:
-        return None, None
-    report = result if task.reports and result is not None else None
-    where = f"reports/{found.identity(settings)}" if report is not None else None
-    return row_of(found, settings, record, content, time.monotonic() - began, where), report
-
-
-def _path(found: Found) -> Any:
-    from pathlib import Path
-
-    return Path(found.folder)
+        row, report = _failure(task, kind, error), None
+    return (row, report) if look_at(Path(found.folder)).content == found.content else (None, None)
 
 
 def in_words(error: Exception) -> str:
