@@ -90,7 +90,7 @@ def run_command(
     with plain_failures(), _extra():
         from thermohyd.identify.fleet.run import run_fleet
 
-        summary = _with_store(
+        summary: Summary = _with_store(
             store,
             lambda opened, progress, stop: run_fleet(
                 opened,
@@ -108,6 +108,48 @@ def run_command(
         )
         _say_summary(summary)
         _end(summary, store)
+
+
+@app.command("watch")
+def watch_command(
+    store: StoreFolder,
+    records: Annotated[Path, typer.Option("--records", metavar="DIR", help="Folder into which benches put records.")],
+    job: Job = "fit",
+    every: Annotated[float, typer.Option("--every", min=0.1, metavar="SECONDS", help="Between two looks.")] = 5.0,
+    settle: Annotated[
+        float, typer.Option("--settle", min=0.0, metavar="SECONDS", help="A folder must rest for so long to be taken.")
+    ] = 10.0,
+    reports: Reports = False,
+    without: Without = "",
+    time_limit: Seconds = 3600.0,
+    memory_limit: Memory = 6.0,
+) -> None:
+    """Take each record that appears in a folder, once nobody writes into it any more. Ctrl-C ends it."""
+    with plain_failures(), _extra():
+        from thermohyd.identify.bench.errors import BenchInputError
+        from thermohyd.identify.fleet.watch import watch
+        from thermohyd.identify.interruption import INTERRUPTED
+
+        if not records.is_dir():
+            raise BenchInputError("no such folder; --records takes one that is there, empty or not", file=records)
+        outcomes = _with_store(
+            store,
+            lambda opened, progress, stop: watch(
+                opened,
+                records,
+                _settings(job, without),
+                care=_care(job, time_limit, memory_limit),
+                every=every,
+                settle=settle,
+                reports=reports,
+                between=_between(job),
+                progress=progress,
+                stop=stop,
+            ),
+        )
+        bad = sum(outcome.state == "failed" for outcome in outcomes)
+        typer.echo(f"thermohyd: interrupted; {len(outcomes):,} records taken, {bad:,} of them failed", err=True)
+        raise typer.Exit(INTERRUPTED)
 
 
 @app.command("query")
@@ -172,7 +214,7 @@ def _between(job: str) -> Any:
     return None if job == "read" else keep_memory_flat
 
 
-def _with_store(folder: Path, work: Any) -> "Summary":
+def _with_store(folder: Path, work: Any) -> Any:
     """Work on an opened store, with progress on stderr, and Ctrl-C that asks first."""
     import threading
 

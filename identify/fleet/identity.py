@@ -87,7 +87,7 @@ def look_at(folder: Path) -> Found:
     """Hash and shape of a record. What is missing or no plain file counts as that: whoever reads the record says so."""
     description = folder / NAME
     content, shape = hashlib.sha256(), []
-    for name, path in [(NAME, description), *_named_files(folder, description)]:
+    for name, path in [(NAME, description), *named_files(folder)]:
         digest, lines = _hash(path)
         content.update(f"{name}\0{digest}\n".encode(errors="surrogatepass"))
         if path != description:
@@ -95,9 +95,10 @@ def look_at(folder: Path) -> Found:
     return Found(str(folder), content.hexdigest(), tuple(sorted(shape)))
 
 
-def _named_files(folder: Path, description: Path) -> list[tuple[str, Path]]:
+def named_files(folder: Path) -> list[tuple[str, Path]]:
+    """(name, path) of the files that a record's bench.toml names, sorted; empty where it cannot be read."""
     try:
-        with description.open("rb") as file:
+        with (folder / NAME).open("rb") as file:
             tables = tomllib.loads(file.read(LARGEST_DESCRIPTION).decode("utf-8-sig")).get("tests", {})
         names = [table.get("file") for table in tables.values() if isinstance(table, dict)]
     except (OSError, ValueError, RecursionError, AttributeError):

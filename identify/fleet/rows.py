@@ -11,6 +11,8 @@ from .identity import Found, Settings
 
 
 UNKNOWN_TYPE = "unknown"
+FAULT_KEYS = ("name", "test", "channel", "value", "std", "unit", "sentence")
+TERM_KEYS = ("place", "variable", "law", "value", "std", "unit", "sentence")
 
 
 def row_of(
@@ -49,10 +51,9 @@ def row_of(
         "gap_after": content.get("gap_after", fit.get("reduced_chi2")),
         "parameters": [_estimate(name, p) for name, p in fit.get("parameters", {}).items()],
         "effects": [_effect(effect) for effect in content.get("effects", ())],
-        "faults": [
-            {key: fault.get(key) for key in ("name", "test", "channel", "value", "std", "unit", "sentence")}
-            for fault in content.get("faults", ())
-        ],
+        "held_out": (content.get("held_out") or {}).get("gap_closed"),
+        "faults": [{key: fault.get(key) for key in FAULT_KEYS} for fault in content.get("faults", ())],
+        "terms": [{key: term.get(key) for key in TERM_KEYS} for term in content.get("terms", ())],
         "sentences": list(content.get("sentences", fit.get("verdict", ()))),
         "warnings": list(content.get("warnings", record.warnings)),
         "rows": sum(test.rows for test in record.tests.values()),
@@ -113,6 +114,7 @@ def _ranges(record: BenchRecord) -> dict[str, float]:
     found = {}
     for column, name in (("temperature", "oil_temperature"), ("supply_pressure", "supply_pressure")):
         values = [getattr(test, column) for test in record.tests.values()]
-        found[f"{name}_low"] = float(min(v.min() for v in values))
-        found[f"{name}_high"] = float(max(v.max() for v in values))
+        if values:
+            found[f"{name}_low"] = float(min(v.min() for v in values))
+            found[f"{name}_high"] = float(max(v.max() for v in values))
     return found

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import pyarrow as pa
 
 
-SCHEMA = 1
+SCHEMA = 2
 VERSION_KEY = b"thermohyd-fleet"
 
 _VALUE = [
@@ -28,6 +28,17 @@ FAULT = pa.struct(
         ("name", pa.string()),
         ("test", pa.string()),
         ("channel", pa.string()),
+        ("value", pa.float64()),
+        ("std", pa.float64()),
+        ("unit", pa.string()),
+        ("sentence", pa.string()),
+    ]
+)
+TERM = pa.struct(
+    [
+        ("place", pa.string()),
+        ("variable", pa.string()),
+        ("law", pa.string()),
         ("value", pa.float64()),
         ("std", pa.float64()),
         ("unit", pa.string()),
@@ -56,9 +67,11 @@ RESULTS = pa.schema(
         ("converged", pa.bool_()),
         ("gap_before", pa.float64()),  # reduced chi-square of the ideal valve
         ("gap_after", pa.float64()),
+        ("held_out", pa.float64()),  # share of the gap that the named effects close on rows held out; since schema 2
         ("parameters", pa.list_(PARAMETER)),
         ("effects", pa.list_(EFFECT)),
         ("faults", pa.list_(FAULT)),
+        ("terms", pa.list_(TERM)),  # since schema 2
         ("sentences", pa.list_(pa.string())),
         ("warnings", pa.list_(pa.string())),
         ("rows", pa.int64()),
@@ -85,7 +98,9 @@ OF_THE_RUN = ("seconds", "written")
 
 # {version: what makes a table of it one of the next}. Every one of them stays: stores are kept for years.
 Step = Callable[[pa.Table], pa.Table]
-MIGRATIONS: dict[int, Step] = {}
+MIGRATIONS: dict[int, Step] = {
+    1: lambda table: table,  # held_out and terms were not kept: null, as for any column that a table lacks
+}
 
 
 def version_of(table: pa.Table) -> int:

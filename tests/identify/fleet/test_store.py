@@ -5,6 +5,7 @@ import json
 import os
 import resource
 import signal
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 
@@ -166,3 +167,59 @@ def test_a_table_says_its_version(tmp_path):
     assert schema.version_of(table) == schema.SCHEMA
     with pytest.raises(ValueError, match="no file of a fleet's store"):
         schema.version_of(pa.table({"x": [1]}))
+
+
+# What schema 1 had: written by the program of its time, and never to be edited.
+SCHEMA_1 = {
+    "identity": pa.string(), "content": pa.string(), "job": pa.string(), "settings": pa.string(), "version": pa.string(),
+    "path": pa.string(), "serial": pa.string(), "port": pa.string(), "order_number": pa.string(), "date": pa.timestamp("us"),
+    "operating_hours": pa.float64(), "iso_4406": pa.string(), "oil_temperature_low": pa.float64(),
+    "oil_temperature_high": pa.float64(), "supply_pressure_low": pa.float64(), "supply_pressure_high": pa.float64(),
+    "verdict": pa.string(), "converged": pa.bool_(), "gap_before": pa.float64(), "gap_after": pa.float64(),
+    "parameters": pa.list_(schema.PARAMETER), "effects": pa.list_(schema.EFFECT), "faults": pa.list_(schema.FAULT),
+    "sentences": pa.list_(pa.string()), "warnings": pa.list_(pa.string()), "rows": pa.int64(), "report": pa.string(),
+    "seconds": pa.float64(), "written": pa.timestamp("us"),
+}  # fmt: skip
+
+
+def test_a_store_of_schema_1_is_brought_up_to_date(tmp_path):
+    store = filled(tmp_path / "store", 2)
+    for path in store.files():  # as they were; a migration that was interrupted left the second as it is today
+        old = pa.Table.from_pylist(pq.ParquetFile(path).read().to_pylist(), pa.schema(SCHEMA_1))
+        pq.write_table(old.replace_schema_metadata({schema.VERSION_KEY: b"1"}), path)
+        break
+    (store.folder / "store.json").write_text(json.dumps({"schema": 1}))
+    opened = Store(store.folder)
+    assert json.loads((store.folder / "store.json").read_text()) == {"schema": schema.SCHEMA}
+    for path in opened.files():
+        table = pq.ParquetFile(path).read()
+        assert schema.version_of(table) == schema.SCHEMA
+        assert table.schema.equals(schema.RESULTS)
+    assert query(opened, "SELECT held_out, len(parameters) FROM records ORDER BY identity").fillna(
+        0
+    ).values.tolist() == [[0, 1], [0, 1]]
+
+
+def test_rows_of_real_results(tmp_path):
+    """What a fit and a diagnosis give as JSON becomes a row, and comes back out of the store."""
+    from helpers.fake_diagnosis import fake_diagnosis
+    from helpers.fake_fit import fake_fit
+
+    from thermohyd.identify.bench.service import Service
+    from thermohyd.identify.fleet.identity import Found, Settings
+    from thermohyd.identify.fleet.rows import row_of
+
+    store = Store(tmp_path / "store")
+    record = replace(
+        fake_fit().record, service=Service("7", "T", 12.0, "2026-03-01T12:00:00+02:00", iso_4406="18/16/13")
+    )
+    for job, result in (("fit", fake_fit()), ("diagnose", fake_diagnosis())):
+        store.write_result(row_of(Found(f"/{job}", job, ()), Settings(job), record, result.to_dict(), 1.0))
+    fitted, diagnosed = plain_rows(query(store, "FROM records ORDER BY job DESC"))
+    assert fitted["verdict"] in ("fitted", "misfit")
+    assert {p["name"]: p["value"] for p in fitted["parameters"]} == {
+        n: p.value for n, p in fake_fit().parameters.items()
+    }
+    assert [e["name"] for e in diagnosed["effects"]] == [e.name for e in fake_diagnosis().effects]
+    assert diagnosed["verdict"] == fake_diagnosis().verdict
+    assert (diagnosed["type"], diagnosed["serial"], diagnosed["date"][:13]) == ("T", "7", "2026-03-01T10")
