@@ -48,6 +48,12 @@ Memory = Annotated[
 Without = Annotated[
     str, typer.Option("--without", metavar="NAMES", help="Of a diagnosis: effects to leave out, with commas.")
 ]
+Limits = Annotated[
+    Path | None,
+    typer.Option(
+        "--limits", metavar="FILE", help='TOML: ["TYPE"] clearance = { max = "6 um" }; a type "*" holds for all.'
+    ),
+]
 SAID_EVERY = 10.0  # s, where stderr is no terminal
 
 
@@ -179,6 +185,31 @@ def query_command(
             kinds = [">" if kind.kind in "iuf" else "~" for kind in answer.dtypes]
             rows = [[_cell(value) for value in row] for row in answer.itertuples(index=False)]
             consoles(False).results.print(table(tuple(k + str(c) for k, c in zip(kinds, answer, strict=True)), rows))
+
+
+@app.command("life")
+def life_command(
+    store: StoreFolder,
+    limits: Limits = None,
+    json: Annotated[bool, typer.Option("--json", help="Print all valves as JSON on stdout.")] = False,
+) -> None:
+    """How each valve wears, what was done to it, and when it reaches a limit: those first that need attention."""
+    with plain_failures(), _extra():
+        from thermohyd.identify.fleet.life import fleet_life
+        from thermohyd.identify.fleet.remaining import read_limits
+        from thermohyd.identify.fleet.store import Store
+
+        from .process import consoles
+
+        given = {} if limits is None else read_limits(limits)
+        shown = consoles(json)
+        with _progress(shown.notes) as progress:
+            life = fleet_life(Store(store, make=False), given, progress)
+        life.print_on(shown.results)
+        if json:
+            from .run_command import print_json
+
+            print_json(life.to_dict())
 
 
 def _cell(value: Any) -> str:
