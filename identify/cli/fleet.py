@@ -127,17 +127,31 @@ def watch_command(
     ] = 10.0,
     reports: Reports = False,
     without: Without = "",
+    out: Annotated[
+        str | None, typer.Option("--out", "-o", metavar="DIR", help="Also keep the pages of `report` up to date.")
+    ] = None,
+    limits: Limits = None,
     time_limit: Seconds = 3600.0,
     memory_limit: Memory = 6.0,
 ) -> None:
     """Take each record that appears in a folder, once nobody writes into it any more. Ctrl-C ends it."""
     with plain_failures(), _extra():
         from thermohyd.identify.bench.errors import BenchInputError
+        from thermohyd.identify.fleet.page import fleet_page
+        from thermohyd.identify.fleet.remaining import read_limits
+        from thermohyd.identify.fleet.store import Store
         from thermohyd.identify.fleet.watch import watch
         from thermohyd.identify.interruption import INTERRUPTED
 
+        from .run_command import begin
+
         if not records.is_dir():
             raise BenchInputError("no such folder; --records takes one that is there, empty or not", file=records)
+        folder, given = begin(out, False)[0], {} if limits is None else read_limits(limits)
+
+        def show_page(opened: Store, at: Path) -> None:
+            fleet_page(opened, at, given)
+
         outcomes = _with_store(
             store,
             lambda opened, progress, stop: watch(
@@ -150,6 +164,7 @@ def watch_command(
                 reports=reports,
                 between=_between(job),
                 progress=progress,
+                after=None if folder is None else lambda: show_page(opened, folder),
                 stop=stop,
             ),
         )
@@ -210,6 +225,28 @@ def life_command(
             from .run_command import print_json
 
             print_json(life.to_dict())
+
+
+@app.command("report")
+def report_command(
+    store: StoreFolder,
+    out: Annotated[str, typer.Option("--out", "-o", metavar="DIR", help="Folder for the pages; made if need be.")],
+    limits: Limits = None,
+) -> None:
+    """Static pages that work from a disk: all valves, worst first, each valve's life, each type's spread."""
+    with plain_failures(), _extra():
+        from thermohyd.identify.fleet.page import fleet_page
+        from thermohyd.identify.fleet.remaining import read_limits
+        from thermohyd.identify.fleet.store import Store
+
+        from .run_command import begin, say_where
+
+        folder, shown = begin(out, False)
+        assert folder is not None
+        given = {} if limits is None else read_limits(limits)
+        with _progress(shown.notes) as progress:
+            fleet_page(Store(store, make=False), folder, given, progress)
+        say_where(shown.results, folder, "index.html")
 
 
 def _cell(value: Any) -> str:

@@ -31,6 +31,7 @@ YEAR = 365.25 * 86400.0  # s
 AXES = {"hours": "h", "date": "years"}
 HORIZON = {"hours": 1000.0, "date": 1.0}  # within which a limit is near
 UNUSUAL = 0.001  # a valve's wear rate this rare within its type needs attention; over all valves of a type
+ALONG = 9  # points of a line as it is drawn
 UNSETTLED = ("unexplained", "ambiguous", "misfit")
 
 
@@ -47,6 +48,10 @@ class Trend:
     type_rate: float
     type_rate_std: float
     records: int
+    points: list[tuple[float, float, float]] = field(default_factory=list)  # axis, value, standard error
+    line: list[tuple[float, float, float]] = field(
+        default_factory=list
+    )  # axis, value, standard deviation: from its last step on
 
 
 @dataclass(frozen=True)
@@ -220,7 +225,16 @@ def _add_trends(valves: list[Valve], name: str, unit: str, series: list[Series],
         level, level_std = line.at(i, one.time[-1])
         rate_std = float(np.sqrt(line.covariance[i, 1, 1]))
         rates = (float(line.mean[i, 1]), rate_std, float(line.population[1]), type_std)
-        valve.trends.append(Trend(name, unit, float(level[0]), float(level_std[0]), *rates, count))
+        known = np.isfinite(one.std)
+        points = [
+            (float(t), float(y), float(s))
+            for t, y, s in zip(one.time[known], one.value[known], one.std[known], strict=True)
+        ]
+        first, last = float(one.time[one.steps[-1] if one.steps else 0]), float(one.time[-1])
+        at = np.linspace(first, last + max(last - first, HORIZON[valve.axis]) / 3.0, ALONG)
+        drawn = [(float(t), float(y), float(s)) for t, y, s in zip(at, *line.at(i, at), strict=True)]
+        ends = (float(level[0]), float(level_std[0]))
+        valve.trends.append(Trend(name, unit, *ends, *rates, count, points, drawn))
 
 
 def _add_overhaul(valve: Valve, point: ChangePoint, time: np.ndarray) -> None:
