@@ -28,6 +28,7 @@ from .store import Store
 
 TOGETHER = 100  # valves of a file of lives
 BINS = 20
+RATED = {"hours": ("1000 h", 1000.0), "date": ("year", 1.0)}  # per how much a rate is shown
 SPARK = 24  # points of a sparkline
 
 
@@ -100,6 +101,7 @@ def _leading(valve: Valve) -> Trend | None:
 def _life(valve: Valve, records: list[dict[str, Any]]) -> dict[str, Any]:
     """A valve's page: each quantity in its bench unit."""
     trends = []
+    rated, per = RATED[valve.axis]
     for trend in valve.trends:
         unit = display_unit(trend.unit)
         scaled = lambda rows, f=unit.factor: [[_digits(t), _digits(y * f), _digits(s * f)] for t, y, s in rows]
@@ -107,7 +109,7 @@ def _life(valve: Valve, records: list[dict[str, Any]]) -> dict[str, Any]:
         trends.append(
             {
                 "name": trend.quantity, "unit": unit.label, "points": scaled(trend.points), "line": scaled(trend.line), "limits": ends,
-                "rate": [_digits(x * unit.factor) for x in (trend.rate, trend.rate_std, trend.type_rate, trend.type_rate_std)],
+                "rate": [_digits(x * unit.factor * per) for x in (trend.rate, trend.rate_std, trend.type_rate, trend.type_rate_std)],
             }
         )  # fmt: skip
     overhauls = [
@@ -121,6 +123,7 @@ def _life(valve: Valve, records: list[dict[str, Any]]) -> dict[str, Any]:
     return {
         "axis": valve.axis,
         "per": AXES[valve.axis],
+        "rated": rated,
         "trends": trends,
         "overhauls": overhauls,
         "left": left,
@@ -146,18 +149,19 @@ def _type(valves: list[Valve]) -> dict[str, Any]:
         for trend in valve.trends:
             trends[trend.quantity].append(trend)
     spread = []
+    rated, per = RATED[valves[0].axis]
     for name, found in sorted(trends.items()):
         unit = display_unit(found[0].unit)
-        rate = [found[0].type_rate * unit.factor, found[0].type_rate_std * unit.factor]
+        rate = [found[0].type_rate * unit.factor * per, found[0].type_rate_std * unit.factor * per]
         both = {
             "level": _bins([t.level * unit.factor for t in found]),
-            "rate": _bins([t.rate * unit.factor for t in found]),
+            "rate": _bins([t.rate * unit.factor * per for t in found]),
         }
         spread.append({"name": name, "unit": unit.label, "type_rate": [_digits(x) for x in rate], **both})
     verdicts = pd.Series([valve.verdict for valve in valves]).value_counts()
     return {
         "valves": len(valves),
-        "per": AXES[valves[0].axis],
+        "rated": rated,
         "verdicts": {str(k): int(v) for k, v in verdicts.items()},
         "spread": spread,
     }
@@ -183,7 +187,7 @@ def _records(store: Store, folder: Path) -> dict[tuple[str, str], list[dict[str,
     )
     found: dict[tuple[str, str], list[dict[str, Any]]] = defaultdict(list)
     for row in table.to_dict("records"):
-        page = None if not row["report"] else store.folder / row["report"] / "report.html"
+        page = None if pd.isna(row["report"]) else store.folder / row["report"] / "report.html"
         listed = lambda value: [] if value is None or isinstance(value, float) else [str(one) for one in value]
         found[row["type"], row["serial"]].append(
             {

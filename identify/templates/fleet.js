@@ -15,7 +15,7 @@
   const [GRADE, TYPE, SERIAL, RECORDS, DATE, HOURS, VERDICT, SPARK, QUANTITY, LEFT, WHY] = Array(11).keys();
   const valves = fleet.valves;
   valves.forEach((valve, i) => { valve.place = i; valve.words = `${valve[TYPE]} ${valve[SERIAL]} ${valve[WHY]}`.toLowerCase(); });
-  const leftWords = (left) => left ? `${number(left[0], 3)} to ${left[1] === null ? "never" : number(left[1], 3)} ${left[2]}` : "";
+  const leftWords = (left) => !left ? "" : left[1] === 0 ? "reached" : `${number(left[0], 3)} to ${left[1] === null ? "never" : number(left[1], 3)} ${left[2]}`;
   const columns = [
     ["mark", "", (v) => -v[GRADE], (v) => make("div", { class: `mark g${v[GRADE]}` })],
     ["type", "type", (v) => v[TYPE], (v) => v[TYPE]],
@@ -73,7 +73,7 @@
     const W = 360, H = 200, box = [46, 8, W - 8, H - 26];
     const band = trend.line.map(([t, y, s]) => [t, y - 1.96 * s, y + 1.96 * s]);
     const xs = [...trend.points, ...trend.line].map((p) => p[0]), ys = trend.points.flatMap(([, y, s]) => [y - 1.96 * s, y + 1.96 * s]);
-    trend.line.forEach(([, y]) => ys.push(y));
+    band.forEach(([, a, b]) => ys.push(a, b));
     const spread = Math.max(...ys) - Math.min(...ys);
     trend.limits.filter((y) => y < Math.max(...ys) + spread && y > Math.min(...ys) - spread).forEach((y) => ys.push(y));
     const scale = (values, from, to) => {
@@ -86,6 +86,7 @@
     const inside = (value) => Math.min(Math.max(value, box[1]), box[3]);
     const svg = make("svg", { viewBox: `0 0 ${W} ${H}`, role: "img" });
     for (const t of x.ticks) svg.append(make("text", { x: x(t), y: H - 10, "text-anchor": "middle" }, life.axis === "date" ? number(2000 + t, 6) : number(t)));
+    svg.append(make("text", { x: W - 8, y: H - 1, "text-anchor": "end" }, life.axis === "date" ? "year" : "hours"));
     for (const v of y.ticks) svg.append(make("line", { x1: box[0], x2: box[2], y1: y(v), y2: y(v), stroke: "#eee" }),
       make("text", { x: box[0] - 4, y: y(v) + 4, "text-anchor": "end" }, number(v)));
     const edge = [...band.map(([t, a]) => [t, a]), ...band.map(([t, , b]) => [t, b]).reverse()];
@@ -104,7 +105,7 @@
   }
 
   function ticks(low, high) {
-    const rough = (high - low) / 4, power = 10 ** Math.floor(Math.log10(rough));
+    const rough = (high - low) / 5, power = 10 ** Math.floor(Math.log10(rough));
     const step = power * [1, 2, 5, 10].find((m) => m * power >= rough), found = [];
     for (let v = Math.ceil(low / step) * step; v <= high + 1e-9 * step; v += step) found.push(Number(v.toPrecision(10)));
     return found;
@@ -146,10 +147,11 @@
       if (valve[WHY]) here.append(make("ul", { class: "why" }, ...valve[WHY].split("; ").map((why) => make("li", {}, why))));
       for (const step of life.overhauls) here.append(make("p", {},
         `${step.sure ? "Worked on" : "A step, which one more test must confirm,"} between ${at(step.after)} and ${at(step.before)}: ${step.names.join(", ")}`));
-      for (const left of life.left) here.append(make("p", {}, `${left.name} reaches ${number(left.limit)} ${left.unit} in ` +
-        `${left.times[0] === null ? "no foreseeable time" : leftWords([left.times[0], left.times[2], life.per])} from the last record (95 %)`));
+      for (const left of life.left) here.append(make("p", {}, `limit of ${left.name}, ${number(left.limit)} ${left.unit}: ` +
+        (left.times[0] === null ? "not in a foreseeable time" : left.times[2] === 0 ? "reached" :
+          `in ${leftWords([left.times[0], left.times[2], life.per])} from the last record (95 %)`)));
       here.append(make("h2", {}, "Course"), make("div", { class: "charts" }, ...life.trends.map((trend) => figure(`${trend.name} [${trend.unit}]`,
-        `${number(trend.rate[0], 3)} ± ${number(trend.rate[1], 2)} per ${life.per === "h" ? "hour" : "year"}; its type ${number(trend.rate[2], 3)} ± ${number(trend.rate[3], 2)}`,
+        `${number(trend.rate[0], 3)} ± ${number(trend.rate[1], 2)} per ${life.rated}; its type ${number(trend.rate[2], 3)} ± ${number(trend.rate[3], 2)}`,
         chart(trend, life)))));
       here.append(make("h2", {}, "Records"), table(["date", "hours", "verdict", "gap", "found", "record"], life.records.map((r) => [r.date, number(r.hours, 6),
         r.verdict, number(r.gap, 3), r.found.join(", "), r.report ? link(r.report, r.path) : r.path])));
@@ -160,12 +162,11 @@
   function showType(type) {
     const of = fleet.types[type];
     if (!of) return [make("p", {}, "No such type in this store.")];
-    const per = of.per === "h" ? "hour" : "year";
     const verdicts = Object.entries(of.verdicts).map(([word, count]) => `${count.toLocaleString("en")} ${word}`).join(", ");
     return [make("p", {}, `${of.valves.toLocaleString("en")} valves; last records: ${verdicts}`),
       make("div", { class: "charts" }, ...of.spread.flatMap((q) => [
         figure(q.name, "at the last record of each valve", histogram(q.level, q.unit)),
-        figure(`${q.name} per ${per}`, `the type: ${number(q.type_rate[0], 3)} ± ${number(q.type_rate[1], 2)} ${q.unit}`, histogram(q.rate, q.unit))]))];
+        figure(`${q.name} per ${of.rated}`, `the type: ${number(q.type_rate[0], 3)} ± ${number(q.type_rate[1], 2)} ${q.unit}`, histogram(q.rate, q.unit))]))];
   }
 
   function route() {
