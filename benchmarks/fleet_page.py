@@ -3,6 +3,7 @@
 import argparse
 import sys
 import time
+from dataclasses import replace
 from datetime import datetime, timedelta
 from pathlib import Path
 
@@ -14,12 +15,15 @@ import pyarrow as pa
 from _fleet_tables import QUANTITIES, fleet
 from helpers.fleet_records import stored_row
 
-from thermohyd.identify.fleet.page import fleet_page
+from thermohyd.identify.fleet.life import FleetLife, fleet_life
+from thermohyd.identify.fleet.page import page_files
 from thermohyd.identify.fleet.remaining import Limit
 from thermohyd.identify.fleet.schema import RESULTS
 from thermohyd.identify.fleet.store import Store, partition
+from thermohyd.identify.report.files import write_all
 
 
+TYPES = 10
 UNITS = {"clearance": "m", "edge_radius": "m", "discharge_coefficient": "dimensionless"}
 VERDICTS = (
     "fitted",
@@ -39,21 +43,29 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--valves", type=int, default=10_000)
+    parser.add_argument(
+        "--fitted", type=int, default=300, help="so many lives are fitted, the others are copies of them"
+    )
     asked = parser.parse_args()
     store = Store(asked.folder / "store")
-    types = 10
-    for kind in range(types):
-        rows = rows_of(kind, asked.valves // types)
-        for row in rows[:1]:
-            where = store.folder / "results" / partition(row["type"], None) / f"together-{kind}.parquet"
-            store._write(where, pa.Table.from_pylist(rows, RESULTS))
+    for kind in range(TYPES):
+        rows = rows_of(kind, asked.fitted // TYPES)
+        where = store.folder / "results" / partition(rows[0]["type"], None) / f"together-{kind}.parquet"
+        store._write(where, pa.Table.from_pylist(rows, RESULTS))
     began = time.perf_counter()
-    limits = {"*": {"clearance": Limit(None, "4.5 um")}}
-    written = fleet_page(store, asked.folder / "page", limits, lambda words: print(words, file=sys.stderr, flush=True))
+    life = fleet_life(store, {"*": {"clearance": Limit(None, "4.5 um")}})
+    print(f"lives of {len(life.valves):,} valves of {TYPES} types: {time.perf_counter() - began:.1f} s", flush=True)
+    copies = -(-asked.valves // len(life.valves))
+    valves = [replace(valve, serial=f"{valve.serial}-{i:02d}") for valve in life.valves for i in range(copies)][
+        : asked.valves
+    ]
+    began = time.perf_counter()
+    written = write_all(asked.folder / "page", page_files(FleetLife(valves), {}, []))
     size = sum(path.stat().st_size for path in written)
     head = (asked.folder / "page" / "data" / "valves.js").stat().st_size
+    seconds = time.perf_counter() - began
     print(
-        f"{asked.valves:,} valves: pages in {time.perf_counter() - began:.1f} s, {size / 1e6:.1f} MB, {head / 1e6:.1f} with the table"
+        f"pages of {len(valves):,} valves: {seconds:.1f} s, {size / 1e6:.1f} MB, of which {head / 1e6:.1f} come with the table"
     )
 
 

@@ -187,9 +187,9 @@ def query_command(
 
         answer = query(Store(store, make=False), sql)
         if json:
-            from thermohyd.identify.report.fit_json import json_text
+            from json import dumps
 
-            sys.stdout.write(json_text(plain_rows(answer)))  # pyright: ignore[reportArgumentType]  # a list
+            sys.stdout.write(dumps(plain_rows(answer), indent=2, allow_nan=False) + "\n")
         elif csv:
             answer.to_csv(sys.stdout, index=False)
         else:

@@ -121,7 +121,8 @@ class FleetLife:
 
         shown = self.valves[:most]
         rows = [
-            (v.type, v.serial, v.records, v.verdict, "; ".join(v.reasons) or "nothing unusual", _left(v)) for v in shown
+            (v.type, v.serial, str(v.records), v.verdict, "; ".join(v.reasons) or "nothing unusual", _left(v))
+            for v in shown
         ]
         console.print(table(("type", "serial", ">records", "~verdict", "~attention", ">limit in"), rows))
         if len(self.valves) > most:
