@@ -149,8 +149,9 @@ def watch_command(
             raise BenchInputError("no such folder; --records takes one that is there, empty or not", file=records)
         folder, given = begin(out, False)[0], {} if limits is None else read_limits(limits)
 
-        def show_page(opened: Store, at: Path) -> None:
-            fleet_page(opened, at, given)
+        def show_page(opened: Store) -> None:
+            if folder is not None:
+                fleet_page(opened, folder, given)
 
         outcomes = _with_store(
             store,
@@ -164,7 +165,7 @@ def watch_command(
                 reports=reports,
                 between=_between(job),
                 progress=progress,
-                after=None if folder is None else lambda: show_page(opened, folder),
+                after=None if folder is None else lambda: show_page(opened),
                 stop=stop,
             ),
         )

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from thermohyd.identify.bench.errors import BenchInputError
 
@@ -25,10 +25,9 @@ def client_of(cluster: str, workers: int) -> Iterator["Client"]:
     from distributed import Client, LocalCluster
 
     if cluster == "local":
+        settings: dict[str, Any] = {"dashboard_address": None, "memory_limit": 0}  # None: no dashboard
         with (
-            LocalCluster(
-                n_workers=workers, threads_per_worker=1, processes=False, dashboard_address=None, memory_limit=0
-            ) as local,
+            LocalCluster(n_workers=workers, threads_per_worker=1, processes=False, **settings) as local,
             Client(local, timeout=CONNECT) as client,
         ):
             yield client

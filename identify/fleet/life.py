@@ -145,8 +145,10 @@ def fleet_life(
 ) -> FleetLife:
     """The life of every valve. Raises BenchInputError where a limit has a unit that does not fit, StoreError where a file is damaged."""
     say = progress or (lambda words: None)
-    records = query(store, "SELECT identity, type, serial, date, operating_hours, verdict FROM records")
-    values = query(store, "SELECT identity, name, value, std, unit FROM parameters WHERE NOT coalesce(fixed, false)")
+    records: Any = query(store, "SELECT identity, type, serial, date, operating_hours, verdict FROM records")
+    values: Any = query(
+        store, "SELECT identity, name, value, std, unit FROM parameters WHERE NOT coalesce(fixed, false)"
+    )
     values = values[~values["name"].map(lambda name: bool(OF_BENCH.search(name)))]
     undated = int((records["date"].isna() & records["operating_hours"].isna()).sum())
     valves: list[Valve] = []
@@ -157,9 +159,7 @@ def fleet_life(
     return FleetLife(valves, undated)
 
 
-def _of_type(
-    type_: str, records: pd.DataFrame, values: pd.DataFrame, limits: Mapping[str, Mapping[str, Limit]]
-) -> list[Valve]:
+def _of_type(type_: str, records: Any, values: Any, limits: Mapping[str, Mapping[str, Limit]]) -> list[Valve]:
     axis = "hours" if records["operating_hours"].notna().all() else "date"
     seconds = (records["date"] - pd.Timestamp("2000-01-01")).dt.total_seconds()
     records = records.assign(at=records["operating_hours"] if axis == "hours" else seconds / YEAR)
@@ -186,14 +186,14 @@ def _of_type(
     return valves
 
 
-def _valve(type_: str, serial: str, axis: str, records: pd.DataFrame) -> Valve:
+def _valve(type_: str, serial: str, axis: str, records: Any) -> Valve:
     last = records.iloc[-1]
     date = None if pd.isna(last["date"]) else last["date"].date().isoformat()
     hours = None if pd.isna(last["operating_hours"]) else float(last["operating_hours"])
     return Valve(type_, serial, axis, len(records), date, hours, str(last["verdict"]))
 
 
-def _series(tables: list[pd.DataFrame], values: pd.DataFrame) -> tuple[dict[str, list[Series]], dict[str, str]]:
+def _series(tables: list[Any], values: Any) -> tuple[dict[str, list[Series]], dict[str, str]]:
     """({quantity: a series for each valve, all on the valve's records}, {quantity: unit})"""
     values = values[values["std"].notna() & values["value"].notna() & (values["std"] > 0.0)]
     quantities: dict[str, list[Series]] = {}
@@ -252,8 +252,8 @@ def _add_remaining(
         span = float(one.time[-1] - one.time[0]) or HORIZON[valve.axis]
         for end, limit in ends.items():
             told: Crossing = crossing(line, i, float(one.time[-1]), limit, end == "max", span)
-            times = [t if math.isfinite(t) else None for t in (told.low, told.middle, told.high)]
-            valve.remaining.append(Remaining(name, limit, unit, *times, told.now_beyond))
+            low, middle, high = (t if math.isfinite(t) else None for t in (told.low, told.middle, told.high))
+            valve.remaining.append(Remaining(name, limit, unit, low, middle, high, told.now_beyond))
 
 
 def _unusual(valves: list[Valve]) -> None:

@@ -108,7 +108,8 @@ def _life(valve: Valve, records: list[dict[str, Any]]) -> dict[str, Any]:
         ends = [_digits(one.limit * unit.factor) for one in valve.remaining if one.quantity == trend.quantity]
         trends.append(
             {
-                "name": trend.quantity, "unit": unit.label, "points": scaled(trend.points), "line": scaled(trend.line), "limits": ends,
+                "name": trend.quantity, "unit": _label(unit.label), "points": scaled(trend.points),
+                "line": scaled(trend.line), "limits": ends,
                 "rate": [_digits(x * unit.factor * per) for x in (trend.rate, trend.rate_std, trend.type_rate, trend.type_rate_std)],
             }
         )  # fmt: skip
@@ -117,7 +118,7 @@ def _life(valve: Valve, records: list[dict[str, Any]]) -> dict[str, Any]:
         for o in valve.overhauls
     ]
     left = [
-        {"name": r.quantity, "limit": r.limit * display_unit(r.unit).factor, "unit": display_unit(r.unit).label,
+        {"name": r.quantity, "limit": r.limit * display_unit(r.unit).factor, "unit": _label(display_unit(r.unit).label),
          "times": [_digits(r.low), _digits(r.middle), _digits(r.high)]} for r in valve.remaining
     ]  # fmt: skip
     return {
@@ -129,6 +130,10 @@ def _life(valve: Valve, records: list[dict[str, Any]]) -> dict[str, Any]:
         "left": left,
         "records": records,
     }
+
+
+def _label(unit: str) -> str:
+    return "" if unit in ("-", "1") else unit
 
 
 def _digits(value: float | None, digits: int = 5) -> float | None:
@@ -157,7 +162,7 @@ def _type(valves: list[Valve]) -> dict[str, Any]:
             "level": _bins([t.level * unit.factor for t in found]),
             "rate": _bins([t.rate * unit.factor * per for t in found]),
         }
-        spread.append({"name": name, "unit": unit.label, "type_rate": [_digits(x) for x in rate], **both})
+        spread.append({"name": name, "unit": _label(unit.label), "type_rate": [_digits(x) for x in rate], **both})
     verdicts = pd.Series([valve.verdict for valve in valves]).value_counts()
     return {
         "valves": len(valves),

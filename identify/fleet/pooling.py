@@ -13,6 +13,7 @@ NumPy and SciPy; no JAX.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.optimize import brentq, minimize
@@ -118,7 +119,7 @@ def _about(
     curvature = _hessian(lambda part: cost(_put(best, free, part)), best[free], low[free], high[free])
     values, vectors = np.linalg.eigh(curvature)
     root = vectors / np.sqrt(np.maximum(values, 0.1))
-    uniform = Sobol(len(free) + 1, seed=0).random(DRAWS)
+    uniform = Sobol(len(free) + 1, rng=0).random(DRAWS)
     uniform = np.clip(uniform, 1e-6, 1.0 - 1e-6)
     length = np.sqrt(chi2.ppf(uniform[:, -1], FREEDOM) / FREEDOM)[:, None]
     standard = norm.ppf(uniform[:, :-1]) / length
@@ -180,7 +181,10 @@ def robust_tau(valves: Sequence[Series]) -> float:
     square, variance, weight = np.array(contrasts), np.array(own), np.array(share)
     excess = lambda tau: float(np.median(square / (variance + weight * tau**2))) - float(chi2.median(1))
     high = float(np.sqrt(square.max() / weight.min())) * 2.0
-    return float(brentq(excess, 0.0, high)) if high > 0.0 and excess(0.0) > 0.0 else 0.0
+    if not (high > 0.0 and excess(0.0) > 0.0):
+        return 0.0
+    root: Any = brentq(excess, 0.0, high)
+    return float(root)
 
 
 def step_evidence(valves: Sequence[Series], pooled: Pooled) -> list[np.ndarray]:

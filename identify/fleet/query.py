@@ -79,4 +79,4 @@ def plain_rows(table: "pd.DataFrame") -> list[dict[str, Any]]:
     """The answer as plain Python for JSON: dates as texts, what is missing as None."""
     import json
 
-    return json.loads(table.to_json(orient="records", date_format="iso", default_handler=str))
+    return json.loads(str(table.to_json(orient="records", date_format="iso", default_handler=str)))

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.optimize import brentq
@@ -121,5 +122,6 @@ def _first(function, start: float, reach: float) -> float:
     grid = start + reach * np.concatenate([[0.0], np.geomspace(1e-4, 1.0, 60)])
     for low, high in pairwise(grid):
         if function(float(high)) >= 0.0:
-            return float(brentq(function, float(low), float(high), xtol=1e-9 * reach))
+            root: Any = brentq(function, float(low), float(high), xtol=1e-9 * reach)
+            return float(root)
     return math.inf

@@ -238,7 +238,7 @@ def _settled(waiting: "dict[Future, str]") -> Iterator["Future"]:
 def _lost_scheduler(error: Exception, client: "Client") -> bool:
     from concurrent.futures import CancelledError
 
-    from distributed.comm import CommClosedError
+    from distributed.comm.core import CommClosedError
 
     return isinstance(error, OSError | CancelledError | CommClosedError) or client.status != "running"
 

@@ -150,7 +150,7 @@
       for (const left of life.left) here.append(make("p", {}, `limit of ${left.name}, ${number(left.limit)} ${left.unit}: ` +
         (left.times[0] === null ? "not in a foreseeable time" : left.times[2] === 0 ? "reached" :
           `in ${leftWords([left.times[0], left.times[2], life.per])} from the last record (95 %)`)));
-      here.append(make("h2", {}, "Course"), make("div", { class: "charts" }, ...life.trends.map((trend) => figure(`${trend.name} [${trend.unit}]`,
+      here.append(make("h2", {}, "Course"), make("div", { class: "charts" }, ...life.trends.map((trend) => figure(trend.unit ? `${trend.name} [${trend.unit}]` : trend.name,
         `${number(trend.rate[0], 3)} ± ${number(trend.rate[1], 2)} per ${life.rated}; its type ${number(trend.rate[2], 3)} ± ${number(trend.rate[3], 2)}`,
         chart(trend, life)))));
       here.append(make("h2", {}, "Records"), table(["date", "hours", "verdict", "gap", "found", "record"], life.records.map((r) => [r.date, number(r.hours, 6),
