@@ -29,6 +29,9 @@ if TYPE_CHECKING:
     from .diagnosis.result import DiagnosisResult, NamedEffect
     from .fitting.fit import fit
     from .fitting.result import FitResult, ParameterEstimate
+    from .fleet.life import fleet_life
+    from .fleet.query import query as fleet_query
+    from .fleet.store import Store as FleetStore
     from .flow_curve_fit import FlowCurveFit, fit_flow_curve, flow_curve_formulas, flow_curve_json
     from .heat_study import EtaIdentifiability, eta_identifiability, heat_study_figure, identifiability_figure
     from .model.model import Model
@@ -61,6 +64,9 @@ _HOME = {
     "diagnosis.result": ("DiagnosisResult", "NamedEffect"),
     "fitting.fit": ("fit",),
     "fitting.result": ("FitResult", "ParameterEstimate"),
+    "fleet.life": ("fleet_life",),
+    "fleet.query": ("query as fleet_query",),
+    "fleet.store": ("Store as FleetStore",),
     "flow_curve_fit": ("FlowCurveFit", "fit_flow_curve", "flow_curve_formulas", "flow_curve_json"),
     "heat_study": ("EtaIdentifiability", "eta_identifiability", "heat_study_figure", "identifiability_figure"),
     "model.model": ("Model",),

@@ -20,6 +20,7 @@ _ENDINGS = {signal.SIGINT: ("interrupted", INTERRUPTED), signal.SIGTERM: ("termi
 _writing = threading.Lock()
 _written: list[Path] = []
 _at_the_end: list[Callable[[], None]] = []
+_asked_first: list[Callable[[], None]] = []
 
 
 def leave_at_once_on_signals() -> None:
@@ -47,7 +48,9 @@ def _leave_it_to_the_thread(number: int, frame: object) -> None:
 def _wait(woken: int) -> None:
     while True:
         (number,) = os.read(woken, 1)
-        if number in _ENDINGS:
+        if number == signal.SIGINT and _asked_first:
+            _asked_first.pop()()
+        elif number in _ENDINGS:
             _leave(*_ENDINGS[signal.Signals(number)])
 
 
@@ -89,6 +92,17 @@ def when_interrupted(end: Callable[[], None]) -> Iterator[None]:
         yield
     finally:
         _at_the_end.remove(end)
+
+
+@contextlib.contextmanager
+def first_interrupt_asks(call: Callable[[], None]) -> Iterator[None]:
+    """Within, the first Ctrl-C calls `call`, from another thread, and ends nothing; the second ends the process as ever."""
+    _asked_first.append(call)
+    try:
+        yield
+    finally:
+        with contextlib.suppress(ValueError):  # it was called
+            _asked_first.remove(call)
 
 
 def always_when_interrupted(end: Callable[[], None]) -> None:

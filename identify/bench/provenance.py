@@ -56,6 +56,7 @@ def record_json(record: BenchRecord) -> dict[str, Any]:
             "files": [] if made is None else [asdict(file) for file in made.files],
             "date": None if made is None else made.date,
             "version": version("thermohyd") if made is None else made.version,
+            **({"service": said} if (said := record.service.to_dict()) else {}),
         },
         "oil": asdict(record.oil),
         "geometry": asdict(record.valve),

@@ -168,6 +168,7 @@ def record_of(
         actuator_given=bench.actuator_given,
         sensors=_sensors(bench, tables),
         piston_area_given=bench.piston_area_given,
+        service=bench.service,
     )
 
 

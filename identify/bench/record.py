@@ -14,6 +14,7 @@ from thermohyd.oil_definition import OilDefinition
 
 from .columns import reading_unit
 from .sensors import Sensor
+from .service import Service
 from .shown_units import DisplayUnit
 from .test_record import STATIC_TESTS, DynamicTest, TestRecord, dynamic_among
 
@@ -168,6 +169,7 @@ class BenchRecord:
     provenance: Provenance | None = None  # None: not read from files
     sensors: Mapping[str, Sensor] = field(default_factory=dict)  # by column
     piston_area_given: bool = True  # in the file: the scale of every length of the piston
+    service: Service = field(default_factory=Service)  # whose test it was, and when
 
     @property
     def static_tests(self) -> dict[str, TestRecord]:

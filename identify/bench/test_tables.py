@@ -147,7 +147,7 @@ def check_word(table: TomlTable, key: str, words: tuple[str, ...]) -> None:
         raise table.error(f"must be one of {', '.join(words)}", key)
 
 
-TEST_KEYS = ("kind", "file", "noise", "columns", "ignore", "missing", "skip_rows", "sheet", "variable", "group")
+TEST_KEYS = ("kind", "file", "date", "noise", "columns", "ignore", "missing", "skip_rows", "sheet", "variable", "group")
 # How the part of a file that holds the rows is called, by its ending.
 PARTS = {
     "sheet": ((".xlsx", ".xlsm"), "an .xlsx file has sheets"),

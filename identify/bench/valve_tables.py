@@ -23,6 +23,7 @@ from .columns import CONDITIONS, KIND_OF, SIZES, impossible, wrong_size
 from .errors import quoted
 from .record import EDGE_LAWS, ActuatorData, StartValue, ValveData
 from .sensors import Sensor, read_sensors
+from .service import OF_VALVE, Service, read_service
 from .test_tables import DynamicTestTable, StaticTest, read_loop, read_tests
 from .toml_file import TableSource, TomlSource, TomlTable
 from .units import number_of
@@ -158,8 +159,8 @@ def _read_entry(entry: TomlTable, limits: _Limits, nominal: float, stroke: float
     return StartValue(value, fixed=entry.flag("fixed"), freed=freed, prior_std=std, lower=lower, upper=upper)
 
 
-TABLES = ("valve", "oil", "conditions", "tests", "actuator", "start", "sensors")
-VALVE = ("name", *SIZES, "polarity", "edge_law")
+TABLES = ("valve", "oil", "conditions", "test", "tests", "actuator", "start", "sensors")
+VALVE = ("name", *SIZES, "polarity", "edge_law", *OF_VALVE)
 
 
 @dataclass(frozen=True)
@@ -177,6 +178,7 @@ class BenchFile:
     start: dict[str, StartValue] = field(default_factory=dict)
     sensors: dict[str, Sensor] = field(default_factory=dict)
     piston_area_given: bool = True
+    service: Service = field(default_factory=Service)
 
 
 def read_bench_toml(path: Path) -> BenchFile:
@@ -204,7 +206,18 @@ def read_description(source: TableSource, name: str, oil: OilDefinition | None =
     starts = {} if start is None else read_start(start, valve, used)
     area_given = table is not None and any(key in table for key in ("piston_area", "piston_area_a"))
     return BenchFile(
-        root.source, valve, oil, conditions, tests, dynamic, used, table is not None, starts, sensors, area_given
+        root.source,
+        valve,
+        oil,
+        conditions,
+        tests,
+        dynamic,
+        used,
+        table is not None,
+        starts,
+        sensors,
+        area_given,
+        read_service(root),
     )
 
 

@@ -8,6 +8,7 @@ import typer
 from .check_command import check_command
 from .export_command import export_app
 from .loudness import Commands
+from .fleet import app as fleet_app
 from .process import fail, plain_failures
 from .run_command import begin, load_users_effects, of_each_record, run_study, say_where, show
 
@@ -436,6 +437,7 @@ def new_command(
 
 app.command("check")(check_command)
 app.add_typer(export_app, name="export")
+app.add_typer(fleet_app, name="fleet")
 
 
 def main() -> None:

@@ -293,7 +293,7 @@ SPOILED = {
     "step output": (
         'file = "leakage.csv"\n',
         'file = "leakage.csv"\n[tests.step]\nfile="f"\noutput="flow"\n',
-        'bench.toml, line 19, [tests.step] output: unknown key "output"; known: kind, file, noise, columns, ignore, missing, skip_rows, sheet, variable, group, command',
+        'bench.toml, line 19, [tests.step] output: unknown key "output"; known: kind, file, date, noise, columns, ignore, missing, skip_rows, sheet, variable, group, command',
     ),
     "step noise": (
         'file = "leakage.csv"\n',

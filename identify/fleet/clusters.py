@@ -1,0 +1,59 @@
+"""Where a fleet is computed: workers on this machine, or a dask scheduler that somebody started, named by address or by file."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from thermohyd.identify.bench.errors import BenchInputError
+
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+CONNECT = 30.0  # s
+
+
+@contextmanager
+def client_of(cluster: str, workers: int) -> Iterator["Client"]:
+    """A client of "local" (workers: how many), of an address such as tcp://head:8786, or of the file that
+    `dask scheduler --scheduler-file` writes.
+
+    A local worker is a thread of this process, for it only watches the process that computes. Raises BenchInputError where
+    there is no such scheduler.
+    """
+    from distributed import Client, LocalCluster
+
+    if cluster == "local":
+        settings: dict[str, Any] = {"dashboard_address": None, "memory_limit": 0}  # None: no dashboard
+        with (
+            LocalCluster(n_workers=workers, threads_per_worker=1, processes=False, **settings) as local,
+            Client(local, timeout=CONNECT) as client,
+        ):
+            yield client
+        return
+    named = Path(cluster)
+    if "://" not in cluster and not named.is_file():
+        raise BenchInputError(
+            '--cluster takes "local", the address of a scheduler such as tcp://head:8786, or the file that `dask scheduler '
+            "--scheduler-file` wrote; there is no such file",
+            file=named,
+        )
+    try:
+        made = (
+            Client(cluster, timeout=CONNECT) if "://" in cluster else Client(scheduler_file=str(named), timeout=CONNECT)
+        )
+    except (OSError, TimeoutError, ValueError) as error:
+        raise BenchInputError(f"no scheduler answers at {cluster} ({error})") from None
+    with made as client:
+        yield client
+
+
+def addresses(client: "Client", wait: float = 0.0) -> list[str]:
+    """Of the workers that are there, after waiting for the first one up to `wait` seconds."""
+    if wait and not client.scheduler_info(n_workers=-1)["workers"]:
+        from contextlib import suppress
+
+        with suppress(TimeoutError):
+            client.wait_for_workers(1, timeout=wait)
+    return list(client.scheduler_info(n_workers=-1)["workers"])

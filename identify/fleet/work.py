@@ -1,0 +1,157 @@
+"""What happens in a process that computes: one record after another is read, computed and written to the store.
+
+The process lives long and keeps its compiled programs. Whoever started it (`computer.py`) has set its threads before; it ends when
+that one ends. Nothing heavy is imported before the first record.
+"""
+
+import os
+import resource
+import signal
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from multiprocessing import parent_process
+from pathlib import Path
+from typing import Any
+
+from thermohyd.identify.bench.errors import BenchInputError, one_line
+
+from .identity import Found, Settings
+
+
+LONGEST_REASON = 600
+
+
+@dataclass(frozen=True)
+class Task:
+    """One record, and where its result goes. between: called after each record, to keep memory flat; reports: draw them too."""
+
+    store: str
+    found: Found
+    settings: Settings
+    reports: bool = False
+    between: Callable[[], None] | None = None
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """state: done, failed (the store says why), stopped (nobody began it), changed (somebody wrote into its folder), or trouble:
+    the run cannot go on."""
+
+    identity: str
+    state: str
+    reason: str = ""
+    seconds: float = 0.0
+    memory: float = 0.0  # bytes that the process holds after it
+    process: int = 0
+    folder: str = ""
+
+
+def begin(prepare: Callable[[], None] | None) -> None:
+    """Called once in each process that computes: Ctrl-C is its parent's affair, and it outlives no parent."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))  # a crash leaves a line in the store, no file of gigabytes
+    if prepare is not None:
+        prepare()
+
+
+def _end_with_parent() -> None:
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+def compute(task: Task) -> Outcome:
+    """Read, compute, write. A record that cannot be used is a failure in the store, and no exception."""
+    from .jobs import job_of
+    from .store import Store, StoreError
+
+    began = time.monotonic()
+    identity = task.found.identity(task.settings)
+    try:
+        store = Store(task.store, make=False)
+        row, report = _row(task, job_of(task.settings.job), began)
+        if row is None:
+            what = f"{task.found.folder} changed while it was read; the next run takes it"
+            return Outcome(identity, "changed", what, folder=task.found.folder)
+        if report is not None:
+            report.save(store.folder / "reports" / identity)
+        row = _keep(task, store, row)
+    except StoreError as error:
+        return Outcome(identity, "trouble", str(error), folder=task.found.folder)
+    except OSError as error:  # of the report's files
+        what = f"the store cannot be written ({error.strerror or error})"
+        return Outcome(identity, "trouble", what, folder=task.found.folder)
+    if task.between is not None:
+        task.between()
+    state, reason = ("failed", row["reason"]) if "kind" in row else ("done", "")
+    return Outcome(
+        identity, state, reason, time.monotonic() - began, memory_of(os.getpid()), os.getpid(), task.found.folder
+    )
+
+
+def _keep(task: Task, store: Any, row: dict[str, Any]) -> dict[str, Any]:
+    """What is now in the store: the row, or why it could not become one."""
+    if "kind" not in row:
+        try:
+            store.write_result(row)
+            return row
+        except (
+            TypeError,
+            ValueError,
+            ArithmeticError,
+        ) as error:  # Arrow's are of these: a value of another kind than its column
+            row = _failure(task, "failed", error)
+    store.write_failure(row)
+    return row
+
+
+def _failure(task: Task, kind: str, error: Exception) -> dict[str, Any]:
+    from .rows import failure_of
+
+    return failure_of(task.found, task.settings, kind, in_words(error))
+
+
+def _row(task: Task, job: Callable[..., Any], began: float) -> tuple[dict[str, Any] | None, Any]:
+    """(a row of results or of failures, the result where its report is wanted); (None, None) where the record is not what it was."""
+    from thermohyd.identify.bench.read import read_record
+
+    from .identity import look_at
+    from .rows import row_of
+
+    found, settings = task.found, task.settings
+    kind = "unreadable"
+    try:
+        record = read_record(found.folder)
+        kind = "failed"
+        result = job(record, **settings.options)
+        content = {} if result is None else result.to_dict()
+        report = result if task.reports and result is not None else None
+        where = f"reports/{found.identity(settings)}" if report is not None else None
+        row = row_of(found, settings, record, content, time.monotonic() - began, where)
+    except Exception as error:
+        row, report = _failure(task, kind, error), None
+    return (row, report) if look_at(Path(found.folder)).content == found.content else (None, None)
+
+
+def in_words(error: Exception) -> str:
+    """Why a record has no result, in one line."""
+    if isinstance(error, BenchInputError):
+        return str(error)
+    if isinstance(error, MemoryError):
+        return "not enough memory for this record"
+    lines = str(error).strip().splitlines() or [""]
+    return one_line(f"{type(error).__name__}: {lines[0]}".rstrip(": "))[:LONGEST_REASON]
+
+
+def memory_of(process: int) -> float:
+    """Bytes that a process holds; 0 where it is gone."""
+    import psutil
+
+    try:
+        return float(psutil.Process(process).memory_info().rss)
+    except psutil.Error:
+        return 0.0
