@@ -268,6 +268,7 @@ class Term:
     curve: np.ndarray
     band: np.ndarray
     learned: bool = False  # added to the model at the user's word
+    moving: bool = False  # of tests in motion
 
 
 @dataclass(frozen=True)

@@ -112,7 +112,7 @@ def _term(term: Term) -> dict[str, Any]:
         "alternatives": [list(pair) for pair in term.alternatives],
         **fields_of(term, "sentence", "confirmed_by", "coefficients"),
         "range": [term.low, term.high],
-        **fields_of(term, "place_unit", "variable_unit", "proof", "holds", "on_held_out", "learned"),
+        **fields_of(term, "place_unit", "variable_unit", "proof", "holds", "on_held_out", "learned", "moving"),
     }
 
 
