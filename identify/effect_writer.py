@@ -103,7 +103,7 @@ def law_code(term: TermRead) -> str:
             f"    held = {held}",
             "    size = jnp.abs(held)",
             "    # The root's slope at 0 has no end.",
-            "    return jnp.sign(held) * jnp.sqrt(jnp.where(size > 0.0, size, 1.0)) * (size > 0.0)",
+            "    return jnp.sign(held) * jnp.where(size > 0.0, jnp.sqrt(jnp.where(size > 0.0, size, 1.0)), 0.0)",
         ]
     )
 

@@ -154,7 +154,7 @@ def asked_with(place: Place, variable: Variable, *, moving: bool = False) -> boo
     """Whether the pair is an entry of the table, of static tests or in motion."""
     if moving:
         return bool(variable.moving) and variable.name in place.asked_moving
-    if not place.static:
+    if not place.static or variable.values is _only_in_motion:
         return False
     if variable.of_readings and not place.readings:
         return False

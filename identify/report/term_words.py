@@ -10,6 +10,7 @@ from thermohyd.identify.model.term_variables import VARIABLES
 from thermohyd.identify.model.typed_terms import TypedTerm
 
 from .diagnosis_words import p_words, percent
+from .known_physics import known_physics
 
 
 if TYPE_CHECKING:
