@@ -31,6 +31,7 @@ from .found_faults import with_evidence
 from .record_noise import NoiseEstimate, first_noise, noise_of, repeats_in
 from .result import DiagnosisResult, NamedEffect, Verdict
 from .screening import finite_steps
+from .stand_ins import without_stand_ins
 from .term_table import opened
 
 
@@ -249,7 +250,7 @@ def diagnose_stage(
 ) -> Stage:
     """What follows `open_case`; `seconds` of the result is left at 0."""
     case, selection, split = choose(case, say)
-    model = final_model(case, selection, split, say)
+    model = without_stand_ins(case, final_model(case, selection, split, say), split, say)
     return Stage(case, model, conclude(case, selection, split, model, learn=learn, model_form=model_form, say=say))
 
 

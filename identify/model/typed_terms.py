@@ -68,6 +68,8 @@ def unit_of(place: str, variable: str, law: str) -> str:
         return "s"
     if own == of and law == "proportional":
         return "1"
+    if of == f"{own}/s" and law == "proportional":
+        return "s"
     whole = f"({of})" if "/" in of else of
     power = {"proportional": whole, "square": f"{whole}^2", "root": f"sqrt({of})"}[law]
     if (own, variable, law) == ("m3/s", "pressure_rate", "proportional"):

@@ -41,7 +41,8 @@ def diagnosis_json(result: DiagnosisResult) -> dict[str, Any]:
         "effects": [_effect(effect) for effect in result.effects],
         "rejected": [fields_of(c, "name", "p_value", "gap_closed") for c in result.rejected if c.name not in rivals],
         "suspects": [
-            fields_of(suspect, "name", "value", "unit", "evidence", "times_usual") for suspect in result.suspects
+            fields_of(suspect, "name", "value", "unit", "evidence", "times_usual", "outdone_by")
+            for suspect in result.suspects
         ],
         "proof": result.proof,
         **fields_of(result, "absorbed", "gap_before", "gap_after"),

@@ -34,6 +34,11 @@ def law_words(term: TypedTerm) -> str:
     return f"{LAW_WORDS[term.law]} {variable}"
 
 
+def term_name(term: TypedTerm) -> str:
+    """Place and law, without an amount."""
+    return f"{place_of(term.place).noun} {law_words(term)}"
+
+
 def amount_words(value: float, std: float | None, unit: str) -> str:
     """ "(2.0 +- 0.1)e-12 m3/Pa": value and standard error to the error's two digits."""
     if not math.isfinite(value):
