@@ -14,6 +14,7 @@ from .term_table import Scored, blank, term_columns
 
 
 ROUNDS, TRIES, PATIENT = 6, 3, 20  # of Gauss-Newton
+TRIES_IN_MOTION = 6  # a bent machine is far from linear
 DAMPED = 30.0
 SETTLED, ENOUGH = 0.02, 1e-4  # chi-square, and share of it, that another round would gain
 
@@ -78,7 +79,7 @@ def fitted_inside(problem: Problem, fit: Fit, term: TypedTerm, rounds: int = ROU
         columns, states = _joint(state, at, limits.names, term)
         sides, found = limits.sides(at), None
         now = np.array([at.values[name] for name in limits.names])
-        for _ in range(TRIES):
+        for _ in range(TRIES_IN_MOTION if problem.in_motion else TRIES):
             step = _step_within(columns, at.residual, damping, sides)
             moved = np.clip(now + step[:count], limits.lower, limits.upper)
             tried = replace(

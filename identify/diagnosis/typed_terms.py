@@ -105,11 +105,14 @@ def terms_of(problem: Problem, fit: Fit, split: Split, say: Progress = lambda _:
         return ()
     refits = not any(stores(name) for name in fit.effects)
     start = fit
-    ask = lambda s: (
-        fitted_inside(problem, start, blank(s.entry, start, s.entry.columns.shape[1]))
-        if refits
-        else linear_only(problem, fit, s, table.noise)
-    )
+
+    def ask(s: Scored) -> FittedTerm:
+        if not refits:
+            return linear_only(problem, fit, s, table.noise)
+        if problem.in_motion:  # where each takes seconds
+            say(f"fitting a term: {s.entry.place} with {s.entry.variable}")
+        return fitted_inside(problem, start, blank(s.entry, start, s.entry.columns.shape[1]))
+
     asked = [(s, ask(s)) for s in lead]
     # A model that misses by far has bent its parameters to the misfit, and scores beside it say little: they are asked again beside
     # the parameters that the best term so far has straightened.
