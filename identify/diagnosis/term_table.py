@@ -12,7 +12,7 @@ from scipy.special import fdtrc
 
 from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.fitting.problem_fit import Fit
-from thermohyd.identify.model.places import Place, places_for, places_in_motion, read_as
+from thermohyd.identify.model.places import Place, place_of, places_for, places_in_motion, read_as
 from thermohyd.identify.model.term_variables import VARIABLES, States, asked_with
 from thermohyd.identify.model.typed_terms import TypedTerm, basis, values_of
 

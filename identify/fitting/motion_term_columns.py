@@ -151,7 +151,9 @@ def _ranges(simulator: DynamicSimulator, seen: TermReadings) -> Ranges:
     every = np.concatenate(every) if every else np.zeros((0, len(SIGNALS)))
     if not len(every):
         return {}
-    found = dict(zip(SIGNALS, zip(every.min(axis=0).tolist(), every.max(axis=0).tolist(), strict=True), strict=True))
+    found: dict[str, tuple[float, float]] = dict(
+        zip(SIGNALS, zip(every.min(axis=0).tolist(), every.max(axis=0).tolist(), strict=True), strict=True)
+    )
     for a, b in (("pressure_a", "pressure_b"), ("drop_a", "drop_b"), ("warming_a", "warming_b")):
         found[a] = found[b] = (min(found[a][0], found[b][0]), max(found[a][1], found[b][1]))
     rates = [0.0]

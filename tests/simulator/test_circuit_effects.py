@@ -90,6 +90,7 @@ def test_a_force_on_the_spool_and_a_shift_of_its_position():
     square = (2.0 * np.pi * float(BARE.actuator.spool_frequency)) ** 2
     assert float(pushed.spool_speed - plain.spool_speed) == pytest.approx(1e-6 * square, rel=1e-6)
     valve = replace(BARE.valve, null_bias=BARE.valve.null_bias - 2e-6)
+    assert BARE.supplied is not None
     other = _rates(
         replace(BARE, valve=valve, supplied=replace(BARE.supplied, null_bias=BARE.supplied.null_bias - 2e-6)), STATE
     )

@@ -8,6 +8,7 @@ import pytest
 
 from thermohyd.data import sample_record
 from thermohyd.identify.bench.read import read_record
+from thermohyd.identify.bench.test_record import TestRecord
 from thermohyd.identify.diagnosis.term_fit import FittedTerm, columns_of, fitted_inside
 from thermohyd.identify.fitting.library import NOTHING
 from thermohyd.identify.fitting.motion_readings import require_actuator
@@ -40,7 +41,7 @@ def problem(tmp_path_factory) -> Problem:
     (folder / "step.csv").write_text("\n".join(",".join(row) for row in table) + "\n")
     record = read_record(folder)
     plans = plan_motion(record.valve, require_actuator(record), record.start)
-    tests = {**record.dynamic_tests}
+    tests: dict[str, TestRecord] = {**record.dynamic_tests}
     return Problem(record, tests, plans, NOTHING, white_noise(initial_noises(record.dynamic_tests.values())))
 
 
