@@ -6,10 +6,13 @@ relative. The loop compares volts with volts, x_c = X_n 1.42 (reference - positi
 null bias. Known from its author: a small orifice joins the chambers.
 A valve of a stated load for each of LOADS, the best one shown; in each fit all fourteen runs are integrated and seven count.
 `python benchmarks/hanging_load.py FOLDER` prints all of it, the motor's curve too, and writes figures.json and a picture there.
+`python benchmarks/hanging_load.py FOLDER terms` asks, with no leak in the library and the best load, where in the circuit something is
+missing and with what (docs/diagnosis.md section 14.1), half of the steps held out.
 """
 
 import json
 import sys
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -43,6 +46,7 @@ DENSE, SPARSE, BUSY = 0.1, 1.0, 4.0  # s between rows, and until when after the 
 NOISE = 5e-3  # V
 SUPPLY = 60e5  # Pa, stands in
 LOADS = (0.0, -0.4, -0.8)  # of the supply pressure on 12 cm2; against +z
+BEST_LOAD = -0.4
 GAINS = (5e-3, 15e-3, 40e-3)  # m/V, where searches begin
 STEPS = 40  # of a search, twice
 LEAK = "jack_leakage"
@@ -126,6 +130,9 @@ def main() -> None:
         return
     folder = Path(sys.argv[1] if len(sys.argv) > 1 else "build/hanging_load")
     folder.mkdir(parents=True, exist_ok=True)
+    if "terms" in sys.argv[2:]:
+        terms(folder)
+        return
     steps = runs()
     up = np.concatenate([np.full(len(s["time"]), s["reference"][-1] > s["reference"][0]) for s in steps])
     number = np.concatenate([np.full(len(s["time"]), i) for i, s in enumerate(steps)])
@@ -161,6 +168,33 @@ def main() -> None:
     results["motor rotation"] = rotation_figures()
     (folder / "figures.json").write_text(json.dumps(results, indent=2) + "\n")
     picture(steps, number, best, folder / "hanging_load.png")
+
+
+def terms(folder: Path) -> None:
+    """Typed terms beside the machine without a leak, the steps that do not count held out."""
+    from thermohyd.identify.diagnosis.conclusion import as_term
+    from thermohyd.identify.diagnosis.held_out import Split
+    from thermohyd.identify.diagnosis.typed_terms import terms_of
+    from thermohyd.identify.fitting.library import NOTHING
+    from thermohyd.identify.report.term_words import term_lines
+
+    steps = runs()
+    number = np.concatenate([np.full(len(s["time"]), i) for i, s in enumerate(steps)])
+    trained = number % 2 == 0
+    problem = replace(problem_of(record_of(steps, BEST_LOAD)), library=NOTHING)
+    begun = fitted(problem, trained, (), {})
+    fit = problem.fit((), begun.values, most_steps=STEPS)
+    print(f"load {BEST_LOAD:+.1f}, no leak, all steps: chi2 {fit.chi2:.0f}, {fit.message}", flush=True)
+    say = lambda words: print(words, file=sys.stderr, flush=True)
+    found = tuple(as_term(one) for one in terms_of(problem, fit, Split(~trained, "every second step"), say))
+    for one in found:
+        print(f"{one.place} with {one.variable} ({one.law}): closes {one.gap_closed:.2f} of the steps held out, 2 ln E {one.proof:.1f}, "
+              f"holds {one.holds}; {one.value:.3g} +- {one.std:.2g} {one.unit}; allowed too: {list(one.alternatives)}")  # fmt: skip
+    lines = term_lines(found)
+    print("\n".join(lines or ["no term beyond chance"]))
+    kept = [{"place": o.place, "variable": o.variable, "law": o.law, "gap_closed": o.gap_closed, "holds": o.holds,
+             "alternatives": [list(a) for a in o.alternatives]} for o in found]  # fmt: skip
+    (folder / "terms.json").write_text(json.dumps(kept, indent=2) + "\n")
 
 
 def rotation() -> BenchRecord:

@@ -124,7 +124,7 @@ RATES = ("place", "quantity", "allowed", "both", "both_allowed")
 
 def table(truth: dict[str, Any], answers: dict[str, dict[str, Any]]) -> str:
     """The rates, then a line per record."""
-    from thermohyd.identify.diagnosis.typed_terms import family
+    from thermohyd.identify.diagnosis.term_table import family
 
     lines, rows = [], []
     scores: dict[str, list[bool]] = {key: [] for key in ("false", "standin", *RATES, *(f"{one} told" for one in RATES))}

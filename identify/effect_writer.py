@@ -6,79 +6,14 @@ the place. What has no stage (a flow that an edge cannot know, say) is refused w
 
 import json
 import keyword
-import math
-from dataclasses import dataclass
 from pathlib import Path
 
 from thermohyd.identify.bench.errors import BenchInputError
-from thermohyd.identify.model.typed_term_file import place_named
-from thermohyd.identify.model.typed_terms import (
-    LAWS,
-    OF_READING,
-    REFERENCE_TEMPERATURE,
-    SEVERAL,
-    VARIABLES,
-    coefficients_of,
-)
+from thermohyd.identify.model.places import OF_READING, SEVERAL
+from thermohyd.identify.model.term_variables import REFERENCE_TEMPERATURE
 
-
-@dataclass(frozen=True)
-class TermRead:
-    """A term as `diagnosis.json` holds it."""
-
-    place: str
-    variable: str
-    law: str
-    unit: str
-    value: float
-    coefficients: tuple[float, ...]
-    low: float
-    high: float
-    sentence: str
-    confirmed_by: str
-    gap_closed: float | None
-
-
-def read_term(path: Path, number: int = 1) -> TermRead:
-    """The term `number` of a diagnosis.json, counted from 1. Raises BenchInputError with the file and what would be right."""
-    fail = lambda sentence: BenchInputError(sentence, file=path)
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise fail(f"cannot be read ({error.strerror})") from None
-    except (UnicodeDecodeError, ValueError):
-        raise fail("is not JSON; expected a diagnosis.json written by thermohyd diagnose") from None
-    terms = content.get("terms") if isinstance(content, dict) else None
-    if not isinstance(terms, list) or "verdict" not in content:
-        raise fail('has no "terms"; expected a diagnosis.json written by thermohyd diagnose')
-    if not 1 <= number <= len(terms):
-        held = (
-            "no term: nothing is left unexplained there"
-            if not terms
-            else f"{len(terms)} terms, so --term is 1 to {len(terms)}"
-        )
-        raise fail(f"has {held}")
-    entry, where = terms[number - 1], f'"terms" entry {number}'
-    place_named(entry.get("place") if isinstance(entry, dict) else None, where, fail)
-    if entry.get("variable") not in VARIABLES or entry.get("law") not in LAWS:
-        raise fail(f'{where} has a "variable" or a "law" that is none')
-    try:
-        low, high = (float(end) for end in entry["range"])
-        found = TermRead(
-            entry["place"], entry["variable"], entry["law"], str(entry["unit"]), float(entry["value"]),
-            tuple(float(c) for c in entry["coefficients"]), low, high, str(entry["sentence"]),
-            str(entry.get("confirmed_by", "")), entry.get("gap_closed"),
-        )  # fmt: skip
-    except (KeyError, TypeError, ValueError):
-        raise fail(f'{where} must have "value", "unit", "coefficients", "range" and "sentence"') from None
-    numbers = (found.value, found.low, found.high, *found.coefficients)
-    if (
-        len(found.coefficients) != coefficients_of(found.law)
-        or not all(map(math.isfinite, numbers))
-        or found.value == 0.0
-    ):
-        raise fail(f"{where} has no amount to write")
-    return found
+from .motion_effect_writer import stage_in_motion, test_in_motion
+from .written_term import Stage, TermRead, read_term, refused
 
 
 def check_name(name: str) -> None:
@@ -93,19 +28,6 @@ def check_name(name: str) -> None:
         raise BenchInputError(f'the library has an effect "{name}" already; give yours another name')
 
 
-@dataclass(frozen=True)
-class Stage:
-    """Where a class acts: its base, what it imports, the methods as text."""
-
-    base: str
-    imports: tuple[str, ...]
-    body: str
-    needs: tuple[str, ...] = ()
-    shows: tuple[str, ...] = ("leakage", "pressure_gain", "flow_gain", "load_flow")
-    sign: float = 1.0  # of the amount, beside the term's coefficient
-    lower_is_zero: bool = False
-
-
 BASE = "from thermohyd.effects.effect import {}"
 CONDITIONS, OIL = "from thermohyd.conditions import Conditions", "from thermohyd.oil import Oil"
 _CHANNELS_OF = {"leakage_flow": "leakage", "flow": "flow_gain", "load_pressure": "pressure_gain",
@@ -115,6 +37,8 @@ _CHANNELS_OF = {"leakage_flow": "leakage", "flow": "flow_gain", "load_pressure":
 def stage_of(term: TermRead) -> Stage:
     """The stage of a term's place and its methods. Raises BenchInputError where no stage can know the variable."""
     place = term.place
+    if term.moving:
+        return stage_in_motion(term)
     if place.startswith(OF_READING) or place == "flow_into_return":
         return _reading(term)
     if place in ("flow_into_a", "flow_into_b", "flow_from_a_to_b"):
@@ -127,13 +51,7 @@ def stage_of(term: TermRead) -> Stage:
         return _oil(term)
     if place.split(":")[0] in ("clearance", "underlap", "edge_radius", "edge_flow"):
         return _edge(term)
-    raise _refused(term, "no stage of the simulator acts there")
-
-
-def _refused(term: TermRead, why: str) -> BenchInputError:
-    return BenchInputError(
-        f"a term of {term.place} with {term.variable} cannot be written as an effect: {why}; --learn keeps it in model.json"
-    )
+    raise refused(term, "no stage of the simulator acts there")
 
 
 # What a variable is of conditions `c`, and what it needs.
@@ -156,7 +74,7 @@ def _variable(term: TermRead, own: dict[str, str] | None = None) -> tuple[str, t
     """(an expression of conditions `c`, what it needs)."""
     known = _OF_CONDITIONS | (own or {})
     if term.variable not in known or (term.variable == "load" and "load" not in (own or {})):
-        raise _refused(term, f"no stage there knows {term.variable}")
+        raise refused(term, f"no stage there knows {term.variable}")
     return known[term.variable], _NEEDS.get(term.variable, ())
 
 
@@ -185,7 +103,7 @@ def law_code(term: TermRead) -> str:
             f"    held = {held}",
             "    size = jnp.abs(held)",
             "    # The root's slope at 0 has no end.",
-            "    return jnp.sign(held) * jnp.sqrt(jnp.where(size > 0.0, size, 1.0)) * (size > 0.0)",
+            "    return jnp.sign(held) * jnp.where(size > 0.0, jnp.sqrt(jnp.where(size > 0.0, size, 1.0)), 0.0)",
         ]
     )
 
@@ -212,7 +130,7 @@ def _port(term: TermRead) -> Stage:
     port = {"flow_into_a": 0, "flow_into_b": 1}.get(term.place)
     if term.variable == "pressure_rate":
         if port is None or term.law != "proportional" or term.coefficients[0] > 0.0:
-            raise _refused(
+            raise refused(
                 term, "a stage knows what one port stores as its pressure rises: a flow in proportion to -dp/dt"
             )
         body = f"""    substeps: int = eqx.field(static=True, default=8)
@@ -224,7 +142,7 @@ def _port(term: TermRead) -> Stage:
         )
     if port is None:
         if term.law != "proportional" or term.variable not in ("pressure", "pressure_drop", "load"):
-            raise _refused(term, "a path between the ports lets through in proportion to p_A - p_B")
+            raise refused(term, "a path between the ports lets through in proportion to p_A - p_B")
         body = """    def conductance(self, oil: Oil, conditions: Conditions) -> Float[Array, "..."]:
         return self.amount + 0.0 * conditions.temperature"""
         return Stage("AbstractCrossingEffect", (CONDITIONS, OIL), body, (), ("leakage", "pressure_gain", "load_flow"),
@@ -311,15 +229,16 @@ def class_name(name: str) -> str:
 def effect_module(name: str, term: TermRead, source: str) -> str:
     """The text of the module: law, class, entry."""
     stage = stage_of(term)
-    linear_of_its_own = stage.base in ("AbstractStorageEffect", "AbstractCrossingEffect")
+    linear_of_its_own = "law(" not in stage.body
     amount = abs(term.value) if term.law == "smooth" else stage.sign * term.coefficients[0]
     size = abs(amount)
     lower = 0.0 if stage.lower_is_zero else -30.0 * size
     head = term.sentence.split(":")[0]
+    base_and_amount = "as_amount" if term.moving else f"{stage.base}, as_amount"
     imports = sorted(
         {
             *stage.imports,
-            BASE.format(f"{stage.base}, as_amount"),
+            BASE.format(base_and_amount),
             "from thermohyd.effects.effect_info import EffectInfo",
         }
     )
@@ -382,7 +301,8 @@ def effect_module(name: str, term: TermRead, source: str) -> str:
 
 def test_module(name: str, term: TermRead) -> str:
     """The text of a test: the amount 0 changes nothing, an amount changes what the entry says."""
-    del term
+    if term.moving:
+        return test_in_motion(name)
     return f'''"""{class_name(name)}: neutral at 0, and something to see at a usual amount. Run: pytest {f"test_{name}.py"}"""
 
 from pathlib import Path

@@ -7,8 +7,8 @@ import typer
 
 from .check_command import check_command
 from .export_command import export_app
-from .loudness import Commands
 from .fleet import app as fleet_app
+from .loudness import Commands
 from .process import fail, plain_failures
 from .run_command import begin, load_users_effects, of_each_record, run_study, say_where, show
 

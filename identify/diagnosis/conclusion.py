@@ -22,7 +22,9 @@ from thermohyd.identify.fitting.relative import effect_plans
 from thermohyd.identify.fitting.result import FitResult
 from thermohyd.identify.fitting.uncertainty import Covariance
 from thermohyd.identify.model.learned_terms import LearnedTerm
-from thermohyd.identify.model.typed_terms import VARIABLES, TypedTerm, place_of, with_covariance
+from thermohyd.identify.model.places import place_of
+from thermohyd.identify.model.term_variables import VARIABLES
+from thermohyd.identify.model.typed_terms import TypedTerm, with_covariance
 from thermohyd.identify.noise.level import ChannelNoise
 from thermohyd.identify.report.diagnosis_report import further_sentences, headline, in_a_row, suspect_sentences
 from thermohyd.identify.report.term_words import confirmed_by, term_lines, term_sentence
@@ -53,7 +55,9 @@ from .rivals import Rivals, with_mirrors
 from .screening import Screen, candidates, screen
 from .screening_faults import screen_of_faults
 from .search import LEVEL, Selection
-from .typed_terms import Found, fitted_inside, table_of, terms_of, with_coefficients
+from .term_fit import fitted_inside, with_coefficients
+from .term_table import opened
+from .typed_terms import Found, terms_of
 from .where import regions
 
 
@@ -127,8 +131,8 @@ def conclude(
     problem, base = case.problem, case.base
     first = screen(problem.with_all_columns(base), problem.library.names, case.steps, level=LEVEL, freedom=case.freedom)
     smooth = variations_of(problem, model.fit) if model.disagrees and not problem.in_motion else ()
-    found = ()
-    if model.disagrees and not problem.in_motion:
+    found = model.terms
+    if model.disagrees and not found:
         # A fault for each of several runs is a patch over what is missing, which is to be found.
         patched = scattered(case, model.fit)
         asked = problem.fit(model.fit.physics, model.fit.values, hop_basins=True) if patched else model.fit
@@ -322,7 +326,7 @@ def _held_out(
     judge: Problem = case.problem
     if isinstance(term, TypedTerm):
         without = chosen.fit(fit.effects, fit.values)
-        seen = fitted_inside(table_of(chosen, without)[1], without, term)
+        seen = fitted_inside(opened(chosen, without), without, term)
         final, judge = seen.fit, replace(seen.problem, used=None)
     elif term is not None:
         chosen, final, learned = learn_term(chosen, final, smooth[0])
@@ -348,7 +352,7 @@ def as_term(found: Found) -> Term:
         gap_closed=found.gap_closed,
         alternatives=found.alternatives,
         sentence=term_sentence(term, value, std),
-        confirmed_by=confirmed_by(term.place, term.variable),
+        confirmed_by=confirmed_by(term.place, term.variable, moving=term.moving),
         coefficients=tuple(float(c) for c in term.coefficients),
         low=term.low,
         high=term.high,
@@ -357,6 +361,7 @@ def as_term(found: Found) -> Term:
         proof=found.proof,
         holds=found.holds,
         on_held_out=found.fitted.joint is not None,
+        moving=term.moving,
         variable_values=values,
         curve=curve,
         band=band,

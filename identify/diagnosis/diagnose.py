@@ -19,6 +19,7 @@ from thermohyd.identify.fitting.parameters import IN_MOTION, ParameterPlan, Prio
 from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.fitting.readings import Noise
 from thermohyd.identify.fitting.result import FitResult
+from thermohyd.identify.model.typed_terms import TypedTerm
 from thermohyd.identify.noise.level import repeat_differences
 from thermohyd.identify.users_effects import known_effects
 from thermohyd.numerics import require_float64
@@ -30,6 +31,8 @@ from .found_faults import with_evidence
 from .record_noise import NoiseEstimate, first_noise, noise_of, repeats_in
 from .result import DiagnosisResult, NamedEffect, Verdict
 from .screening import finite_steps
+from .stand_ins import without_stand_ins
+from .term_table import opened
 
 
 def open_motion(
@@ -136,8 +139,10 @@ def fitted_together(
     plain = problem.fit(start={**motion.model.base.values, **static.model.base.values}, patient=True)
     effects = [*static.model.fit.effects, *motion.model.fit.effects]
     full, final = problem, plain
-    if effects or static.result.learned:
-        full = problem.with_terms(*static.result.learned)
+    learned = (*static.result.learned, *motion.result.learned)
+    if effects or learned:
+        counted = any(isinstance(term, TypedTerm) and not term.moving for term in learned)
+        full = (opened(problem, plain) if counted else problem).with_terms(*learned)
         final = full.fit(effects, {**motion.model.fit.values, **static.model.fit.values}, patient=True)
     fitted = jointly_fitted(problem, plain, as_channel_noise(noise), s.fitted, m.fitted)
     scale = lambda fit: max(fit.chi2 / len(fit.residual), 1.0)
@@ -179,6 +184,7 @@ def in_one(record: BenchRecord, static: Stage, motion: Stage, say: Progress = la
         shifts=parameter_shifts(before, after) if s.shifts or m.shifts else (),
         variations=(*s.variations, *m.variations),
         terms=(*s.terms, *m.terms),
+        learned=(*s.learned, *m.learned),
         evidence=(*s.evidence, *m.evidence),
         noise=(*s.noise, *m.noise),
         left_over_p=min(s.left_over_p, m.left_over_p),
@@ -244,7 +250,7 @@ def diagnose_stage(
 ) -> Stage:
     """What follows `open_case`; `seconds` of the result is left at 0."""
     case, selection, split = choose(case, say)
-    model = final_model(case, selection, split, say)
+    model = without_stand_ins(case, final_model(case, selection, split, say), split, say)
     return Stage(case, model, conclude(case, selection, split, model, learn=learn, model_form=model_form, say=say))
 
 

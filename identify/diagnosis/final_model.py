@@ -7,6 +7,7 @@ are dropped again.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,6 +23,10 @@ from .left_over import LackOfFit, lack_of_fit, smooth_block
 from .result import MOST_USUAL, HeldOut, Suspect
 from .rivals import Rivals, all_rivals, settle_rivals
 from .search import Selection, search, times_usual
+
+
+if TYPE_CHECKING:
+    from .typed_terms import Found
 
 
 SEED = 20110913
@@ -202,6 +207,7 @@ class FinalModel:
     left: what smooth curves still find beside `fit`. disagrees: a misfit beyond noise remains.
     seen_apart: every effect was found without the rows held out. proof: how the effects do where they were not fitted; None without
     any. suspects: what the search found and that did not prove itself, taken out again. complete: see `Selection`.
+    terms: typed terms that did better than names (`stand_ins`).
     """
 
     base: Fit  # the ideal valve, in the deepest valley that was seen
@@ -216,6 +222,7 @@ class FinalModel:
     proof: Confirmation | None = None
     suspects: tuple[Suspect, ...] = ()
     complete: bool = True
+    terms: tuple["Found", ...] = ()
 
     def gap_closed(self, without: Fit) -> float:
         """Share of the gap that opens again in the model `without` something."""

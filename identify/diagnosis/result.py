@@ -85,6 +85,7 @@ class Suspect:
     """An effect that the search found and that is not named: it does not predict the conditions to which it was not fitted, or its
     amount is beyond `MOST_USUAL`.
 
+    Or a typed term does better than all names together (`outdone_by`, in words).
     value: SI. evidence: 2 ln E on rows left out, of the model with it over the model without it; 10.6 would be a proof.
     times_usual: the amount over the largest that is usual. strength: in standard errors, of the rows that it is fitted to.
     """
@@ -95,6 +96,7 @@ class Suspect:
     evidence: float
     times_usual: float
     strength: float
+    outdone_by: str = ""
 
     @property
     def implausible(self) -> bool:
@@ -103,7 +105,7 @@ class Suspect:
     @property
     def hint(self) -> bool:
         """Whether it is too weak to stand for a misfit by itself."""
-        return self.strength < WEAK and not self.implausible
+        return self.strength < WEAK and not self.implausible and not self.outdone_by
 
 
 @dataclass(frozen=True)
@@ -268,6 +270,7 @@ class Term:
     curve: np.ndarray
     band: np.ndarray
     learned: bool = False  # added to the model at the user's word
+    moving: bool = False  # of tests in motion
 
 
 @dataclass(frozen=True)

@@ -106,7 +106,8 @@ class Plan(eqx.Module):
         return plant_of(valve, actuator, inputs, heat=self.heat, walls=Walls(), polarity=given.polarity)
 
 
-def _read(state: State, valve: Valve) -> Float[Array, " readings"]:
+def read_of(state: State, valve: Valve) -> Float[Array, " readings"]:
+    """What a step test could read of a state, in the order of STEP_READINGS."""
     return jnp.stack(
         [state.spool / transducer_gain(valve), state.pressure[0], state.pressure[1], state.position, state.velocity]
     )
@@ -124,7 +125,7 @@ def readings_and_slopes(
         start, found = equilibrium(plant, scaling, inputs.time[0])
         rtol = atol = plan.tolerance
         run = integrate(plant, scaling, start, gradient="forward", rtol=rtol, atol=atol, max_steps=MOST_STEPS)
-        readings = jax.vmap(lambda state: _read(state, plant.valve))(run.states)
+        readings = jax.vmap(lambda state: read_of(state, plant.valve))(run.states)
         return readings, (readings, jnp.where(found, run.failure, NO_EQUILIBRIUM))
 
     def one(inputs: StepInputs) -> tuple[Array, Array, Array]:
@@ -149,24 +150,38 @@ def responses_all(
     polarity: int,
 ) -> tuple[Float[Array, "runs frequencies 2"], Float[Array, "runs frequencies 2 all"], Bool[Array, " runs"]]:
     """A frequency test: (amplitude ratio and phase [rad], their derivatives to the vector, whether there is an equilibrium)."""
-    seen = tuple(name for name in plan.effects if effect_info(name).small_signal)
-    entries = [i for i, name in enumerate((*plan.names, *plan.effects)) if name in (*plan.names, *seen)]
 
     def all_of(p: Array) -> tuple[Array, tuple[Array, Array]]:
-        valve, actuator = machine(given.valve, given.actuator, plan.names, seen, jnp.stack([p[i] for i in entries]))
-
-        def one(inputs: StepInputs, frequency: Array) -> tuple[Array, Array]:
-            found = frequency_response(
-                valve, actuator, inputs, frequency, output=output, absolute=absolute, heat=plan.heat, polarity=polarity,
-                throw=False,
-            )  # fmt: skip
-            return jnp.stack([found.amplitude_ratio, jnp.deg2rad(found.phase)], axis=-1), found.found
-
-        values, found = jax.vmap(one)(inputs, frequency)
+        values, found = responses_of(plan, p, given, inputs, frequency, (output, absolute, polarity))
         return values, (values, found)
 
     slopes, (values, found) = jax.jacfwd(all_of, has_aux=True)(p)
     return values, slopes, found
+
+
+def responses_of(
+    plan: Plan,
+    p: Float[Array, " all"],
+    given: Given,
+    inputs: StepInputs,
+    frequency: Float[Array, "runs frequencies"],
+    respond: tuple[Output, bool, int],
+) -> tuple[Float[Array, "runs frequencies 2"], Bool[Array, " runs"]]:
+    """(amplitude ratio and phase [rad], whether there is an equilibrium); respond: output, whether absolute, polarity."""
+    output, absolute, polarity = respond
+    seen = tuple(name for name in plan.effects if effect_info(name).small_signal)
+    entries = [i for i, name in enumerate((*plan.names, *plan.effects)) if name in (*plan.names, *seen)]
+
+    valve, actuator = machine(given.valve, given.actuator, plan.names, seen, jnp.stack([p[i] for i in entries]))
+
+    def one(inputs: StepInputs, frequency: Array) -> tuple[Array, Array]:
+        found = frequency_response(
+            valve, actuator, inputs, frequency, output=output, absolute=absolute, heat=plan.heat, polarity=polarity,
+            throw=False,
+        )  # fmt: skip
+        return jnp.stack([found.amplitude_ratio, jnp.deg2rad(found.phase)], axis=-1), found.found
+
+    return jax.vmap(one)(inputs, frequency)
 
 
 @dataclass(frozen=True)
@@ -190,23 +205,36 @@ class DynamicSimulator:
     tolerance: float = TOLERANCE
 
     @cached_property
-    def _steps(self) -> list[StepRuns]:
+    def steps(self) -> list[StepRuns]:
+        """The runs of step tests, those that share a program together."""
         return step_runs({name: test for name, test in self.tests.items() if test.kind != "frequency"})
 
     @cached_property
-    def _frequencies(self) -> dict[str, FrequencyRuns]:
+    def frequencies(self) -> dict[str, FrequencyRuns]:
+        """The operating points of each frequency test."""
         return {name: frequency_runs(test) for name, test in self.tests.items() if test.kind == "frequency"}
 
     def read(self, names: tuple[str, ...], effects: tuple[str, ...], vector: np.ndarray) -> Readings:
         """Readings and derivatives of all channels that the tests could have, at `vector`: parameters, then amounts."""
-        plan = Plan(names, effects, self.heat, self.tolerance)  # pyright: ignore[reportArgumentType]  # one of two words
-        of = lambda runs: plan if runs.signal is None else replace(plan, command=runs.signal)
-        given = Given(self.valve, self.actuator, jnp.asarray(float(self.polarity)))
+        plan, given = self.plan(names, effects), self.given
         p = jnp.asarray(vector, dtype=float)
         into = Readings({}, {}, 0)
-        failures = [self._step(of(runs), p, given, runs, into) for runs in self._steps]
-        failures += [self._frequency(name, plan, p, given, runs, into) for name, runs in self._frequencies.items()]
+        failures = [self._step(self.plan_of(plan, runs), p, given, runs, into) for runs in self.steps]
+        failures += [self._frequency(name, plan, p, given, runs, into) for name, runs in self.frequencies.items()]
         return Readings(into.values, into.slopes, max(failures, default=0))
+
+    def plan(self, names: tuple[str, ...], effects: tuple[str, ...]) -> Plan:
+        """What a program with these entries depends on."""
+        return Plan(names, effects, self.heat, self.tolerance)  # pyright: ignore[reportArgumentType]  # one of two words
+
+    def plan_of(self, plan: Plan, runs: StepRuns) -> Plan:
+        """The plan of runs whose command a sensor may scale."""
+        return plan if runs.signal is None else replace(plan, command=runs.signal)
+
+    @property
+    def given(self) -> Given:
+        """What stands beside the vector."""
+        return Given(self.valve, self.actuator, jnp.asarray(float(self.polarity)))
 
     def _step(self, plan: Plan, p: Any, given: Given, runs: StepRuns, into: Readings) -> int:
         values, slopes, failures = (np.array(part) for part in readings_and_slopes(plan, p, given, runs.inputs))

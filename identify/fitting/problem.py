@@ -15,7 +15,8 @@ import numpy as np
 from thermohyd.identify.bench.record import BenchRecord
 from thermohyd.identify.bench.test_record import TestRecord, dynamic_among
 from thermohyd.identify.model.learned_terms import LearnedTerm
-from thermohyd.identify.model.typed_terms import States, TypedTerm
+from thermohyd.identify.model.term_variables import States
+from thermohyd.identify.model.typed_terms import TypedTerm
 from thermohyd.identify.noise.whitening import Whitening, whiten_on_host
 from thermohyd.identify.reduction.monotone_pieces import run_ids
 
@@ -114,8 +115,13 @@ class Problem:
     def _with_other_terms(self, terms: tuple[LearnedTerm | TypedTerm, ...], states: States | None) -> "Problem":
         other = replace(self, terms=terms, states=states)
         parts = self.__dict__.get("readings", ())
-        if parts and all(isinstance(part, StaticReadings) for part in parts):
-            other.__dict__["readings"] = tuple(part.with_terms(terms, states) for part in parts)
+        if parts and all(isinstance(part, (StaticReadings, MotionReadings)) for part in parts):
+            other.__dict__["readings"] = tuple(
+                part.with_terms(_of_static(terms), states)
+                if isinstance(part, StaticReadings)
+                else part.with_terms(_in_motion(terms))
+                for part in parts
+            )
         return other
 
     @cached_property
@@ -127,7 +133,9 @@ class Problem:
         if still:
             library = library_for(still.values()) if moving else self.library
             found.append(
-                StaticReadings(self.record, still, self.plans, library, self.noise, self._used, self.terms, self.states)
+                StaticReadings(
+                    self.record, still, self.plans, library, self.noise, self._used, _of_static(self.terms), self.states
+                )
             )
         if moving:
             from .motion_readings import simulator_of
@@ -135,7 +143,8 @@ class Problem:
             simulator = replace(simulator_of(self.record, self.plans, self.known_effects), tests=moving)
             names = tuple(name for name in (*IN_MOTION, *PARAMETERS) if name in self.plans and self._in_vector(name))
             names += tuple(name for name in traced(moving, self.record) if name in self.plans)
-            found.append(MotionReadings(simulator, names, None if still else self.library, self.noise, self._used))
+            library = None if still else self.library
+            found.append(MotionReadings(simulator, names, library, self.noise, self._used, _in_motion(self.terms)))
         return tuple(found)
 
     def _in_vector(self, name: str) -> bool:
@@ -429,6 +438,32 @@ class Problem:
             found[:, place] *= self.factor_of(key, fit)
         return dict(zip(ENTRIES, found, strict=True)), states
 
+    def term_columns_in_motion(self, fit: Fit) -> np.ndarray:
+        """(rows, coefficients): whitened columns of the terms in tests in motion, each padded to four coefficients, at a fit; 0 in
+        the rows of priors and in those not used."""
+        part, program, vector = self._moving_at(fit)
+        return self._with_priors(part.term_columns(program, vector).T, fit)
+
+    def table_in_motion(self, fit: Fit, laws: Any) -> tuple[list[np.ndarray], Any]:
+        """Of each law its whitened columns (rows, coefficients) beside a fit of tests in motion, and what `MotionReadings.table` says
+        of the ranges."""
+        part, program, vector = self._moving_at(fit)
+        columns, ranges = part.table(program, vector, laws)
+        return [self._with_priors(own, fit) for own in columns], ranges
+
+    def _moving_at(self, fit: Fit) -> tuple[MotionReadings, tuple[str, ...], np.ndarray]:
+        part = next(part for part in self.readings if isinstance(part, MotionReadings))
+        present = tuple(n for n in self.library.names if n in fit.effects or fit.values.get(n, 0.0) != 0.0)
+        order = part.order(present)
+        return part, present, np.array([fit.values.get(name, 0.0) for name in order], dtype=float)
+
+    def _with_priors(self, columns: np.ndarray, fit: Fit) -> np.ndarray:
+        """Columns of readings with sensors counted in, and rows of 0 for the priors."""
+        whole = np.zeros((len(fit.residual), columns.shape[1]))
+        for key, place in self.rows().items():
+            whole[place] = self.factor_of(key, fit) * columns[place]
+        return whole * fit.used[:, None]
+
     def factor_of(self, key: Key, fit: Fit) -> float:
         """What a channel's sensor makes of its quantity: 1 where it is read in SI."""
         return self._sensed[key].factor(fit.values) if key in self._sensed else 1.0
@@ -500,6 +535,16 @@ class Problem:
             chosen, order, free, values, result.cost, result.residual[real], result.jacobian[real], used, pressed,
             result.converged, result.message, result, allowance_of(chosen, self.faults),
         )  # fmt: skip
+
+
+def _in_motion(terms: tuple[LearnedTerm | TypedTerm, ...]) -> tuple[TypedTerm, ...]:
+    """The terms of tests in motion."""
+    return tuple(term for term in terms if isinstance(term, TypedTerm) and term.moving)
+
+
+def _of_static(terms: tuple[LearnedTerm | TypedTerm, ...]) -> tuple[LearnedTerm | TypedTerm, ...]:
+    """All others."""
+    return tuple(term for term in terms if term not in _in_motion(terms))
 
 
 def _padded(part: Readings) -> int:

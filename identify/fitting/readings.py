@@ -14,7 +14,9 @@ import numpy as np
 from thermohyd.identify.bench.record import BenchRecord
 from thermohyd.identify.bench.test_record import TestRecord
 from thermohyd.identify.model.learned_terms import ABSOLUTE, LearnedTerm, term_values
-from thermohyd.identify.model.typed_terms import States, TypedTerm, place_of, read_as, shift_of
+from thermohyd.identify.model.places import place_of, read_as
+from thermohyd.identify.model.term_variables import States
+from thermohyd.identify.model.typed_terms import TypedTerm, shift_of
 from thermohyd.identify.noise.correlation import NoiseCorrelation
 from thermohyd.identify.noise.level import ChannelNoise
 from thermohyd.identify.noise.whitening import Whitening, whiten_on_host, whitening_of
@@ -309,13 +311,14 @@ class MotionReadings:
     library: Library | None
     noise: Noise
     used: Mapping[Key, np.ndarray] | None
+    terms: tuple[TypedTerm, ...] = ()
 
     @property
     def tests(self) -> Mapping[str, TestRecord]:
         return self.simulator.tests
 
     def program(self, chosen: tuple[str, ...]) -> tuple[str, ...]:
-        if self.library is None:
+        if self.library is None or self.terms:
             return chosen
         return self.library.names if chosen else ()
 
@@ -328,13 +331,50 @@ class MotionReadings:
     def evaluation(self, program: tuple[str, ...], faults: tuple[BenchFault, ...] = ()) -> Evaluation:
         assert not faults  # they are looked for in static tests alone
         # Here, not above: a static problem does not wait for the solvers of motion.
-        from .motion_readings import Weighing, rows_of_readings
+        from .motion_readings import rows_of_readings
+
+        if self.terms:
+            return lambda p: self._with_terms(program, p)[:2]
+        weighing = self._weighing
+        return lambda p: rows_of_readings(self.simulator, self.parameters, program, weighing, p)
+
+    @property
+    def _weighing(self) -> Any:
+        from .motion_readings import Weighing
 
         weight = {(n, c.name): 1.0 / self.noise.std[n, c.name] for n, t in self.tests.items() for c in t.channels}
         if self.used is not None:
             weight = {key: w * self.used[key] for key, w in weight.items()}
-        weighing = Weighing(weight, whiten=self._whiten)
-        return lambda p: rows_of_readings(self.simulator, self.parameters, program, weighing, p)
+        return Weighing(weight, whiten=self._whiten)
+
+    def with_terms(self, terms: tuple[TypedTerm, ...]) -> "MotionReadings":
+        """The same readings with other terms in the machine."""
+        return replace(self, terms=terms)
+
+    def term_columns(self, program: tuple[str, ...], p: np.ndarray) -> np.ndarray:
+        """(coefficients, rows): the whitened columns of all terms' coefficients, before any sensor."""
+        return self._with_terms(program, p)[2]
+
+    def _with_terms(self, program: tuple[str, ...], p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Residuals, columns of the vector, columns of the terms' coefficients; asked again for one point, not computed again."""
+        from .motion_term_columns import rows_with_terms
+
+        key = (program, np.asarray(p, dtype=float).tobytes())
+        if self._last.get("key") != key:
+            found = rows_with_terms(self.simulator, self.parameters, program, self._weighing, p, self.terms)
+            self._last.update(key=key, found=found)
+        return self._last["found"]
+
+    @cached_property
+    def _last(self) -> dict[str, Any]:
+        return {}
+
+    def table(self, program: tuple[str, ...], p: np.ndarray, laws: Any) -> tuple[list[np.ndarray], Any]:
+        """Of each law (see `motion_term_columns.Law`) its columns (rows, coefficients) in units of the noise, whitened, beside the
+        machine at a point, before any sensor; and the ranges of what they follow."""
+        from .motion_term_columns import columns_of_laws
+
+        return columns_of_laws(self.simulator, self.parameters, program, self._weighing, p, laws)
 
     def _whiten(self, key: Key, values: np.ndarray) -> np.ndarray:
         correlation = self.noise.correlation[key]

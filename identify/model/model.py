@@ -43,3 +43,24 @@ class Model:
             if name in table:
                 return table[name]
         return self.parameters[name]
+
+    def joint_covariance(self) -> np.ndarray | None:
+        """Of `free`, then of the coefficients of every typed term whose own is known; None where the model has none."""
+        matrix = self.covariance
+        if matrix is None:
+            return None
+        for term in self.learned:
+            if not isinstance(term, TypedTerm) or not term.covariance:
+                continue
+            none = (0.0,) * len(term.coefficients)
+            cross = np.array([term.with_parameters.get(name, none) for name in self.free]).reshape(
+                len(self.free), len(none)
+            )
+            cross = np.concatenate([cross, np.zeros((len(matrix) - len(self.free), len(none)))])
+            matrix = np.block([[np.asarray(matrix), cross], [cross.T, np.array(term.covariance)]])
+        return matrix
+
+
+def coefficient_names(number: int, term: TypedTerm) -> tuple[str, ...]:
+    """What the coefficients of the model's typed term `number`, from 0, are called."""
+    return tuple(f"term {number + 1} coefficient {k + 1}" for k in range(len(term.coefficients)))

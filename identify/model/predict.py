@@ -36,11 +36,13 @@ from thermohyd.valve import Valve
 
 from .fitted_range import COLUMN, Outside, names_of_rows, outside, sentences
 from .learned_terms import ABSOLUTE, term_values
-from .model import Model
+from .model import Model, coefficient_names
 from .pieces import PLACE, predicted_in_pieces
+from .places import place_of, read_as
 from .predict_motion import as_read, as_static, require_actuator, signal_of_reading, unit_of
 from .simulation_output import note_lines, simulation_files, simulation_json, simulation_table, spare_the_record
-from .typed_terms import BLOCKED, States, TypedTerm, place_of, read_as, shift_of
+from .term_variables import BLOCKED, States
+from .typed_terms import TypedTerm, shift_of
 
 
 SAME = 1e-9  # relative: what two files write of one number differs by less
@@ -259,7 +261,7 @@ def predict_test(model: Model, record: BenchRecord, test: TestRecord) -> dict[st
     smooth = row_terms(model, test)
     ask = lambda more, wanted: predicted_in_pieces(valve, rowwise, values, amounts, smooth | more, test, wanted)
     columns, of_terms = _with_typed_terms(model, test, channels, ask)
-    free, covariance = (*free, *of_terms), joint_covariance(model)
+    free, covariance = (*free, *of_terms), model.joint_covariance()
     out: dict[str, tuple[np.ndarray, np.ndarray]] = {}
     for name in channels:
         slope = dict(zip(("", *rowwise), columns[name], strict=True))  # the reading itself under no name
@@ -308,33 +310,12 @@ def _with_typed_terms(
     for i, term in enumerate(terms):
         if model.covariance is None or not term.covariance:
             continue
-        for k, name in enumerate(_coefficients(i, term)):
+        for k, name in enumerate(coefficient_names(i, term)):
             step = STEP * max(abs(term.coefficients[k]), np.sqrt(term.covariance[k][k])) or 1.0
             moved = replace(term, coefficients=tuple(c + step * (j == k) for j, c in enumerate(term.coefficients)))
             beside = with_terms((*terms[:i], moved, *terms[i + 1 :]))
             slopes[name] = {channel: (beside[channel][0] - columns[channel][0]) / step for channel in channels}
     return columns, slopes
-
-
-def _coefficients(number: int, term: TypedTerm) -> tuple[str, ...]:
-    return tuple(f"term {number + 1} coefficient {k + 1}" for k in range(len(term.coefficients)))
-
-
-def joint_covariance(model: Model) -> np.ndarray | None:
-    """Of `model.free`, then of the coefficients of every typed term whose own is known; None where the model has none."""
-    matrix = model.covariance
-    if matrix is None:
-        return None
-    for term in model.learned:
-        if not isinstance(term, TypedTerm) or not term.covariance:
-            continue
-        none = (0.0,) * len(term.coefficients)
-        cross = np.array([term.with_parameters.get(name, none) for name in model.free]).reshape(
-            len(model.free), len(none)
-        )
-        cross = np.concatenate([cross, np.zeros((len(matrix) - len(model.free), len(none)))])
-        matrix = np.block([[np.asarray(matrix), cross], [cross.T, np.array(term.covariance)]])
-    return matrix
 
 
 def _behind(

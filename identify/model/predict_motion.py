@@ -15,10 +15,12 @@ from thermohyd.identify.bench.record import BenchRecord
 from thermohyd.identify.bench.shown_units import KINDS
 from thermohyd.identify.bench.test_record import DynamicTest, TestRecord
 from thermohyd.identify.fitting.motion_readings import DynamicSimulator, Key, actuator_of, valve_of
+from thermohyd.identify.fitting.motion_term_columns import predicted_with_terms
 from thermohyd.identify.fitting.parameters import IN_MOTION, SEEN_IN_MOTION
 from thermohyd.identify.fitting.sensed import Sensed, sensed, traced
 
-from .model import Model
+from .model import Model, coefficient_names
+from .typed_terms import TypedTerm
 
 
 def as_read(slopes: dict[str, np.ndarray], model: Model, test: TestRecord, name: str) -> dict[str, np.ndarray]:
@@ -83,17 +85,39 @@ def predict_motion(model: Model, record: BenchRecord) -> dict[Key, tuple[np.ndar
     simulator = DynamicSimulator(tests, valve, actuator, machine.heat, model.valve.polarity)
     names = (free or IN_MOTION[:1]) + scales  # a vector cannot be empty
     vector = [getattr(machine, n) if n not in model.dynamics and n in IN_MOTION else model.value(n) for n in names]
-    read = simulator.read(names, amounts, np.array([*vector, *(model.effects[n] for n in amounts)]))
+    at = np.array([*vector, *(model.effects[n] for n in amounts)])
+    terms = tuple(term for term in model.learned if isinstance(term, TypedTerm) and term.moving)
+    known = tuple(term for term in terms if term.covariance)
+    of_terms: dict[Key, dict[str, np.ndarray]] = {}
+    if terms:
+        read, own = predicted_with_terms(simulator, names, amounts, at, terms)
+        of_terms = {
+            key: {
+                name: slope
+                for number, (term, slopes) in enumerate(zip(terms, by, strict=True))
+                if term.covariance
+                for name, slope in zip(coefficient_names(number, term), slopes, strict=True)
+            }
+            for key, by in own.items()
+        }
+    else:
+        read = simulator.read(names, amounts, at)
     if read.failure:
         raise RuntimeError(FAILURES[read.failure])
     entries = (*names, *amounts)
-    matrix = None if model.covariance is None or not covered else model.covariance
+    moving = replace(model, learned=known)
+    matrix = None if model.covariance is None or not (covered or known) else moving.joint_covariance()
+    covered = (
+        *covered,
+        *(name for n, term in enumerate(terms) if term.covariance for name in coefficient_names(n, term)),
+    )
     found = {}
     for (name, channel), values in read.values.items():
         test = tests[name]
         if test.channels and channel not in [c.name for c in test.channels]:
             continue
-        of = as_read({"": values, **dict(zip(entries, read.slopes[name, channel], strict=True))}, model, test, channel)
+        slopes_of = dict(zip(entries, read.slopes[name, channel], strict=True)) | of_terms.get((name, channel), {})
+        of = as_read({"": values, **slopes_of}, model, test, channel)
         spread = np.full(len(values), np.nan)
         if matrix is not None:
             slopes = np.array([of.get(n, np.zeros(len(values))) for n in covered])
@@ -133,9 +157,12 @@ def require_actuator(model: Model, record: BenchRecord) -> None:
 def as_static(model: Model) -> Model:
     """The part of a model that static tests see: without what was identified from motion."""
     moving = {n for n in model.effects if effect_info(n).dynamic} | set(model.dynamics)
-    if not moving:
+    learned = tuple(term for term in model.learned if not (isinstance(term, TypedTerm) and term.moving))
+    if not moving and len(learned) == len(model.learned):
         return model
     keep = [i for i, n in enumerate(model.free) if n not in moving]
     matrix = None if model.covariance is None else model.covariance[np.ix_(keep, keep)]
     effects = {n: a for n, a in model.effects.items() if n not in moving}
-    return replace(model, free=tuple(model.free[i] for i in keep), covariance=matrix, effects=effects, dynamics={})
+    return replace(
+        model, free=tuple(model.free[i] for i in keep), covariance=matrix, effects=effects, dynamics={}, learned=learned
+    )

@@ -5,12 +5,14 @@ from typing import Any
 
 import numpy as np
 
-from .typed_terms import LAWS, PLACES, VARIABLES, Place, TypedTerm, asked_with, coefficients_of, place_of
+from .places import PLACES, Place, place_of
+from .term_variables import VARIABLES, asked_with
+from .typed_terms import LAWS, TypedTerm, coefficients_of
 
 
 KEYS = (
     "empirical", "meaning", "place", "variable", "law", "unit", "coefficients", "range", "null_bias", "covariance",
-    "with_parameters",
+    "with_parameters", "moving",
 )  # fmt: skip
 
 
@@ -36,6 +38,7 @@ def typed_json(term: TypedTerm) -> dict[str, Any]:
         "null_bias": term.null_bias,
         "covariance": [list(row) for row in term.covariance],
         "with_parameters": {name: list(values) for name, values in term.with_parameters.items()},
+        **({"moving": True} if term.moving else {}),
     }
 
 
@@ -52,11 +55,14 @@ def typed_term(
     for key in entry:
         if key not in KEYS:
             raise fail(f'{where} has the unknown key "{key}"; known are {", ".join(KEYS)}')
-    place = place_named(entry.get("place"), where, fail)
+    moving = entry.get("moving", False)
+    if not isinstance(moving, bool):
+        raise fail(f'{where} "moving" must be true or false: whether it is a term of tests in motion')
+    place = place_named(entry.get("place"), where, fail, moving=moving)
     for key, options in (("variable", tuple(VARIABLES)), ("law", LAWS)):
         if not isinstance(entry.get(key), str) or entry[key] not in options:
             raise fail(f'{where} "{key}" must be one of {", ".join(options)}')
-    if not asked_with(place, VARIABLES[entry["variable"]]):
+    if not asked_with(place, VARIABLES[entry["variable"]], moving=moving):
         raise fail(f"{where}: a term of {place.name} does not go with {entry['variable']}")
     coefficients, ends = entry.get("coefficients"), entry.get("range")
     count = coefficients_of(entry["law"])
@@ -83,14 +89,14 @@ def typed_term(
             raise fail(f'{where} "with_parameters" has "{name}", which "covariance" "of" does not list')
     return TypedTerm(
         place.name, entry["variable"], entry["law"], tuple(to_number(c, f'{where} "coefficients"') for c in coefficients),
-        low, high, to_number(entry.get("null_bias", 0.0), f'{where} "null_bias"'),
+        low, high, to_number(entry.get("null_bias", 0.0), f'{where} "null_bias"'), moving,
         tuple(tuple(float(v) for v in row) for row in matrix), known,
     )  # fmt: skip
 
 
-def place_named(name: Any, where: str, fail: Callable[[str], Exception]) -> Place:
-    """The place of a name in a file."""
+def place_named(name: Any, where: str, fail: Callable[[str], Exception], *, moving: bool = False) -> Place:
+    """The place of a name in a file; moving: of a term of tests in motion."""
     try:
-        return place_of(name)
+        return place_of(name, moving=moving)
     except (KeyError, AttributeError):
         raise fail(f'{where} "place" must be one of {", ".join(PLACES)}, or reading:<channel>') from None

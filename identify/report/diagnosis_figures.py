@@ -135,11 +135,14 @@ def _panels[T](shown: Sequence[T], title: str, draw: Callable[[Axes, T], None]) 
 
 # Of a term's variable, where it is a column that has a unit of its own.
 _AXES = {"m": ("um", 1e6), "Pa": ("bar", 1e-5), "m3/s": ("l/min", 6e4), "Pa/s": ("bar/s", 1e-5), "m/s": ("um/s", 1e6)}
+_AXES_IN_MOTION = _AXES | {"m/s": ("mm/s", 1e3)}
 
 
 def _draw_term(axes: Axes, found: Term) -> None:
-    x_unit, x_size = _AXES.get(found.variable_unit, (found.variable_unit, 1.0))
-    label, scale = ("%", 100.0) if found.place_unit == "1" else _AXES[found.place_unit]
+    axes_of = _AXES_IN_MOTION if found.moving else _AXES
+    of = lambda name, unit: ("mm", 1e3) if "piston" in name and unit == "m" else axes_of.get(unit, (unit, 1.0))
+    x_unit, x_size = of(found.variable, found.variable_unit)
+    label, scale = ("%", 100.0) if found.place_unit == "1" else of(found.place, found.place_unit)
     closes = f"closes {percent(max(found.gap_closed, 0.0))}" if np.isfinite(found.gap_closed) else ""
     figures = f"{found.law}{f', {closes}' if closes else ''}"
     _draw_curve(

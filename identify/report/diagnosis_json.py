@@ -41,7 +41,8 @@ def diagnosis_json(result: DiagnosisResult) -> dict[str, Any]:
         "effects": [_effect(effect) for effect in result.effects],
         "rejected": [fields_of(c, "name", "p_value", "gap_closed") for c in result.rejected if c.name not in rivals],
         "suspects": [
-            fields_of(suspect, "name", "value", "unit", "evidence", "times_usual") for suspect in result.suspects
+            fields_of(suspect, "name", "value", "unit", "evidence", "times_usual", "outdone_by")
+            for suspect in result.suspects
         ],
         "proof": result.proof,
         **fields_of(result, "absorbed", "gap_before", "gap_after"),
@@ -112,7 +113,7 @@ def _term(term: Term) -> dict[str, Any]:
         "alternatives": [list(pair) for pair in term.alternatives],
         **fields_of(term, "sentence", "confirmed_by", "coefficients"),
         "range": [term.low, term.high],
-        **fields_of(term, "place_unit", "variable_unit", "proof", "holds", "on_held_out", "learned"),
+        **fields_of(term, "place_unit", "variable_unit", "proof", "holds", "on_held_out", "learned", "moving"),
     }
 
 

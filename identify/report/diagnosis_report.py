@@ -103,7 +103,9 @@ def headline(
 def suspect_sentences(suspects: tuple[Suspect, ...]) -> tuple[str, ...]:
     """What was found and did not prove itself, or in an amount that it cannot have."""
     but = lambda s: (
-        f"takes {s.times_usual:.0f} times its largest usual amount for that: something else that looks like it is more likely."
+        f"{s.outdone_by} does better than all names together, with fewer amounts: they only stand in for it."
+        if s.outdone_by
+        else f"takes {s.times_usual:.0f} times its largest usual amount for that: something else that looks like it is more likely."
         if s.implausible
         else f"does not predict rows that are left out of its fit (2 ln E = {s.evidence:.1f} over all conditions; 10.6 would prove it)."
     )

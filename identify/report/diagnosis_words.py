@@ -352,7 +352,9 @@ def left_over(result: DiagnosisResult) -> str:
         words = (
             f"{'nothing smooth' if p >= 0.05 else 'hardly anything smooth'} beyond noise (lack-of-fit test, {figure})"
         )
-        return f"{words}, but more scatter than the noise explains." if result.verdict == "unexplained" else f"{words}."
+        learned = any(found.learned for found in (*result.variations, *result.terms))
+        rough = result.verdict == "unexplained" and not learned
+        return f"{words}, but more scatter than the noise explains." if rough else f"{words}."
     words = f"a misfit beyond noise (lack-of-fit test, {figure})"
     if not result.where_after:
         return f"{words}."

@@ -13,7 +13,9 @@ from thermohyd.effects.effect import Edges
 from thermohyd.effects.library import EFFECTS, effect, effect_info, find_effect, unregister_effect
 from thermohyd.identify.bench.errors import BenchInputError
 from thermohyd.identify.effect_writer import write_effect
-from thermohyd.identify.model.typed_terms import DEGREE, PLACES, VARIABLES, asked_with, basis, place_of, unit_of
+from thermohyd.identify.model.places import PLACES, place_of
+from thermohyd.identify.model.term_variables import VARIABLES, asked_with
+from thermohyd.identify.model.typed_terms import DEGREE, basis, unit_of
 from thermohyd.identify.users_effects import load_effects
 from thermohyd.seed_paper import seed_valve
 from thermohyd.valve import metering_edges, true_oil

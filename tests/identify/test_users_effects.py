@@ -2,6 +2,7 @@
 
 import io
 import json
+import sys
 from dataclasses import replace
 from pathlib import Path
 from unittest.mock import patch
@@ -13,7 +14,7 @@ from helpers.small_bench import VALVE, conditions_only, record_of
 from helpers.users_effects import LOAD_DRAG, METER_TARE, registered
 from rich.console import Console
 
-from thermohyd.effects.library import DYNAMIC_EFFECTS, EFFECTS, with_effects
+from thermohyd.effects.library import DYNAMIC_EFFECTS, EFFECTS, unregister_effect, with_effects
 from thermohyd.identify.bench.errors import BenchInputError
 from thermohyd.identify.bench.record import ActuatorData, BenchRecord, StartValue
 from thermohyd.identify.bench.test_record import Channel, DynamicTest
@@ -26,6 +27,7 @@ from thermohyd.identify.model.model_file import load_model, model_json
 from thermohyd.identify.model.predict import simulate
 from thermohyd.identify.report.diagnosis_page import diagnosis_files
 from thermohyd.identify.report.diagnosis_report import print_summary
+from thermohyd.identify.users_effects import GROUP, load_entry_points
 
 
 # What is searched beside the user's own: few, as each is paid for in compiling.
@@ -44,18 +46,33 @@ PARAMETERS = {
 }
 
 
+@pytest.fixture(scope="module")
+def package(tmp_path_factory) -> Path:
+    """Where a small package of effects is installed: a module, and what says that it is one, as pip leaves them."""
+    site = tmp_path_factory.mktemp("site")
+    (site / "bench_meters.py").write_text("from helpers.users_effects import METER_TARE as ENTRY\n")
+    info = site / "bench_meters-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: bench-meters\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(f"[{GROUP}]\ntare = bench_meters:ENTRY\n")
+    return site
+
+
 @pytest.fixture(scope="module", autouse=True)
-def library():
-    """A short library with the user's two effects in it."""
+def library(package):
+    """A short library with the user's two effects in it; the static one comes with the installed package."""
     static, moving = (
         {name: known[name] for name in names} for known, names in ((EFFECTS, STATIC), (DYNAMIC_EFFECTS, MOVING))
     )
     with (
         patch.dict(EFFECTS, static, clear=True),
         patch.dict(DYNAMIC_EFFECTS, moving, clear=True),
-        registered(METER_TARE, LOAD_DRAG),
+        patch.object(sys, "path", [str(package), *sys.path]),
+        registered(LOAD_DRAG),
     ):
+        assert load_entry_points() == {"bench-meters": (METER_TARE.name,)}
         yield
+        unregister_effect(METER_TARE.name)
 
 
 def noisy(name: str, value: np.ndarray) -> Channel:

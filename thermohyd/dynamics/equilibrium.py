@@ -12,6 +12,7 @@ from jaxtyping import Array, Bool, Float
 
 from thermohyd.oil import density
 
+from .circuit import added_at
 from .flows import flows_at
 from .machine import Plant, Scaling, State, Surroundings
 from .vector_field import asked_position, instant, loop_gain, thrust
@@ -69,7 +70,7 @@ def equilibrium(plant: Plant, scaling: Scaling, time: Float[Array, ""]) -> tuple
         state = state_of(unknown)
         now = instant(plant, state, around, command)
         force = plant.actuator.mean_area * (around.supply_pressure - around.return_pressure)
-        rows = [thrust(plant, around, state) / force]
+        rows = [thrust(plant, around, state, now.added) / force]
         if not closed:
             rows.append((now.target - state.spool) / plant.valve.stroke)
         if state.wall is not None:
@@ -99,11 +100,13 @@ def _in_the_loop(
     plant: Plant, around: Surroundings, state: State, setpoint: Float[Array, ""]
 ) -> tuple[State, Bool[Array, ""]]:
     """The same with the piston where the loop asks for its spool, and whether the clipped command reaches that far."""
-    asked = state.spool
+    asked, more = state.spool, added_at(plant, around, state)
     if plant.motion.flow_force is not None:
-        force = flows_at(plant, plant.at(around), around, state).force
+        force = flows_at(plant, plant.at(around), around, state, more).force
         assert force is not None
         asked = asked + plant.motion.flow_force * force
+    if more.spool_target is not None:
+        asked = asked - more.spool_target
     position = setpoint - asked / loop_gain(plant)
     state = eqx.tree_at(lambda s: s.position, state, position)
     if state.play is not None:

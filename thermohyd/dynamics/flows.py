@@ -27,6 +27,7 @@ from thermohyd.oil import (
     throttling_rise,
 )
 
+from .circuit import NOTHING, Added
 from .machine import Plant, State, Supplied, Surroundings
 
 
@@ -106,17 +107,18 @@ def _behind_lines(
     return ps - share[0] * span, pt + share[1] * span
 
 
-def openings(plant: Plant, supplied: Supplied, state: State) -> Float[Array, "2 2"]:
+def openings(supplied: Supplied, state: State, more: Added) -> Float[Array, "2 2"]:
     """Of the edges [m]; the spool's position is counted from the middle of its stroke, edges see it less null bias."""
-    return supplied.edges.underlap + OPENS_WITH_X * (state.spool - supplied.null_bias)
+    seen = state.spool - supplied.null_bias
+    return supplied.edges.underlap + OPENS_WITH_X * (seen if more.opening is None else seen + more.opening)
 
 
-def flows_at(plant: Plant, supplied: Supplied, around: Surroundings, state: State) -> Flows:
-    """All flows at a state."""
+def flows_at(plant: Plant, supplied: Supplied, around: Surroundings, state: State, more: Added = NOTHING) -> Flows:
+    """All flows at a state; more: what effects add there."""
     oil, p = plant.oil, state.pressure
-    inside = None if state.temperature is None else at_temperature(oil, state.temperature)
-    fresh = supplied.oil
-    opened = at_opening(supplied.edges, openings(plant, supplied, state))
+    inside = None if state.temperature is None else more.thickened(at_temperature(oil, state.temperature))
+    fresh = more.thickened(supplied.oil)
+    opened = at_opening(supplied.edges, openings(supplied, state, more))
     ps, pt = _behind_lines(plant, opened, fresh, inside, state, around)
     drops = _drops(p, ps, pt)
     upstream = _upstream(drops, fresh, inside)
@@ -191,6 +193,7 @@ class Sources(eqx.Module):
 
     squeeze: relative surplus of oil over room [1/s]; heating: of the oil at constant pressure [K/s], renewal: how fast inflow
     and walls bring that about [1/s], both None where the oil stays at T_s. oil: what is in the chambers; temperature [K].
+    per_rate: more of the squeeze per dp/dt [1/Pa], None where nothing stores oil beside the chambers.
     """
 
     squeeze: Float[Array, "2"]
@@ -198,10 +201,11 @@ class Sources(eqx.Module):
     renewal: Float[Array, "2"] | None
     oil: CompressedOil
     temperature: Float[Array, "2"]
+    per_rate: Float[Array, "2"] | None = None
 
 
-def chamber_sources(plant: Plant, around: Surroundings, state: State, flows: Flows) -> Sources:
-    """Oil and heat that flows, walls and the piston's motion bring."""
+def chamber_sources(plant: Plant, around: Surroundings, state: State, flows: Flows, more: Added = NOTHING) -> Sources:
+    """Oil and heat that flows, walls, the piston's motion and what effects add (`more`) bring."""
     oil, p = plant.oil, state.pressure
     t = jnp.broadcast_to(around.temperature, (2,)) if state.temperature is None else state.temperature
     volume = chamber_volumes(plant, state.position)
@@ -209,8 +213,11 @@ def chamber_sources(plant: Plant, around: Surroundings, state: State, flows: Flo
     rho = inside.density
     growth = plant.actuator.areas * SIDES * state.velocity
     squeeze = (flows.net / rho - growth) / volume
+    if more.inflow is not None:
+        squeeze = squeeze + more.inflow / volume
+    per_rate = None if more.inflow_per_rate is None else more.inflow_per_rate / volume
     if state.temperature is None:
-        return Sources(squeeze, None, None, inside, t)
+        return Sources(squeeze, None, None, inside, t, per_rate)
     assert flows.warming is not None
     mass = rho * volume
     heating, renewal = flows.warming / mass, flows.inflow / mass
@@ -219,7 +226,9 @@ def chamber_sources(plant: Plant, around: Surroundings, state: State, flows: Flo
         assert plant.walls.conductance is not None
         capacity = mass * specific_heat(oil, t)
         heating, renewal = heating + passed / capacity, renewal + plant.walls.conductance / capacity
-    return Sources(squeeze, heating, renewal, inside, t)
+    if more.heat is not None:
+        heating = heating + more.heat / (mass * specific_heat(oil, t))
+    return Sources(squeeze, heating, renewal, inside, t, per_rate)
 
 
 def chamber_rates(plant: Plant, state: State, sources: Sources) -> tuple[Float[Array, "2"], Float[Array, "2"] | None]:
@@ -229,10 +238,12 @@ def chamber_rates(plant: Plant, state: State, sources: Sources) -> tuple[Float[A
     beta = inside.bulk_modulus * plant.actuator.bulk_modulus_factor
     if plant.motion.entrained_air is not None:
         beta = mixture_modulus(beta, plant.motion.entrained_air, p)
+    # What is stored beside the chamber, per dp/dt, stands on the left of the equation.
+    own = 1.0 if sources.per_rate is None else 1.0 - beta * sources.per_rate
     if sources.heating is None:
-        return beta * sources.squeeze, None
+        return beta * sources.squeeze / own, None
     # dp = beta (squeeze + alpha dT) and dT = heating + k dp are two linear equations.
     alpha = inside.expansion
     k = alpha * t / (inside.density * specific_heat(oil, t))
-    dp = beta * (sources.squeeze + alpha * sources.heating) / (1.0 - beta * alpha * k)
+    dp = beta * (sources.squeeze + alpha * sources.heating) / (own - beta * alpha * k)
     return dp, sources.heating + k * dp

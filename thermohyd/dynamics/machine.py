@@ -134,12 +134,13 @@ def motion_of(actuator: Actuator, effects: tuple[AbstractEffect, ...]) -> Motion
 
 
 class Surroundings(eqx.Module):
-    """What acts from outside at one time: P_s, P_t [Pa, gauge], true temperature T_s [K] of the oil supplied, F_e [N]."""
+    """What acts from outside at one time: P_s, P_t [Pa, gauge], true temperature T_s [K] of the oil supplied, F_e [N]; the time [s]."""
 
     supply_pressure: Float[Array, ""]
     return_pressure: Float[Array, ""]
     temperature: Float[Array, ""]
     external_force: Float[Array, ""]
+    time: Float[Array, ""]
 
 
 class Supplied(eqx.Module):
@@ -179,7 +180,8 @@ class Plant(eqx.Module):
 
     def surroundings(self, time: Float[Array, ""]) -> Surroundings:
         supply, back, temperature, force = self.inputs.surroundings.at(time)
-        return Surroundings(supply, back, temperature, force if self.inputs.forced else self.actuator.external_force)
+        force = force if self.inputs.forced else self.actuator.external_force
+        return Surroundings(supply, back, temperature, force, time)
 
     def at(self, surroundings: Surroundings) -> Supplied:
         return supplied_at(self.valve, self.oil, surroundings) if self.supplied is None else self.supplied
@@ -247,7 +249,7 @@ def plant_of(
     if motion.wall_heat is not None:
         walls = walls.plus(motion.wall_heat)
     steady = inputs.surroundings.knots.shape[-1] == 0
-    first = Surroundings(*inputs.surroundings.start)
+    first = Surroundings(*inputs.surroundings.start, time=inputs.time[0])
     return Plant(
         valve=valve,
         actuator=actuator,

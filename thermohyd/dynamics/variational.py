@@ -20,6 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from .circuit import added_at
 from .flows import openings
 from .machine import Plant, Scaling, State
 from .rosenbrock import DenseOutput, Rodas5P
@@ -134,7 +135,12 @@ def distances(plant: Plant, time: Float[Array, ""], state: State) -> Float[Array
     limits = plant.valve.stroke * jnp.array([1.0, -1.0])
     depth, below = stop_depths(plant.actuator.piston_stroke, state.position)
     pushes = stop_pushes(depth, state.velocity) / STOP_STIFFNESS
-    signed = [jnp.ravel(openings(plant, plant.at(around), state)), wanted - limits, pushes, below]
+    signed = [
+        jnp.ravel(openings(plant.at(around), state, added_at(plant, around, state))),
+        wanted - limits,
+        pushes,
+        below,
+    ]
     if state.play is not None and plant.motion.backlash is not None:
         ahead = asked_position(plant, command, state.position) - state.play
         signed.append(ahead - 0.5 * plant.motion.backlash * jnp.array([1.0, -1.0]))

@@ -8,6 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from .circuit import NOTHING, Added, added_at
 from .flows import Flows, Sources, chamber_rates, chamber_sources, flows_at
 from .machine import Motion, Plant, State, Surroundings
 
@@ -99,32 +100,37 @@ def stop_pushes(depth: Float[Array, " stops"], velocity: Float[Array, ""]) -> Fl
     return STOP_STIFFNESS * depth + damping * velocity * jnp.array([1.0, -1.0])
 
 
-def thrust(plant: Plant, around: Surroundings, state: State) -> Float[Array, ""]:
-    """Force on the moving mass [N]: S_a p_A - S_b p_B - f v - dry friction - end stops - forces of effects - F_e."""
+def thrust(plant: Plant, around: Surroundings, state: State, added: Added = NOTHING) -> Float[Array, ""]:
+    """Force on the moving mass [N]: S_a p_A - S_b p_B - f v - dry friction - end stops - forces of effects - F_e + what is `added`."""
     j, v = plant.actuator, state.velocity
     force = j.push(state.pressure) - j.viscous_friction * v
     force = force - dry_friction(plant.motion, v) - end_stops(j.piston_stroke, state.position, v)
     for effect in plant.forces:
         force = force - effect.force(v)
-    return force - around.external_force
+    force = force - around.external_force
+    return force if added.piston_force is None else force + added.piston_force
 
 
 class Instant(eqx.Module):
-    """What one state under one command leads to. target: where the spool is driven to [m]."""
+    """What one state under one command leads to. target: where the spool is driven to [m]. added: what effects of the circuit do."""
 
     flows: Flows
     sources: Sources
     target: Float[Array, ""]
     play_rate: Float[Array, ""] | None
+    added: Added
 
 
 def instant(plant: Plant, state: State, around: Surroundings, command: Float[Array, ""]) -> Instant:
     """Flows, their sources and the command chain at a state."""
-    flows = flows_at(plant, plant.at(around), around, state)
+    more = added_at(plant, around, state)
+    flows = flows_at(plant, plant.at(around), around, state, more)
     asked = asked_position(plant, command, state.position)
     passed, play_rate = through_play(plant, asked, state.play)
-    sources = chamber_sources(plant, around, state, flows)
-    return Instant(flows, sources, against_flow_force(plant, passed, flows), play_rate)
+    sources = chamber_sources(plant, around, state, flows, more)
+    target = against_flow_force(plant, passed, flows)
+    target = target if more.spool_target is None else target + more.spool_target
+    return Instant(flows, sources, target, play_rate, more)
 
 
 def rates_at(plant: Plant, state: State, around: Surroundings, command: Float[Array, ""]) -> State:
@@ -141,7 +147,7 @@ def rates_at(plant: Plant, state: State, around: Surroundings, command: Float[Ar
         pressure=dp,
         temperature=dt,
         position=state.velocity,
-        velocity=thrust(plant, around, state) / plant.actuator.moving_mass,
+        velocity=thrust(plant, around, state, now.added) / plant.actuator.moving_mass,
         wall=wall,
         play=now.play_rate,
     )

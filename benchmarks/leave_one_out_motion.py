@@ -1,0 +1,167 @@
+"""With a dynamic effect taken out of the library: does the second tier point at its place, and at what it goes with?
+
+    python benchmarks/leave_one_out_motion.py             the table of typed terms beside the plain model, every effect out
+    python benchmarks/leave_one_out_motion.py --search    a whole diagnosis with the hidden effect alone out: minutes per record
+
+Records of hidden_dynamic_table.py, each effect at the strength that shows well, white noise, and records with nothing wrong; from the
+reference simulator, seeds of their own. Set 1 is for development, set 2 is looked at once. The right answers stand in `TRUTH`.
+"""
+
+import argparse
+import json
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from hidden_dynamic_table import ROOT, STRENGTHS, bench_of, dynamic_bench
+
+
+CHAMBERS = ("flow_into_chamber_a", "flow_into_chamber_b", "flow_into_chambers")
+SPOOL = ("force_on_spool", "position")
+# {effect: (its places, its variables)}: written down before the first record was looked at.
+TRUTH: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "coulomb_friction": (("force_on_piston",), ("direction",)),
+    "stribeck_friction": (("force_on_piston",), ("direction", "velocity")),
+    "backlash": (("force_on_spool",), ("direction", "rate")),
+    "entrained_air": (CHAMBERS, ("pressure_rate",)),
+    "jack_leakage": (("flow_from_a_to_b", *CHAMBERS), ("load", "pressure", "pressure_drop")),
+    "flow_force": (("force_on_spool",), ("position", "velocity", "opening")),
+    "spool_delay": (("force_on_spool",), ("rate",)),
+    "wall_heat": (("heat_of_chamber",), ("temperature",)),
+}
+NOTHING_WRONG = 6
+
+
+def plan(number: int) -> dict[str, tuple[int, dict[str, float]]]:
+    """{record: (seed, effects)}."""
+    found = {name: (7000 * number + i, {name: own[1]}) for i, (name, own) in enumerate(STRENGTHS.items())}
+    return found | {f"none_{i + 1}": (7000 * number + 100 + i, {}) for i in range(NOTHING_WRONG)}
+
+
+def terms_beside_the_plain_model(folder: Path) -> dict[str, Any]:
+    """The terms that are told with an empty library."""
+    from thermohyd.effects.library import whole_library
+    from thermohyd.identify.bench.read import read_record
+    from thermohyd.identify.diagnosis.case import with_noise_around
+    from thermohyd.identify.diagnosis.diagnose import open_motion
+    from thermohyd.identify.diagnosis.held_out import split_rows
+    from thermohyd.identify.diagnosis.typed_terms import terms_of
+
+    case = open_motion(read_record(folder), without=tuple(whole_library()))
+    case = with_noise_around(case, case.base)
+    began, cpu = time.perf_counter(), time.process_time()
+    found = terms_of(case.problem, case.base, split_rows(case.fitted.tests))
+    return {
+        "verdict": "",
+        "named": [],
+        "before": case.base.chi2 / len(case.base.residual),
+        "seconds": time.perf_counter() - began,
+        "cpu": time.process_time() - cpu,
+        "terms": [
+            {
+                "place": f.fitted.term.place, "variable": f.fitted.term.variable, "law": f.fitted.term.law, "value": f.size[0],
+                "std": f.size[1], "p": f.p_value, "gap_closed": f.gap_closed, "proof": f.proof, "holds": f.holds,
+                "after": f.fitted.fit.chi2 / len(case.base.residual), "alternatives": [list(a) for a in f.alternatives],
+            }
+            for f in found
+        ],
+    }  # fmt: skip
+
+
+def terms_of_a_diagnosis(folder: Path, effects: tuple[str, ...]) -> dict[str, Any]:
+    """A whole diagnosis with the hidden effect out of the library."""
+    from thermohyd.identify.bench.read import read_record
+    from thermohyd.identify.diagnosis.diagnose import diagnose
+
+    result = diagnose(read_record(folder), without=effects, model_form=False)
+    return {
+        "verdict": result.verdict,
+        "named": [e.name for e in result.effects],
+        "before": result.gap_before,
+        "seconds": result.seconds,
+        "cpu": None,
+        "terms": [
+            {
+                "place": t.place, "variable": t.variable, "law": t.law, "value": t.value, "std": t.std, "p": t.p_value,
+                "gap_closed": t.gap_closed, "proof": t.proof, "holds": t.holds, "after": None,
+                "alternatives": [list(a) for a in t.alternatives],
+            }
+            for t in result.terms
+        ],
+    }  # fmt: skip
+
+
+def mark(effects: list[str], answer: dict[str, Any]) -> str:
+    """How right the first term that holds is."""
+    told = [t for t in answer["terms"] if t["holds"]]
+    if not effects:
+        return "false" if told else "right"
+    if not told:
+        return f"named {', '.join(answer['named'])}" if answer["named"] else "nothing"
+    places, variables = TRUTH[effects[0]]
+    first, pairs = told[0], [(told[0]["place"], told[0]["variable"]), *map(tuple, told[0]["alternatives"])]
+    if first["place"] in places:
+        return "both" if first["variable"] in variables else "place"
+    return "rival" if any(p in places for p, _ in pairs) else "wrong"
+
+
+def table(answers: dict[str, dict[str, Any]]) -> str:
+    """The rates, then a line per record."""
+    marks = {name: mark(a["effects"], a) for name, a in answers.items()}
+    hidden = [m for name, m in marks.items() if answers[name]["effects"]]
+    none = [m for name, m in marks.items() if not answers[name]["effects"]]
+    of = lambda *kinds: f"{sum(m in kinds for m in hidden)} of {len(hidden)}"
+    lines = [
+        f"right place first: {of('both', 'place')}; place and variable: {of('both')}; right place first or allowed: "
+        f"{of('both', 'place', 'rival')}",
+        f"a false place where nothing is wrong: {none.count('false')} of {len(none)}",
+    ]
+    for name, answer in answers.items():
+        terms = "; ".join(
+            f"{t['place']} {t['variable']} {t['law']} closes {t['gap_closed']:.2f}{'' if t['holds'] else ' (not proven)'}"
+            for t in answer["terms"]
+        )
+        lines.append(
+            f"{name:<20}{marks[name]:<10}{answer['seconds']:5.0f} s  before {answer['before']:.2f}  {terms or 'no term'}"
+            + (f"; allowed too: {answer['terms'][0]['alternatives']}" if answer["terms"] else "")
+        )
+    return "\n".join(lines)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--set", type=int, choices=(1, 2), default=1, help="1: development; 2: looked at once")
+    parser.add_argument("--search", action="store_true", help="a whole diagnosis of each record")
+    parser.add_argument("--only", nargs="*", default=[], metavar="RECORD")
+    parser.add_argument("--out", type=Path, default=ROOT / "build" / "leave_one_out_motion")
+    parser.add_argument("--again", action="store_true", help="ask again what is answered")
+    options = parser.parse_args()
+    from thermohyd.identify.cli.jax_setup import set_up_jax
+
+    set_up_jax()
+    mode = "search" if options.search else "alone"
+    folder = options.out / f"set{options.set}"
+    answers = {}
+    for name, (seed, effects) in plan(options.set).items():
+        if options.only and name not in options.only:
+            continue
+        kept = folder / f"{name}_{mode}.json"
+        if options.again or not kept.exists():
+            record = dynamic_bench.write(folder / name, bench_of(seed, effects, 0.0))
+            ask = (
+                terms_of_a_diagnosis(record, tuple(effects)) if options.search else terms_beside_the_plain_model(record)
+            )
+            kept.write_text(json.dumps({"effects": list(effects), **ask}, indent=1), encoding="utf-8")
+        answers[name] = json.loads(kept.read_text(encoding="utf-8"))
+        print(table({name: answers[name]}).splitlines()[-1], flush=True)
+    text = table(answers)
+    (folder / f"{mode}.txt").write_text(text + "\n", encoding="utf-8")
+    print(text)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,96 @@
+"""A term inside a run: fitted with the parameters, its column the derivative, and what is learned predicts what the fit did."""
+
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from thermohyd.data import sample_record
+from thermohyd.identify.bench.read import read_record
+from thermohyd.identify.bench.test_record import TestRecord
+from thermohyd.identify.diagnosis.term_fit import FittedTerm, columns_of, fitted_inside
+from thermohyd.identify.fitting.library import NOTHING
+from thermohyd.identify.fitting.motion_readings import require_actuator
+from thermohyd.identify.fitting.parameters import IN_MOTION, plan_motion
+from thermohyd.identify.fitting.problem import Problem
+from thermohyd.identify.fitting.problem_fit import Fit
+from thermohyd.identify.fitting.readings import white_noise
+from thermohyd.identify.model.model import Model
+from thermohyd.identify.model.predict_motion import as_static, predict_motion
+from thermohyd.identify.model.typed_terms import TypedTerm, with_covariance
+from thermohyd.identify.noise.level import initial_noises
+
+
+HIDDEN = sample_record("seed_actuator").parent / "hidden_dynamic"
+
+
+@pytest.fixture(scope="module")
+def problem(tmp_path_factory) -> Problem:
+    """Two runs of servo_2, all oil at one temperature, without its pressures: less to compute."""
+    folder = tmp_path_factory.mktemp("servo")
+    shutil.copy(HIDDEN / "servo_2" / "bench.toml", folder)
+    toml = (folder / "bench.toml").read_text().replace('heat = "adiabatic"', 'heat = "isothermal"')
+    (folder / "bench.toml").write_text(toml)
+    lines = (HIDDEN / "servo_2" / "step.csv").read_text().splitlines()
+    head = lines[1].split(",")
+    keep = [i for i, name in enumerate(head) if not name.startswith("pressure")]
+    rows = [line.split(",") for line in lines[2:]]
+    rows = [row for row in rows if row[1] in ("1", "2") and float(row[0]) <= 0.16]
+    table = [[row[i] for i in keep] for row in (head, *rows)]
+    (folder / "step.csv").write_text("\n".join(",".join(row) for row in table) + "\n")
+    record = read_record(folder)
+    plans = plan_motion(record.valve, require_actuator(record), record.start)
+    tests: dict[str, TestRecord] = {**record.dynamic_tests}
+    return Problem(record, tests, plans, NOTHING, white_noise(initial_noises(record.dynamic_tests.values())))
+
+
+@pytest.fixture(scope="module")
+def plain(problem) -> Fit:
+    return problem.fit()
+
+
+@pytest.fixture(scope="module")
+def fitted(problem, plain) -> FittedTerm:
+    """A force on the spool that follows the piston: no parameter does the same."""
+    term = TypedTerm("force_on_spool", "velocity", "proportional", (0.0,), -0.3, 0.3, moving=True)
+    return fitted_inside(problem, plain, term)
+
+
+def test_it_is_fitted_inside_the_run(plain, fitted):
+    (lag,), (std,) = fitted.term.coefficients, fitted.std
+    assert fitted.fit.chi2 < 0.97 * plain.chi2
+    assert fitted.gain == pytest.approx(plain.chi2 - fitted.fit.chi2, rel=1e-6)
+    assert abs(lag) > 3.0 * std
+
+
+def test_its_column_is_the_derivative(fitted):
+    term, fit, step = fitted.term, fitted.fit, 0.3 * float(fitted.std[0])
+    columns, _ = columns_of(fitted.problem, fit, term)
+    moved = []
+    for sign in (1.0, -1.0):
+        other = replace(term, coefficients=(term.coefficients[0] + sign * step,))
+        moved.append(fitted.problem.with_terms(other).evaluate(fit.values, fit.effects).residual)
+    difference = 0.5 * (moved[0] - moved[1]) / step
+    assert np.max(np.abs(difference - columns[:, 0])) < 0.05 * np.max(np.abs(difference))
+
+
+def test_the_learned_model_predicts_what_the_fit_did(problem, fitted):
+    record, fit, joint = problem.record, fitted.fit, fitted.joint
+    assert joint is not None
+    count = len(fitted.names)
+    term = with_covariance(fitted.term, fitted.names, joint)
+    parameters = {n: plan.start for n, plan in problem.plans.items() if n not in IN_MOTION}
+    model = Model(
+        record.valve, record.oil, parameters, fitted.names, joint[:count, :count], learned=(term,), actuator=record.actuator,
+        dynamics={n: fit.values[n] for n in IN_MOTION},
+    )  # fmt: skip
+    assert as_static(model).learned == ()
+    predicted = predict_motion(model, record)
+    for (name, channel), rows in problem.rows().items():
+        value, std = predicted[name, channel]
+        read = problem.tests[name].channel(channel).value
+        noise = problem.noise.std[name, channel]
+        np.testing.assert_allclose((value - read) / noise, fit.residual[rows], atol=1e-6)
+        assert np.all(np.isfinite(std))
+        assert np.max(std) > 0.0

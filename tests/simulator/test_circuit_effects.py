@@ -1,0 +1,117 @@
+"""What effects and typed terms add to the circuit in motion, beside physics that the machine has already (held by the reference)."""
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from helpers.machines import plant
+from reference.conformance_dynamic import machine_of
+
+from thermohyd.dynamics.circuit import Added
+from thermohyd.dynamics.flows import chamber_rates, chamber_sources, flows_at
+from thermohyd.dynamics.machine import State
+from thermohyd.dynamics.vector_field import rates_at
+from thermohyd.effects.library import effect
+from thermohyd.identify.fitting.motion_terms import Bank, terms_in
+from thermohyd.identify.model.places import PLACES
+from thermohyd.identify.model.term_variables import MOVED, SIGNALS, VARIABLES, asked_with, signal_of
+from thermohyd.identify.model.typed_terms import TypedTerm, unit_of
+
+
+STATE = State(
+    spool=jnp.asarray(4e-5), spool_speed=jnp.asarray(3e-3), pressure=jnp.asarray([9e6, 12e6]),
+    temperature=jnp.asarray([318.0, 321.0]), position=jnp.asarray(2e-3), velocity=jnp.asarray(0.04),
+)  # fmt: skip
+BARE = plant(machine_of("closed_adiabatic"))
+
+
+@jax.jit
+def _rates(machine, state):
+    return rates_at(machine, state, machine.surroundings(machine.inputs.time[0]), jnp.asarray(1e-3))
+
+
+def rates(*effects) -> State:
+    """Rates of change of one state, with effects on the valve."""
+    from thermohyd.dynamics.machine import Walls, plant_of
+
+    valve = replace(BARE.valve, effects=effects)
+    machine = plant_of(valve, BARE.actuator, BARE.inputs, heat="adiabatic", walls=Walls(), polarity=1)
+    return _rates(machine, STATE)
+
+
+def bank(place: str, variable: str, law: str, *coefficients: float, low: float = -1e9, high: float = 1e9) -> Bank:
+    terms = terms_in((TypedTerm(place, variable, law, coefficients, low, high, moving=True),))
+    return Bank(terms.coefficients @ terms.acting, terms.low, terms.high)
+
+
+def leaves(state: State) -> np.ndarray:
+    return np.concatenate([np.atleast_1d(leaf) for leaf in jax.tree.leaves(state)])
+
+
+def test_a_term_of_nothing_changes_nothing():
+    np.testing.assert_array_equal(leaves(rates(bank("flow_from_a_to_b", "load", "proportional", 0.0))), leaves(rates()))
+
+
+@pytest.mark.parametrize(
+    ("term", "name", "amount", "within"),
+    [
+        (("force_on_piston", "direction", "proportional", -150.0), "coulomb_friction", 150.0, 1e-12),
+        (("heat_of_chamber", "temperature", "proportional", -40.0), "wall_heat", 40.0, 1e-12),
+        (("viscosity", "constant", "constant", 0.2), "viscosity_shift", 0.2, 1e-12),
+        # A leak's oil is weighed at the mean pressure, and warms.
+        (("flow_from_a_to_b", "load", "proportional", 5e-12), "jack_leakage", 5e-12, 0.05),
+    ],
+)
+def test_a_term_is_the_physics_that_it_stands_for(term, name, amount, within):
+    plain = leaves(rates())
+    moved, expected = leaves(rates(bank(*term))) - plain, leaves(rates(effect(name, amount))) - plain
+    assert np.max(np.abs(expected)) > 0.0
+    pressures = slice(-4, None) if within > 1e-6 else slice(None)
+    np.testing.assert_allclose(
+        moved[pressures], expected[pressures], rtol=within, atol=within * np.max(np.abs(expected[pressures]))
+    )
+
+
+def test_what_goes_with_the_rate_of_the_pressure_is_solved_for():
+    around = BARE.surroundings(BARE.inputs.time[0])
+    flows = flows_at(BARE, BARE.at(around), around, STATE)
+    found = lambda added: chamber_rates(BARE, STATE, chamber_sources(BARE, around, STATE, flows, added))[0]
+    stores = jnp.asarray([-3e-14, 0.0])
+    dp = found(Added(inflow_per_rate=stores))
+    np.testing.assert_allclose(dp, found(Added(inflow=stores * dp)), rtol=1e-12)
+    assert abs(float(dp[0])) < 0.9 * abs(float(found(Added())[0]))
+
+
+def test_a_force_on_the_spool_and_a_shift_of_its_position():
+    plain = rates()
+    pushed = rates(bank("force_on_spool", "constant", "constant", 1e-6))
+    square = (2.0 * np.pi * float(BARE.actuator.spool_frequency)) ** 2
+    assert float(pushed.spool_speed - plain.spool_speed) == pytest.approx(1e-6 * square, rel=1e-6)
+    valve = replace(BARE.valve, null_bias=BARE.valve.null_bias - 2e-6)
+    assert BARE.supplied is not None
+    other = _rates(
+        replace(BARE, valve=valve, supplied=replace(BARE.supplied, null_bias=BARE.supplied.null_bias - 2e-6)), STATE
+    )
+    shifted = rates(bank("position", "constant", "constant", 2e-6))
+    np.testing.assert_allclose(leaves(shifted), leaves(other), rtol=1e-9)
+
+
+def test_a_smooth_law_is_its_legendre_series():
+    from numpy.polynomial import legendre
+
+    coefficients, plain = (3.0, -20.0, 8.0, 5.0), rates()
+    found = rates(bank("force_on_piston", "velocity", "smooth", *coefficients, low=-0.1, high=0.2))
+    force = float(found.velocity - plain.velocity) * float(BARE.actuator.moving_mass)
+    assert force == pytest.approx(legendre.legval((0.04 - 0.05) / 0.15, coefficients), rel=1e-6)
+
+
+def test_every_pair_in_motion_has_a_signal_and_a_unit():
+    pairs = [(p, v) for p in PLACES.values() for v in VARIABLES.values() if asked_with(p, v, moving=True)]
+    assert len(pairs) > 40
+    for place, variable in pairs:
+        assert set(place.moving) <= set(MOVED)
+        unit_of(place.name, variable.name, "proportional")
+        for moved in place.moving:
+            assert variable.name == "pressure_rate" or signal_of(place, moved, variable.name) in SIGNALS
