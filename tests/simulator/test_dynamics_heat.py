@@ -26,7 +26,9 @@ def rates(walls: Walls, state: State, supply: jax.Array, back: jax.Array) -> Sta
     plant = plant_of(
         valve_of(MACHINE), actuator_of(MACHINE), inputs_of(MACHINE), heat="adiabatic", walls=walls, polarity=1
     )
-    return rates_at(plant, state, Surroundings(supply, back, jnp.asarray(TS), jnp.zeros(()), jnp.zeros(())), jnp.zeros(()))
+    return rates_at(
+        plant, state, Surroundings(supply, back, jnp.asarray(TS), jnp.zeros(()), jnp.zeros(())), jnp.zeros(())
+    )
 
 
 def at_rest(pressure, temperature, wall, position: float = 0.0, velocity: float = 0.0) -> State:
