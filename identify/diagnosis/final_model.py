@@ -7,7 +7,7 @@ are dropped again.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
@@ -23,10 +23,6 @@ from .left_over import LackOfFit, lack_of_fit, smooth_block
 from .result import MOST_USUAL, HeldOut, Suspect
 from .rivals import Rivals, all_rivals, settle_rivals
 from .search import Selection, search, times_usual
-
-
-if TYPE_CHECKING:
-    from .typed_terms import Found
 
 
 SEED = 20110913
@@ -222,7 +218,7 @@ class FinalModel:
     proof: Confirmation | None = None
     suspects: tuple[Suspect, ...] = ()
     complete: bool = True
-    terms: tuple["Found", ...] = ()
+    terms: tuple[Any, ...] = ()  # `typed_terms.Found`, whose module knows this one
 
     def gap_closed(self, without: Fit) -> float:
         """Share of the gap that opens again in the model `without` something."""
