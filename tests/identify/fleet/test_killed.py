@@ -95,7 +95,7 @@ def until(what: Callable[[], object], seconds: float = 60.0) -> None:
         time.sleep(0.02)
 
 
-def in_a_thread(store: Store, fleet: Path, cluster: Path) -> tuple[threading.Thread, list[Summary]]:
+def in_a_thread(store: Store, fleet: Path, cluster: Path | str) -> tuple[threading.Thread, list[Summary]]:
     summaries: list[Summary] = []
     run = lambda: summaries.append(run_fleet(store, fleet, JOB, cluster=str(cluster)))
     thread = threading.Thread(target=run)
@@ -148,15 +148,16 @@ def test_kill_the_client_and_what_computes(fleet, undisturbed, tmp_path):
         until(lambda: not any(child.is_running() for child in computing))
     assert 3 <= len(Store(folder).done()) < COUNT
     # the second run, one of whose processes is killed once: the record is tried again
-    with processes(command(folder, fleet), folder=tmp_path) as (client,):
-        have = len(Store(folder).done())
-        until(lambda: len(list(folder.glob("results/*/*/*.parquet"))) > have)
-        computing = [
-            child for child in psutil.Process(client.pid).children() if "spawn_main" in " ".join(child.cmdline())
-        ]
-        os.kill(computing[0].pid, signal.SIGKILL)
-        assert client.wait(60) == 0
-    assert content(Store(folder)) == undisturbed
+    store = Store(folder)
+    have = len(store.done())
+    thread, summaries = in_a_thread(store, fleet, "local")
+    until(lambda: len(store.done()) > have)
+    mine = [child for child in psutil.Process().children() if "spawn_main" in " ".join(child.cmdline())]
+    os.kill(mine[0].pid, signal.SIGKILL)
+    thread.join(60)
+    (summary,) = summaries
+    assert (summary.left, summary.failed) == (0, {})
+    assert content(store) == undisturbed
 
 
 def test_interrupt_finishes_and_says_what_is_left(fleet, tmp_path):

@@ -79,7 +79,6 @@ def test_the_worst_come_first_and_thousands_are_split():
         ("", ["12 records", "3 of 3 valves", "1 records without a result", "&lt;b&gt;1"]),
         ("#valve/MOOG%2076%2F1%20%3D%20%C3%A4/%3Cb%3E2", ["clearance [um]", "per 1000 h", "own%20page"]),
         ("#type/MOOG%2076%2F1%20%3D%20%C3%A4", ["3 valves; last records", "at the last record of each valve"]),
-        ("#failures", ["is no number"]),
     ],
 )
 def test_in_a_browser(page, place, words, tmp_path):
