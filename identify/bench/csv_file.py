@@ -21,6 +21,7 @@ from .errors import BenchInputError, quoted
 
 PLAIN = frozenset("0123456789+-")  # what begins with one of these is a row
 LARGEST = 400_000_000  # bytes after decompression; keeps a damaged or hostile gzip from filling the memory
+LONGEST_HEADER = 100_000  # characters: a thousand columns of long names; more would be searched for minutes
 
 
 @dataclass(frozen=True)
@@ -71,6 +72,9 @@ def read_csv_lines(path: Path, skip_rows: int = 0) -> CsvLines:
     if not numbered:
         raise BenchInputError("is empty; expected a line of headers and at least one row", file=path)
     header_line, first = numbered[0]
+    if len(first) > LONGEST_HEADER:
+        words = f"the line of headers has {len(first):,} characters; expected one name and unit per column, such as spool_position [um]"
+        raise BenchInputError(words, file=path, line=header_line)
     separator = _separator(first)
     header = [cell.strip() for cell in split_cells(first, separator, path, header_line)]
     lines = [line for _, line in numbered[1:]]

@@ -154,6 +154,10 @@ SPOILED = {
 
 WHOLE = {
     "empty": (b"", "leakage.csv: is empty; expected a line of headers and at least one row"),
+    "endless header": (
+        b"a" * 200_000 + b"\n1\n",
+        "leakage.csv, line 1: the line of headers has 200,000 characters; expected one name and unit per column, such as spool_position [um]",
+    ),
     "only comments": (b"# a\n\n# b\n", "leakage.csv: is empty; expected a line of headers and at least one row"),
     "only headers": (HEADERS.encode(), "leakage.csv, line 1: has headers but no rows"),
     "no headers": (
