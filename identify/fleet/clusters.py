@@ -25,7 +25,12 @@ def client_of(cluster: str, workers: int) -> Iterator["Client"]:
     from distributed import Client, LocalCluster
 
     if cluster == "local":
-        settings: dict[str, Any] = {"dashboard_address": None, "memory_limit": 0}  # None: no dashboard
+        # No dashboard, and its server at any free port: another cluster of this machine may have the usual one.
+        settings: dict[str, Any] = {
+            "dashboard_address": None,
+            "scheduler_kwargs": {"dashboard": False, "dashboard_address": "127.0.0.1:0"},
+            "memory_limit": 0,
+        }
         with (
             LocalCluster(n_workers=workers, threads_per_worker=1, processes=False, **settings) as local,
             Client(local, timeout=CONNECT) as client,
