@@ -8,17 +8,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from .loudness import Commands, Loudness, loudness
 from .process import fail, plain_failures
 
 
 if TYPE_CHECKING:
     from thermohyd.identify.fleet.run import Summary
 
-    from .run_command import Progress
-
 
 app = typer.Typer(
-    help="Thousands of records: computed once each, kept in a store, looked at together.", no_args_is_help=True
+    cls=Commands,
+    help="Thousands of records: computed once each, kept in a store, looked at together.",
+    no_args_is_help=True,
 )
 
 StoreFolder = Annotated[Path, typer.Argument(metavar="STORE", help="Folder of the store; `run` and `watch` make it.")]
@@ -216,10 +217,11 @@ def life_command(
         from thermohyd.identify.fleet.store import Store
 
         from .process import consoles
+        from .several_records import progress_on
 
         given = {} if limits is None else read_limits(limits)
         shown = consoles(json)
-        with _progress(shown.notes) as progress:
+        with progress_on(shown.notes, SAID_EVERY) as progress:
             life = fleet_life(Store(store, make=False), given, progress)
         life.print_on(shown.results)
         if json:
@@ -241,11 +243,12 @@ def report_command(
         from thermohyd.identify.fleet.store import Store
 
         from .run_command import begin, say_where
+        from .several_records import progress_on
 
         folder, shown = begin(out, False)
         assert folder is not None
         given = {} if limits is None else read_limits(limits)
-        with _progress(shown.notes) as progress:
+        with progress_on(shown.notes, SAID_EVERY) as progress:
             fleet_page(Store(store, make=False), folder, given, progress)
         say_where(shown.results, folder, "index.html")
 
@@ -291,42 +294,26 @@ def _with_store(folder: Path, work: Any) -> Any:
     from thermohyd.identify.interruption import first_interrupt_asks
 
     from .process import consoles
+    from .several_records import progress_on
 
     stop = threading.Event()
     try:
         opened = Store(folder)
-        with _progress(consoles(False).notes) as progress, first_interrupt_asks(stop.set):
+        with progress_on(consoles(False).notes, SAID_EVERY) as progress, first_interrupt_asks(stop.set):
             return work(opened, progress, stop)
     except StoreError as error:
         fail(str(error))
         raise
 
 
-@contextmanager
-def _progress(console: Any) -> "Iterator[Progress]":
-    """A live line on a terminal; elsewhere a line now and then."""
-    import time
-
-    from rich.text import Text
-
-    from thermohyd.identify.interruption import when_interrupted
-
-    if console.is_terminal:
-        with console.status(Text("starting")) as status, when_interrupted(status.stop):
-            yield lambda words: status.update(Text(words))
-        return
-    last = time.monotonic() - SAID_EVERY + 1.0
-
-    def say(words: str) -> None:
-        nonlocal last
-        if time.monotonic() - last > SAID_EVERY:
-            last = time.monotonic()
-            console.print(Text(words), soft_wrap=True)
-
-    yield say
-
-
 def _say_summary(summary: "Summary") -> None:
+    if loudness() is not Loudness.QUIET:
+        _say_counts(summary)
+    for note in summary.notes:
+        typer.echo(f"thermohyd: warning: {note}", err=True)
+
+
+def _say_counts(summary: "Summary") -> None:
     from thermohyd.identify.fleet.run import in_time
 
     rate = f", {3600 * summary.done / summary.seconds:,.0f} an hour" if summary.done else ""
@@ -343,8 +330,6 @@ def _say_summary(summary: "Summary") -> None:
     for count, words in parts:
         if count:
             typer.echo(f"{count:,} {words}", err=True)
-    for note in summary.notes:
-        typer.echo(f"thermohyd: warning: {note}", err=True)
 
 
 def _end(summary: "Summary", store: Path) -> None:

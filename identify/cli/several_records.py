@@ -121,9 +121,12 @@ SILENT_SECONDS = 10.0
 
 
 @contextmanager
-def progress_on(console: Console) -> Iterator[Callable[[str], None]]:
+def progress_on(console: Console, every: float | None = None) -> Iterator[Callable[[str], None]]:
     """A function that takes a sentence about what is going on now; the live line vanishes at the end. --quiet: nothing;
-    --verbose: every sentence on a line that stays, with the seconds since the start."""
+    --verbose: every sentence on a line that stays, with the seconds since the start.
+
+    every [s]: of work that speaks all the time: how often it is heard where stderr is a file, from the first second on.
+    """
     if loudness() is Loudness.QUIET:
         yield lambda words: None
         return
@@ -136,8 +139,12 @@ def progress_on(console: Console) -> Iterator[Callable[[str], None]]:
             yield lambda words: status.update(Text(words))
         return
 
+    silent_until = began + (SILENT_SECONDS if every is None else 1.0)
+
     def say(words: str) -> None:
-        if time.monotonic() - began > SILENT_SECONDS:
-            console.print(Text(f"{words} ..."))
+        nonlocal silent_until
+        if time.monotonic() > silent_until:
+            console.print(Text(f"{words} ..." if every is None else words), soft_wrap=every is not None)
+            silent_until = silent_until if every is None else time.monotonic() + every
 
     yield say

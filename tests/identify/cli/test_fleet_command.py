@@ -66,6 +66,12 @@ def test_the_life_and_the_pages(store, tmp_path):
     assert found.stdout == f"written: {tmp_path / 'page' / 'index.html'}\n"
 
 
+def test_quiet_says_nothing_of_what_went_well(store, tmp_path):
+    found = run("report", store, "--out", tmp_path / "page", "--quiet")
+    assert (found.exit_code, found.stdout, found.stderr) == (0, "", "")
+    assert (tmp_path / "page" / "index.html").is_file()
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
