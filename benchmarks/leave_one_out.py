@@ -10,7 +10,6 @@ Set 1 is for development; set 2 is looked at once, when nothing changes any more
 import argparse
 import json
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +20,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from _hidden_bench_tables import rate
 from _hidden_run import ROOT, answer_within, folder_of_set, kept, records_of_set, source_hash
+from _told_terms import terms_beside, terms_of_a_diagnosis
 
 
 PATIENCE = 1800  # s
@@ -57,65 +57,17 @@ TRUTH: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
 
 def beside_the_ideal_valve(folder: Path) -> dict[str, Any]:
     """The terms that are told with an empty library."""
-    from unittest.mock import patch
-
+    from thermohyd.effects.library import whole_library
     from thermohyd.identify.bench.read import read_record
-    from thermohyd.identify.diagnosis import case as case_module
-    from thermohyd.identify.diagnosis.held_out import split_rows
-    from thermohyd.identify.diagnosis.typed_terms import terms_of
-    from thermohyd.identify.fitting.library import NOTHING
+    from thermohyd.identify.diagnosis.case import open_case
 
-    with patch.object(case_module, "library_for", lambda tests: NOTHING):
-        case = case_module.open_case(read_record(folder))
-    began, cpu = time.perf_counter(), time.process_time()
-    found = terms_of(case.problem, case.base, split_rows(case.fitted.tests))
-    return {
-        "record": folder.name,
-        "headline": " | ".join(f"{f.fitted.term.place} {f.fitted.term.variable} {f.gap_closed:.2f}" for f in found) or "none",
-        "verdict": "",
-        "named": [],
-        "before": case.base.chi2 / len(case.base.residual),
-        "seconds": time.perf_counter() - began,
-        "cpu": time.process_time() - cpu,
-        "terms": [
-            {
-                "place": f.fitted.term.place, "variable": f.fitted.term.variable, "law": f.fitted.term.law, "value": f.size[0],
-                "std": f.size[1], "p": f.p_value, "gap_closed": f.gap_closed, "holds": f.holds,
-                "after": f.fitted.fit.chi2 / len(case.base.residual), "alternatives": [list(a) for a in f.alternatives],
-            }
-            for f in found
-        ],
-    }  # fmt: skip
-
-
-def with_the_library(folder: Path, effect: tuple[str, ...]) -> dict[str, Any]:
-    """A whole diagnosis with the hidden effect out of the library."""
-    from thermohyd.identify.bench.read import read_record
-    from thermohyd.identify.diagnosis.diagnose import diagnose
-
-    result = diagnose(read_record(folder), without=effect, model_form=False)
-    return {
-        "record": folder.name,
-        "headline": result.headline,
-        "verdict": result.verdict,
-        "named": [e.name for e in result.effects],
-        "before": result.gap_before,
-        "seconds": result.seconds,
-        "cpu": None,
-        "terms": [
-            {
-                "place": t.place, "variable": t.variable, "law": t.law, "value": t.value, "std": t.std, "p": t.p_value,
-                "gap_closed": t.gap_closed, "holds": t.holds, "after": None, "alternatives": [list(a) for a in t.alternatives],
-            }
-            for t in result.terms
-        ],
-    }  # fmt: skip
+    return terms_beside(open_case(read_record(folder), without=tuple(whole_library())), folder)
 
 
 def ask(job: tuple[Path, tuple[str, ...], bool]) -> dict[str, Any]:
     folder, effects, search = job
     return answer_within(
-        PATIENCE, folder, lambda f: with_the_library(f, effects) if search else beside_the_ideal_valve(f)
+        PATIENCE, folder, lambda f: terms_of_a_diagnosis(f, effects) if search else beside_the_ideal_valve(f)
     )
 
 

@@ -10,13 +10,13 @@ reference simulator, seeds of their own. Set 1 is for development, set 2 is look
 import argparse
 import json
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
 
 sys.path.insert(0, str(Path(__file__).parent))
 
+from _told_terms import terms_beside, terms_of_a_diagnosis
 from hidden_dynamic_table import ROOT, STRENGTHS, bench_of, dynamic_bench
 
 
@@ -48,51 +48,9 @@ def terms_beside_the_plain_model(folder: Path) -> dict[str, Any]:
     from thermohyd.identify.bench.read import read_record
     from thermohyd.identify.diagnosis.case import with_noise_around
     from thermohyd.identify.diagnosis.diagnose import open_motion
-    from thermohyd.identify.diagnosis.held_out import split_rows
-    from thermohyd.identify.diagnosis.typed_terms import terms_of
 
     case = open_motion(read_record(folder), without=tuple(whole_library()))
-    case = with_noise_around(case, case.base)
-    began, cpu = time.perf_counter(), time.process_time()
-    found = terms_of(case.problem, case.base, split_rows(case.fitted.tests))
-    return {
-        "verdict": "",
-        "named": [],
-        "before": case.base.chi2 / len(case.base.residual),
-        "seconds": time.perf_counter() - began,
-        "cpu": time.process_time() - cpu,
-        "terms": [
-            {
-                "place": f.fitted.term.place, "variable": f.fitted.term.variable, "law": f.fitted.term.law, "value": f.size[0],
-                "std": f.size[1], "p": f.p_value, "gap_closed": f.gap_closed, "proof": f.proof, "holds": f.holds,
-                "after": f.fitted.fit.chi2 / len(case.base.residual), "alternatives": [list(a) for a in f.alternatives],
-            }
-            for f in found
-        ],
-    }  # fmt: skip
-
-
-def terms_of_a_diagnosis(folder: Path, effects: tuple[str, ...]) -> dict[str, Any]:
-    """A whole diagnosis with the hidden effect out of the library."""
-    from thermohyd.identify.bench.read import read_record
-    from thermohyd.identify.diagnosis.diagnose import diagnose
-
-    result = diagnose(read_record(folder), without=effects, model_form=False)
-    return {
-        "verdict": result.verdict,
-        "named": [e.name for e in result.effects],
-        "before": result.gap_before,
-        "seconds": result.seconds,
-        "cpu": None,
-        "terms": [
-            {
-                "place": t.place, "variable": t.variable, "law": t.law, "value": t.value, "std": t.std, "p": t.p_value,
-                "gap_closed": t.gap_closed, "proof": t.proof, "holds": t.holds, "after": None,
-                "alternatives": [list(a) for a in t.alternatives],
-            }
-            for t in result.terms
-        ],
-    }  # fmt: skip
+    return terms_beside(with_noise_around(case, case.base), folder)
 
 
 def mark(effects: list[str], answer: dict[str, Any]) -> str:

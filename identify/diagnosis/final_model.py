@@ -149,19 +149,33 @@ def fits_without(problem: Problem, fit: Fit) -> dict[str, Fit]:
     return {name: problem.fit([n for n in fit.effects if n != name], {**fit.values, name: 0.0}) for name in fit.effects}
 
 
-HOPELESS = 0.5  # times the least share: an equal in its place would have to close twice as much
+HOPELESS = 0.5  # times the least share: an equal in its place would have to close twice as much, and so is not asked
 
 
-def without_hopeless(problem: Problem, base: Fit, fit: Fit, block: np.ndarray) -> Fit:
-    """The model without what closes so little of a misfit that remains that its rivals need not be asked."""
-    while len(fit.effects) > 1 and lack_of_fit(problem, fit, block).p_value < LEVEL_OF_LEFT_OVER:
-        without = fits_without(problem, fit)
+def without_weak(
+    problem: Problem,
+    base: Fit,
+    fit: Fit,
+    block: np.ndarray,
+    least: float,
+    without: dict[str, Fit] | None = None,
+    keep: int = 0,
+) -> tuple[Fit, LackOfFit]:
+    """The model without effects that close too little of a misfit that remains, the weakest first, and what smooth curves find then.
+
+    Beside a misfit of unknown cause small gains are found everywhere. least: `relative_closure` of what may stay. without: fits
+    without each effect, where they are known. keep: so many effects stay in any case.
+    """
+    left = lack_of_fit(problem, fit, block)
+    while left.p_value < LEVEL_OF_LEFT_OVER and len(fit.effects) > keep:
+        without = fits_without(problem, fit) if without is None else without
         closures = {name: relative_closure(problem, base, without[name], fit) for name in fit.effects}
         weakest = min(closures, key=lambda name: closures[name])
-        if closures[weakest] >= HOPELESS:
+        if closures[weakest] >= least:
             break
         fit = problem.fit(without[weakest].effects, without[weakest].values, hop_basins=True)
-    return fit
+        left, without = lack_of_fit(problem, fit, block), None
+    return fit, left
 
 
 def proven(
@@ -247,25 +261,16 @@ def final_model(case: Case, selection: Selection, split: Split, say: Progress = 
     degrees_of_freedom = max(rows - len(base.free), 1)
     scale = lambda fit: max(fit.chi2 / max(rows - len(fit.free), 1), 1.0)
     block = smooth_block(problem, len(base.residual))
-    fit = without_hopeless(problem, base, whole.final, block)
+    fit, _ = without_weak(problem, base, whole.final, block, HOPELESS, keep=1)
     fit, rivals = settle_rivals(problem, fit, case.steps, scale=scale(fit), freedom=case.freedom)
 
     # The way back from a model that fits may lead to a better ideal valve than any first search found.
     base = min([base, *(r.without for r in rivals.values() if not r.without.effects)], key=lambda f: f.chi2)
     say("looking at what is left")
     excess = base.chi2 - degrees_of_freedom
-    left = lack_of_fit(problem, fit, block)
-    dropped = False
-    without = {name: rival.without for name, rival in rivals.items()}
-    while left.p_value < LEVEL_OF_LEFT_OVER and fit.effects:
-        # Beside a misfit of unknown cause small gains are found everywhere: only what closes a good part may be named.
-        closures = {name: relative_closure(problem, base, without[name], fit) for name in fit.effects}
-        weakest = min(closures, key=lambda name: closures[name])
-        if closures[weakest] >= 1.0:
-            break
-        fit = problem.fit(without[weakest].effects, without[weakest].values, hop_basins=True)
-        without = fits_without(problem, fit)
-        left, dropped = lack_of_fit(problem, fit, block), True
+    settled, without = fit, {name: rival.without for name, rival in rivals.items()}
+    fit, left = without_weak(problem, base, fit, block, 1.0, without)
+    dropped = fit is not settled
     misfit = left.p_value < LEVEL_OF_LEFT_OVER and bool(fit.effects)
     if misfit and not (_enough_together(problem, base, fit) and _holds_up(problem, base, fit, split)):
         fit, dropped = base, True

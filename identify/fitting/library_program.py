@@ -24,11 +24,13 @@ from thermohyd.identify.fitting.static_readings import (
     FIELDS,
     STORED_GROUP,
     ChannelRows,
+    Rows,
     StaticData,
-    group_rows,
     groups_of,
     predict_group,
     predict_stored,
+    spread_over_rows,
+    stacked,
     with_parameters,
 )
 from thermohyd.identify.fitting.static_residuals import channel_layers, rows_of_test
@@ -115,19 +117,6 @@ def with_amounts(valve: Valve, names: tuple[str, ...], amounts: Sequence[Float[A
     place = {EFFECTS[name].effect_class: i for i, name in enumerate(names)}
     order = [place[type(effect)] for effect in added.effects]
     return eqx.tree_at(lambda v: [effect.amount for effect in v.effects], added, [amounts[i] for i in order])
-
-
-# One array for each entry of the vector. Of a matrix the reverse pass would make one of zeros for every entry that is picked from
-# it, and add them all up: that took three quarters of an evaluation with the whole library.
-Rows = tuple[Float[Array, " rows"], ...]
-
-
-def spread_over_rows(values: Float[Array, " all"], data: StaticData) -> dict[str, Rows]:
-    """The values beside every row of each group of tests."""
-    return {
-        group: tuple(jnp.broadcast_to(value, (group_rows(data.conditions, tests),)) for value in values)
-        for group, tests in groups_of(data.conditions).items()
-    }
 
 
 def rowwise_valve(effects: tuple[str, ...], group: str, values: Rows, args: LibraryArgs) -> Valve:
@@ -224,7 +213,7 @@ def residual_and_columns(
     storing = any(effect_info(name).stores for name in effects)
     entries = given if storing else given + behind(effects, args)
     whole = jnp.concatenate([p[:given], jnp.zeros(behind(effects, args))])
-    spread = spread_over_rows(whole, data)
+    spread = spread_over_rows(whole, data.conditions)
 
     def of_rows(spread: dict[str, Rows]) -> tuple[tuple[Array, ...], Array | None, Array | None]:
         found, stored = readings_of_rows(effects, spread, args)
@@ -236,7 +225,7 @@ def residual_and_columns(
     slopes: dict[int, Array] = {}
     for layer in channel_layers(data):
         pull = jax.linear_transpose(lambda moved, layer=layer: [push(moved)[0][i] for i in layer], spread)
-        pulled = _stacked(pull([jnp.ones_like(readings[i]) for i in layer])[0])
+        pulled = stacked(pull([jnp.ones_like(readings[i]) for i in layer])[0])
         for i in layer:
             slopes[i] = rows_of_test(pulled, data.channels[i].test, groups, data)
     moved: list[dict[str, Array]] = []
@@ -262,16 +251,12 @@ def residual_and_columns(
     return jnp.concatenate(parts), jnp.concatenate(columns, axis=1), jnp.concatenate(by_row, axis=1)
 
 
-def _stacked(spread: dict[str, Rows]) -> dict[str, Float[Array, "all rows"]]:
-    return {group: jnp.stack(rows) for group, rows in spread.items()}
-
-
 def residual_alone(effects: tuple[str, ...], p: Float[Array, " all"], args: LibraryArgs) -> Float[Array, " residuals"]:
     """The residuals of `residual_and_columns`."""
     data, filters = args.data, split(effects)[1]
     given = len(p) - len(filters)
     whole = jnp.concatenate([p[:given], jnp.zeros(behind(effects, args))])
-    found, _ = readings_of_rows(effects, spread_over_rows(whole, data), args)
+    found, _ = readings_of_rows(effects, spread_over_rows(whole, data.conditions), args)
     parts = []
     for whitening, channel in zip(args.whitening, data.channels, strict=True):
         reading = found[channel.test][channel.reads]

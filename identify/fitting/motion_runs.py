@@ -12,8 +12,8 @@ from jaxtyping import Array, Float
 from thermohyd.dynamics.inputs import Linear, StepInputs, step_inputs
 from thermohyd.identify.bench.test_record import DynamicTest
 
+from .row_sizes import padded_size
 from .sensed import gain_name, zero_name
-from .static_readings import padded_size
 
 
 BEHIND = 1e-9  # of a run's span, between pads behind its end

@@ -17,7 +17,8 @@ from thermohyd.effects.library import classes_of
 from thermohyd.identify.noise.whitening import whiten
 from thermohyd.numerics import OPTIONS, jitted, known_options
 
-from .library_program import LibraryArgs, behind, filtered, readings_of_rows, split, spread_over_rows
+from .library_program import LibraryArgs, behind, filtered, readings_of_rows, split
+from .static_readings import spread_over_rows
 
 
 def place_program(
@@ -49,7 +50,7 @@ def residual_columns_and_places(
     whole = jnp.concatenate([p[:given], jnp.zeros(behind(effects, args))])
 
     def of(whole: Float[Array, " entries"]) -> dict[str, dict[str, Array]]:
-        found, _ = readings_of_rows(effects, spread_over_rows(whole, data), args)
+        found, _ = readings_of_rows(effects, spread_over_rows(whole, data.conditions), args)
         return {test: {n: data.means(test, value) for n, value in own.items()} for test, own in found.items()}
 
     found, push = jax.linearize(of, whole)

@@ -544,7 +544,7 @@ def _in_motion(terms: tuple[LearnedTerm | TypedTerm, ...]) -> tuple[TypedTerm, .
 
 def _of_static(terms: tuple[LearnedTerm | TypedTerm, ...]) -> tuple[LearnedTerm | TypedTerm, ...]:
     """All others."""
-    return tuple(term for term in terms if term not in _in_motion(terms))
+    return tuple(term for term in terms if not (isinstance(term, TypedTerm) and term.moving))
 
 
 def _padded(part: Readings) -> int:

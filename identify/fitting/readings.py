@@ -27,12 +27,12 @@ from .library import Library, stores, with_heat
 from .library_program import ENTRIES, LibraryArgs, RowTerms, library_program, library_residual, order_of
 from .parameters import PARAMETERS, ParameterPlan
 from .place_program import place_program
+from .row_sizes import coarse_size
 from .static_readings import (
     FIELDS,
     StaticData,
     base_valve,
     channel_slices,
-    coarse_size,
     groups_of,
     pad,
     static_data,

@@ -21,6 +21,7 @@ from thermohyd.port_storage import StoredPorts
 from thermohyd.static_tests import blocked_port_readings, control_flow, load_flow, stored_port_rows
 from thermohyd.valve import Valve
 
+from .row_sizes import padded_size
 from .sensed import sensed
 
 
@@ -88,22 +89,6 @@ def mean_over_nodes(
 ) -> Float[Array, "*columns padded"]:
     """Weighted means of the nodes of every reading."""
     return jnp.sum(values.reshape(*values.shape[:-1], *weight.shape) * weight, axis=-1)
-
-
-def padded_size(rows: int) -> int:
-    """The next of a few sizes, at most an eighth above the number of rows."""
-    if rows <= 64:
-        return 64
-    step = 2 ** (int(rows - 1).bit_length() - 4)
-    return -(-rows // step) * step
-
-
-def coarse_size(rows: int) -> int:
-    """The next of fewer sizes, at most a half above the number of rows: for programs that take long to compile."""
-    if rows <= 256:
-        return 256
-    power = 1 << (int(rows - 1).bit_length() - 1)
-    return power + power // 2 if rows <= power + power // 2 else 2 * power
 
 
 Size = Callable[[int], int]
@@ -218,6 +203,24 @@ def groups_of(conditions: dict[str, Conditions]) -> dict[str, tuple[str, ...]]:
 def group_rows(conditions: dict[str, Conditions], tests: tuple[str, ...]) -> int:
     """Padded rows (or nodes) of a group's tests, behind one another."""
     return sum(conditions[test].position.shape[0] for test in tests)
+
+
+# One array for each entry of a vector. Of a matrix the reverse pass would make one of zeros for every entry that is picked from
+# it, and add them all up: that took three quarters of an evaluation with the whole library.
+Rows = tuple[Float[Array, " rows"], ...]
+
+
+def spread_over_rows(values: Float[Array, " all"], conditions: dict[str, Conditions]) -> dict[str, Rows]:
+    """The values beside every row of each group of tests."""
+    return {
+        group: tuple(jnp.broadcast_to(value, (group_rows(conditions, tests),)) for value in values)
+        for group, tests in groups_of(conditions).items()
+    }
+
+
+def stacked(spread: dict[str, Rows]) -> dict[str, Float[Array, "all rows"]]:
+    """The same with one matrix for each group."""
+    return {group: jnp.stack(rows) for group, rows in spread.items()}
 
 
 def predict_group(

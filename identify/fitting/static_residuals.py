@@ -14,11 +14,14 @@ from .boxes import Box
 from .least_squares import Residual
 from .parameters import PARAMETERS, ParameterPlan
 from .static_readings import (
+    Rows,
     StaticData,
     group_rows,
     groups_of,
     predict,
     predict_group,
+    spread_over_rows,
+    stacked,
     weighted_residuals,
     with_parameters,
 )
@@ -78,14 +81,11 @@ def residual_and_columns(
     groups = groups_of(data.conditions)
     places = np.array(own_entries(names), dtype=int)
     own_names, own_values = tuple(names[i] for i in own_entries(names)), values[places]
-    spread = {
-        group: tuple(jnp.broadcast_to(value, (group_rows(data.conditions, tests),)) for value in own_values)
-        for group, tests in groups.items()
-    }
+    spread = spread_over_rows(own_values, data.conditions)
     given = {name: values[i] for i, name in enumerate(names)}
 
     def of_rows(
-        spread: dict[str, tuple[Float[Array, " rows"], ...]],
+        spread: dict[str, Rows],
     ) -> tuple[tuple[Float[Array, " padded"], ...], dict[int, dict[str, Array]]]:
         found: dict[str, dict[str, Array]] = {}
         for group, tests in groups.items():
@@ -102,7 +102,7 @@ def residual_and_columns(
     columns: dict[int, Array] = {}
     for layer in channel_layers(data):
         ones = tuple(jnp.ones_like(p) if i in layer else jnp.zeros_like(p) for i, p in enumerate(parts))
-        slopes = {group: jnp.stack(rows) for group, rows in pull(ones)[0].items()}
+        slopes = stacked(pull(ones)[0])
         for i in layer:
             test = data.channels[i].test
             own = rows_of_test(slopes, test, groups, data)

@@ -16,8 +16,8 @@ from thermohyd.effects.library import classes_of, with_effects
 from thermohyd.identify.noise.whitening import whiten
 from thermohyd.numerics import OPTIONS, jitted, known_options
 
-from .library_program import LibraryArgs, filtered, rowwise_valve, split, spread_over_rows
-from .static_readings import STORED_GROUP, groups_of, predict_group
+from .library_program import LibraryArgs, filtered, rowwise_valve, split
+from .static_readings import STORED_GROUP, groups_of, predict_group, spread_over_rows
 
 
 def storage_columns(
@@ -49,7 +49,7 @@ def columns_of_stored(
     data, filters = args.data, split(effects)[1]
     entries = len(p) - len(filters)
     tests = groups_of(data.conditions)[STORED_GROUP]
-    values = spread_over_rows(p[:entries], data)[STORED_GROUP]
+    values = spread_over_rows(p[:entries], data.conditions)[STORED_GROUP]
     valve = rowwise_valve(effects, STORED_GROUP, values, args)
 
     def blocked(amounts: Array) -> dict[str, dict[str, Array]]:

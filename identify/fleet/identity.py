@@ -16,9 +16,10 @@ from typing import Any
 
 from thermohyd.identify.bench.errors import BenchInputError
 from thermohyd.identify.bench.read import NAME, record_folder
+from thermohyd.identify.bench.toml_file import LARGEST
+from thermohyd.identify.fitting.row_sizes import padded_size
 
 
-LARGEST_DESCRIPTION = 1_000_000  # bytes, as the reader has it
 BLOCK = 1 << 20
 HIDDEN = (".", "_")  # folders that begin so are no records: somebody is still writing them, or they were put aside
 
@@ -42,7 +43,10 @@ class Settings:
 
 @dataclass(frozen=True)
 class Found:
-    """A record's folder before it is read. content: hash of its files; shape: like for records that share programs."""
+    """A record's folder before it is read. content: hash of its files.
+
+    shape: its files with their rows as a fit pads them, alike for records that share compiled programs.
+    """
 
     folder: str
     content: str
@@ -91,7 +95,7 @@ def look_at(folder: Path) -> Found:
         digest, lines = _hash(path)
         content.update(f"{name}\0{digest}\n".encode(errors="surrogatepass"))
         if path != description:
-            shape.append((path.name.split(".")[0], size_class(lines)))
+            shape.append((path.name.split(".")[0], padded_size(lines)))
     return Found(str(folder), content.hexdigest(), tuple(sorted(shape)))
 
 
@@ -99,7 +103,7 @@ def named_files(folder: Path) -> list[tuple[str, Path]]:
     """(name, path) of the files that a record's bench.toml names, sorted; empty where it cannot be read."""
     try:
         with (folder / NAME).open("rb") as file:
-            tables = tomllib.loads(file.read(LARGEST_DESCRIPTION).decode("utf-8-sig")).get("tests", {})
+            tables = tomllib.loads(file.read(LARGEST).decode("utf-8-sig")).get("tests", {})
         names = [table.get("file") for table in tables.values() if isinstance(table, dict)]
     except (OSError, ValueError, RecursionError, AttributeError):
         return []
@@ -116,16 +120,8 @@ def _hash(path: Path) -> tuple[str, int]:
             while block := file.read(BLOCK):
                 digest.update(block)
                 lines += block.count(b"\n")
-        if path.suffix.lower() in (".gz", ".xlsx", ".parquet"):
+        if path.suffix.lower() in (".gz", ".xlsx", ".xlsm", ".parquet", ".mat", ".tdms"):
             lines = path.stat().st_size // 12
     except (OSError, ValueError):
         return "unreadable", 0
     return digest.hexdigest(), lines
-
-
-def size_class(rows: int) -> int:
-    """Rows as a fit pads them (`static_readings.padded_size`): records of one class share compiled programs."""
-    if rows <= 64:
-        return 64
-    step = 2 ** (int(rows - 1).bit_length() - 4)
-    return -(-rows // step) * step

@@ -1,32 +1,19 @@
 """A hidden effect, end to end through the command line: named, sized, its model simulated; files whole."""
 
 import json
-import shutil
 
 import pytest
+from helpers.short_servo import HIDDEN, write_short_servo
 from typer.testing import CliRunner
 
-from thermohyd.data import sample_record
 from thermohyd.identify.cli import jax_setup
 from thermohyd.identify.cli.commands import app
-
-
-HIDDEN = sample_record("seed_actuator").parent / "hidden_dynamic"
 
 
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory):
     """The first half of two runs of servo_2, without its pressures: less to compute."""
-    folder = tmp_path_factory.mktemp("servo")
-    shutil.copy(HIDDEN / "servo_2" / "bench.toml", folder)
-    lines = (HIDDEN / "servo_2" / "step.csv").read_text().splitlines()
-    head = lines[1].split(",")
-    keep = [i for i, name in enumerate(head) if not name.startswith("pressure")]
-    rows = [line.split(",") for line in lines[2:]]
-    rows = [row for row in rows if row[1] in ("1", "2") and float(row[0]) <= 0.16]
-    table = [[row[i] for i in keep] for row in (head, *rows)]
-    (folder / "step.csv").write_text("\n".join(",".join(row) for row in table) + "\n")
-    return folder
+    return write_short_servo(tmp_path_factory.mktemp("servo"))
 
 
 def test_the_delay_is_named_and_its_model_predicts(bench, tmp_path, monkeypatch):

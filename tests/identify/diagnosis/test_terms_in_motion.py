@@ -1,12 +1,11 @@
 """A term inside a run: fitted with the parameters, its column the derivative, and what is learned predicts what the fit did."""
 
-import shutil
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.short_servo import write_short_servo
 
-from thermohyd.data import sample_record
 from thermohyd.identify.bench.read import read_record
 from thermohyd.identify.bench.test_record import TestRecord
 from thermohyd.identify.diagnosis.term_fit import FittedTerm, columns_of, fitted_inside
@@ -22,23 +21,12 @@ from thermohyd.identify.model.typed_terms import TypedTerm, with_covariance
 from thermohyd.identify.noise.level import initial_noises
 
 
-HIDDEN = sample_record("seed_actuator").parent / "hidden_dynamic"
-
-
 @pytest.fixture(scope="module")
 def problem(tmp_path_factory) -> Problem:
     """Two runs of servo_2, all oil at one temperature, without its pressures: less to compute."""
-    folder = tmp_path_factory.mktemp("servo")
-    shutil.copy(HIDDEN / "servo_2" / "bench.toml", folder)
+    folder = write_short_servo(tmp_path_factory.mktemp("servo"))
     toml = (folder / "bench.toml").read_text().replace('heat = "adiabatic"', 'heat = "isothermal"')
     (folder / "bench.toml").write_text(toml)
-    lines = (HIDDEN / "servo_2" / "step.csv").read_text().splitlines()
-    head = lines[1].split(",")
-    keep = [i for i, name in enumerate(head) if not name.startswith("pressure")]
-    rows = [line.split(",") for line in lines[2:]]
-    rows = [row for row in rows if row[1] in ("1", "2") and float(row[0]) <= 0.16]
-    table = [[row[i] for i in keep] for row in (head, *rows)]
-    (folder / "step.csv").write_text("\n".join(",".join(row) for row in table) + "\n")
     record = read_record(folder)
     plans = plan_motion(record.valve, require_actuator(record), record.start)
     tests: dict[str, TestRecord] = {**record.dynamic_tests}

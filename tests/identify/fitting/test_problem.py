@@ -15,7 +15,8 @@ from thermohyd.identify.bench.record import BenchRecord, StartValue
 from thermohyd.identify.bench.test_record import Channel
 from thermohyd.identify.fitting.fit import fit
 from thermohyd.identify.fitting.parameters import plan_parameters
-from thermohyd.identify.fitting.static_readings import base_valve, padded_size, static_data
+from thermohyd.identify.fitting.row_sizes import padded_size
+from thermohyd.identify.fitting.static_readings import base_valve, static_data
 from thermohyd.identify.fitting.static_residuals import (
     FitArgs,
     plain_residual,

@@ -6,7 +6,8 @@ from reference.raw_log_records import VALVE, Log, write
 
 from thermohyd.identify.bench.read import read_record
 from thermohyd.identify.fitting.fit import fit
-from thermohyd.identify.fitting.static_readings import conditions_of, mean_over_nodes, padded_size, predict, row_weights
+from thermohyd.identify.fitting.row_sizes import padded_size
+from thermohyd.identify.fitting.static_readings import conditions_of, mean_over_nodes, predict, row_weights
 from thermohyd.identify.noise.level import initial_noise
 from thermohyd.identify.reduction.noise_of_logs import independent_rows, row_scatter
 from thermohyd.identify.reduction.reduce import nodes_of, reduce_test
