@@ -93,7 +93,7 @@ def law_code(term: TermRead) -> str:
         powers = [float(c) for c in polynomial.polytrim(powers)]
         horner = " + s * (".join(repr(c) for c in powers) + ")" * (len(powers) - 1)
         return "\n".join([*lines, f"    s = ({held} - {centre!r}) / {reach!r}", f"    return {horner} + 0.0 * s"])
-    if term.law == "proportional":
+    if term.law in ("proportional", "laminar"):
         return "\n".join([*lines, f"    return {held}"])
     if term.law == "square":
         return "\n".join([*lines, f"    held = {held}", "    return held * jnp.abs(held)"])
@@ -116,14 +116,22 @@ def _reading(term: TermRead) -> Stage:
     shows = tuple(dict.fromkeys(_CHANNELS_OF[c] for c in channels))
     shows += ("load_flow",) if "flow" in channels else ()
     both = (*channels, "supply_flow") if "leakage_flow" in channels and term.place != "flow_into_return" else channels
+    thins, imports = _thinned(term, "true.temperature")
     body = f"""    def reading(
         self, channel: str, value: Float[Array, " rows"], read: Conditions, true: Conditions, oil: Oil
     ) -> Float[Array, " rows"]:
         c = true
-        return value + self.amount * law({v}) if channel in {tuple(both)!r} else value"""
+        return value + self.amount * law({v}){thins} if channel in {tuple(both)!r} else value"""
     if "c." not in v:
         body = body.replace("        c = true\n", "")
-    return Stage("AbstractReadingEffect", (CONDITIONS, OIL), body, needs, shows)
+    return Stage("AbstractReadingEffect", (CONDITIONS, OIL, *imports), body, needs, shows)
+
+
+def _thinned(term: TermRead, temperature: str) -> tuple[str, tuple[str, ...]]:
+    """(the factor of a laminar law as code, what it imports); nothing of any other law."""
+    if term.law != "laminar":
+        return "", ()
+    return f" * thinning(oil, {temperature})", ("from thermohyd.effects.edges import thinning",)
 
 
 def _port(term: TermRead) -> Stage:
@@ -141,20 +149,22 @@ def _port(term: TermRead) -> Stage:
             "AbstractStorageEffect", (), body, ("time",), ("leakage", "pressure_gain"), sign=-1.0, lower_is_zero=True
         )
     if port is None:
-        if term.law != "proportional" or term.variable not in ("pressure", "pressure_drop", "load"):
+        if term.law not in ("proportional", "laminar") or term.variable not in ("pressure", "pressure_drop", "load"):
             raise refused(term, "a path between the ports lets through in proportion to p_A - p_B")
-        body = """    def conductance(self, oil: Oil, conditions: Conditions) -> Float[Array, "..."]:
-        return self.amount + 0.0 * conditions.temperature"""
-        return Stage("AbstractCrossingEffect", (CONDITIONS, OIL), body, (), ("leakage", "pressure_gain", "load_flow"),
+        thins, imports = _thinned(term, "conditions.temperature")
+        body = f"""    def conductance(self, oil: Oil, conditions: Conditions) -> Float[Array, "..."]:
+        return self.amount{thins or " + 0.0 * conditions.temperature"}"""
+        return Stage("AbstractCrossingEffect", (CONDITIONS, OIL, *imports), body, (), ("leakage", "pressure_gain", "load_flow"),
                      lower_is_zero=term.coefficients[0] > 0.0)  # fmt: skip
     own = {"pressure": f"pressure[{port}]", "pressure_drop": f"c.supply_pressure - pressure[{port}]"}
     v, needs = _variable(term, own)
+    thins, imports = _thinned(term, "c.temperature")
     pair = "[flow, 0.0 * flow]" if port == 0 else "[0.0 * flow, flow]"
     body = f"""    def inflow(self, pressure: Float[Array, "2 rows"], oil: Oil, conditions: Conditions) -> Float[Array, "2 #rows"]:
         c = conditions
-        flow = self.amount * law({v}) + 0.0 * c.position
+        flow = self.amount * law({v}){thins} + 0.0 * c.position
         return jnp.stack({pair})"""
-    return Stage("AbstractInflowEffect", (CONDITIONS, OIL), body, needs)
+    return Stage("AbstractInflowEffect", (CONDITIONS, OIL, *imports), body, needs)
 
 
 def _line(term: TermRead) -> Stage:

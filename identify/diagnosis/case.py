@@ -16,12 +16,13 @@ from thermohyd.identify.fitting.library import library_for
 from thermohyd.identify.fitting.outcome import Fitted, Key
 from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.fitting.problem_fit import Fit
+from thermohyd.identify.fitting.trimmed import FAR
 
 from .held_out import Split, split_rows
 from .max_t import NoiseFreedom
 from .record_noise import NoiseEstimate, Repeats, estimated_noise, first_noise, noise_of, repeats_of
 from .screening import finite_steps
-from .search import FAR, LEVEL, Selection, prune, search
+from .search import LEVEL, Selection, prune, search
 
 
 Progress = Callable[[str], None]
@@ -76,6 +77,8 @@ def open_case(record: BenchRecord, say: Progress = lambda _: None, without: tupl
         # A valve bent by what it misses: the plain fit's valley need not be the deepest one.
         other = problem.fit(start={"null_bias": start.get("null_bias", base.values["null_bias"])}, hop_basins=True)
         base = min(base, other, key=lambda fit: fit.chi2)
+        for start in [] if problem.in_motion else problem.where_most_agree(base)[:1]:
+            base = min(base, problem.fit(start=start, hop_basins=True), key=lambda fit: fit.chi2)
     return with_noise_around(Case(fitted, problem, repeats, {}, base, {}), base)
 
 

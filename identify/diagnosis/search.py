@@ -13,6 +13,7 @@ from thermohyd.identify.fitting.bench_faults import info_of, is_fault
 from thermohyd.identify.fitting.library import expensive_to_compile, stores
 from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.fitting.problem_fit import Fit
+from thermohyd.identify.fitting.trimmed import FAR
 
 from .max_t import NoiseFreedom
 from .screening import Screen, Signature, screen
@@ -23,7 +24,7 @@ from .stored_oil import RELATIVE_REACH, could_explain, within_reach
 LEVEL = 0.005  # probability of naming anything, at each step of the search, in a record that needs nothing more
 MOST_EFFECTS = 6
 SINGLES, PAIRS, FAULTS = 10, 6, 4  # refits of each step
-FAR = 3.0  # reduced chi-square from which a model counts as bent by what it misses
+
 EXPLAINED = 1.1  # reduced chi-square of a refit that leaves nothing to look for elsewhere
 MOST_HOPPING = 3  # refits that go on by basin hopping
 HOPPING_REACH = 2.0  # times the lowest chi-square: hopping moved none of a real valve's refits by a tenth of that

@@ -14,7 +14,7 @@ from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.fitting.problem_fit import Fit
 from thermohyd.identify.model.places import Place, place_of, places_for, places_in_motion, read_as
 from thermohyd.identify.model.term_variables import VARIABLES, States, asked_with
-from thermohyd.identify.model.typed_terms import TypedTerm, basis, values_of
+from thermohyd.identify.model.typed_terms import TypedTerm, shapes_at, thinning_of, values_of
 
 from .left_over import whitened_rows
 from .max_t import MaxT
@@ -22,6 +22,7 @@ from .screening import LEAST_KEPT, Projection
 
 
 DRAWS = 4000
+VARIES = 0.02  # of the oil's thinning, from which a laminar law is not the proportional one
 
 
 @dataclass(frozen=True)
@@ -65,6 +66,7 @@ Law = tuple[str, str, np.ndarray, float, float]  # variable, law, shapes (readin
 
 def _laws(problem: Problem, fit: Fit, place: Place, shown: np.ndarray, states: States) -> Iterator[Law]:
     """Every law of every variable that a place is asked with; shown (readings,): where a shift of the place shows."""
+    thin = _thinning(problem, states)
     for variable in VARIABLES.values():
         if not asked_with(place, variable):
             continue
@@ -79,9 +81,14 @@ def _laws(problem: Problem, fit: Fit, place: Place, shown: np.ndarray, states: S
         levels = 1 if constant else len(np.unique(np.round((seen - low) / (high - low), 2)))
         laws = ["constant"] if constant else ["proportional"]
         laws += ["square", "root"] if variable.powers else []
+        laws += (
+            ["laminar"]
+            if place.leaks and variable.unit == "Pa" and np.ptp(thin[shown]) > VARIES * thin[shown].mean()
+            else []
+        )
         laws += ["smooth"] if levels > 2 else []
         for law in laws:
-            yield variable.name, law, basis(law, values, low, high), low, high
+            yield variable.name, law, shapes_at(law, values, low, high, thin), low, high
 
 
 def scores_of(
@@ -183,6 +190,11 @@ def _values(problem: Problem, variable: str, place: Place, states: States, null:
     return np.concatenate([of_test[key[0]] for key in problem.rows()])
 
 
+def _thinning(problem: Problem, states: States) -> np.ndarray:
+    """(readings,): `thinning_of` at each reading's row."""
+    return np.concatenate([thinning_of(problem.tests[key[0]], states) for key in problem.rows()])
+
+
 def _whitened(problem: Problem, fit: Fit, columns: np.ndarray) -> np.ndarray:
     """Columns (readings, k) in units of the noise, whitened as the residual is, zero in the rows of priors and in rows not used."""
     return whitened_rows(problem, columns, len(fit.residual)) * fit.used[:, None]
@@ -195,7 +207,7 @@ def term_columns(
     place = place_of(term.place)
     values = _values(problem, term.variable, place, states, term.null_bias)
     assert values is not None
-    shapes = basis(term.law, values, term.low, term.high)
+    shapes = shapes_at(term.law, values, term.low, term.high, _thinning(problem, states))
     return _whitened(problem, fit, slope_of(problem, fit, place, slopes)[:, None] * shapes)
 
 

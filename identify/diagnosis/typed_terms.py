@@ -35,6 +35,8 @@ AS_GOOD = 6.0  # chi-square, in units of what the best leaves, up to which anoth
 CURVE_POINTS = 41
 BENT = 1.5  # reduced chi-square from which a model counts as bent
 STRAIGHTENED = 3  # times that a table is asked anew
+# m: by what the edges of one side may differ from those of the other, as is usual; rounds of a fit begun there.
+UNEQUAL, GLANCE = {"underlap": 1e-6, "edge_radius": 5e-6}, 4
 
 
 @dataclass(frozen=True)
@@ -114,6 +116,15 @@ def terms_of(problem: Problem, fit: Fit, split: Split, say: Progress = lambda _:
         return fitted_inside(problem, start, blank(s.entry, start, s.entry.columns.shape[1]))
 
     asked = [(s, ask(s)) for s in lead]
+    if refits and not problem.in_motion:
+        both = [(s, f) for s in table.entries if _mirrored(s) for f in _from_both_sides(problem, fit, s)]
+        asked += [(replace(s, gain=max(fit.chi2 - f.fit.chi2, 0.0)), f) for s, f in both]
+        # Where most rows agree with the model, those that do not show what is missing, not what it bent.
+        if fit.chi2 > BENT * table.rows:
+            for values in plain.where_most_agree(fit)[:1]:
+                start = straightened(problem, fit, replace(fit, values=fit.values | values))
+                agreed, _ = table_of(problem.with_terms(), start)
+                asked += [(s, ask(s)) for s in leading(agreed)]
     # A model that misses by far has bent its parameters to the misfit, and scores beside it say little: they are asked again beside
     # the parameters that the best term so far has straightened.
     for _ in range(STRAIGHTENED if refits else 0):
@@ -156,7 +167,10 @@ def terms_of(problem: Problem, fit: Fit, split: Split, say: Progress = lambda _:
         ]
         alike += [pair for pair in _same_direction(table, scored_) if pair not in alike and pair not in best]
         if refits:
-            seen = fitted_inside(problem.with_rows(~split.held), without, fitted.term)
+            kept = problem.with_rows(~split.held)
+            # From where all rows led: beside the bent model the same term may end elsewhere.
+            begin = straightened(kept, without, fitted.fit)
+            seen = fitted_inside(kept, begin, fitted.term, PATIENT)
             shown = closed(gap, mean_square(replace(seen.problem, used=None), seen.fit, split))
             proof = _proof(problem, fit, fitted)
         else:
@@ -164,6 +178,20 @@ def terms_of(problem: Problem, fit: Fit, split: Split, say: Progress = lambda _:
             shown, proof = float(np.clip(fitted.gain / excess, 0.0, 1.0)), np.nan
         found.append(Found(fitted, table.p_value(scored_), shown, proof, tuple(alike)))
     return tuple(found)
+
+
+def _mirrored(found: Scored) -> bool:
+    """Whether a valve with this shift is nearly one with its opposite, so that no slope says how much is missing: where what the edges
+    of one side lose those of the other gain, leakage and flow are the same to first order."""
+    quantity, _, side = found.entry.place.partition(":")
+    return quantity in UNEQUAL and side in ("supply", "return") and found.entry.law == "constant"
+
+
+def _from_both_sides(problem: Problem, fit: Fit, found: Scored) -> list[FittedTerm]:
+    """A term fitted from an amount above 0 and one below."""
+    amount = UNEQUAL[found.entry.place.partition(":")[0]]
+    term = blank(found.entry, fit, 1)
+    return [fitted_inside(problem, fit, replace(term, coefficients=(side * amount,)), GLANCE) for side in (1.0, -1.0)]
 
 
 def _other_laws(

@@ -31,6 +31,7 @@ from .sensed import sensed_channels, sensor_plans, with_starts
 from .starts import basin_hopping, null_position
 from .static_readings import base_valve, channel_slices, quantities_of, static_data
 from .static_residuals import FitArgs, box_of, prior_rows, residual_of
+from .trimmed import FAR, trimmed_points
 from .uncertainty import largest_change, settled_noise
 
 
@@ -45,6 +46,8 @@ CLOSE_ENOUGH = 1e-5
 PROFILE_CLOSE_ENOUGH = 1e-2  # chi-square is then right to 1e-4
 # An end counts as an optimum up to here: a twentieth of a standard error is nothing to anybody.
 BELIEVE_BELOW = 0.05
+# Points at which most readings agree with a model that lacks something, from which its fit is tried again; and what counts as lower.
+DEEPER, LOWER = 2, 0.999
 SLOPES = 1e-3  # the same, from where on an end may lie on the slope of a kink: then the other side is looked at
 MOST_BETTER = 4  # times that a profile may run into a deeper optimum
 CLOSE = 25.0  # chi-square up to which the other law of an edge is no worse than this one, and its intervals looked at closely
@@ -140,6 +143,9 @@ def run_fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | N
     )
     say("restarts beside the best of them")
     solution = problem.basin_hopping(outcomes[0], noise)
+    if solution.cost > FAR * readings_of(tests):
+        say("restarts where most readings agree")
+        solution = problem.unbent(solution, noise)
     lower = solution.cost < outcomes[0].cost
     starts_tried = [
         problem.outcome(solution, restart=lower),
@@ -289,6 +295,26 @@ class StaticSearch:
     def basin_hopping(self, best: LeastSquaresResult, noise: dict[Key, ChannelNoise]) -> LeastSquaresResult:
         args = self.args(noise)
         return basin_hopping(best, self.free, lambda start, enough: self.solve(args, start, enough=enough))
+
+    def unbent(self, best: LeastSquaresResult, noise: dict[Key, ChannelNoise]) -> LeastSquaresResult:
+        """The fit started again where most rows agree with the model (`trimmed_points`), where it then ends lower than `best`."""
+        slices, args = channel_slices(self.tests), self.args(noise)
+        rows = channel_slices(self.tests, size=lambda count: count)
+        asked = np.concatenate([np.isfinite(noise[key].used) for key in rows])
+
+        def fit_to(kept: np.ndarray, at: np.ndarray) -> np.ndarray:
+            only = {k: replace(noise[k], used=np.where(kept[own], noise[k].used, np.inf)) for k, own in rows.items()}
+            return self.solve(self.args(only), at).p
+
+        def residual_at(at: np.ndarray) -> np.ndarray:
+            held = self.solve(args, at, dict(enumerate(at.tolist())))
+            return np.concatenate([held.residual[slices[key]] for key in rows])
+
+        for start in trimmed_points(best.p, rows, asked, fit_to, residual_at)[:DEEPER]:
+            found = self.solve(args, start)
+            if found.cost < LOWER * best.cost:
+                best = self.basin_hopping(found, noise)
+        return best
 
     def outcome(self, result: LeastSquaresResult, restart: bool = False) -> StartOutcome:
         start = dict(zip(self.free, (float(v) for v in result.start), strict=True))

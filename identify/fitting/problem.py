@@ -33,6 +33,7 @@ from .sensed import Sensed, SignalRows, sensed_channels, traced
 from .starts import basin_hopping, on_a_kink
 from .static_readings import channel_slices
 from .static_residuals import prior_rows
+from .trimmed import trimmed_points
 from .uncertainty import Key
 
 
@@ -282,6 +283,17 @@ class Problem:
                 again = on_a_kink(from_point(best.p, closeness=self._closeness))
                 best = min(best, again, key=lambda end: end.cost)
         return self._result(chosen, order, free, best)
+
+    def where_most_agree(self, fit: Fit) -> list[dict[str, float]]:
+        """Values of the entries of a fit at which most rows agree with its model (`trimmed_points`), the best first."""
+        count = len(fit.residual) - len(self.parameters)
+        return trimmed_points(
+            fit.values,
+            self.rows(),
+            fit.used[:count],
+            lambda kept, at: self.with_rows(kept).fit(fit.effects, at).values,
+            lambda at: self.evaluate(at, fit.effects).residual[:count],
+        )
 
     def evaluate(self, values: Mapping[str, float], effects: Iterable[str] = ()) -> Fit:
         """Residuals and columns at given values; nothing is fitted. `effects` must be present in the program used."""

@@ -15,8 +15,8 @@ from thermohyd.identify.bench.record import BenchRecord
 from thermohyd.identify.bench.test_record import TestRecord
 from thermohyd.identify.model.learned_terms import ABSOLUTE, LearnedTerm, term_values
 from thermohyd.identify.model.places import place_of, read_as
-from thermohyd.identify.model.term_variables import States
-from thermohyd.identify.model.typed_terms import TypedTerm, shift_of
+from thermohyd.identify.model.term_variables import THINNING, States, thinning
+from thermohyd.identify.model.typed_terms import TypedTerm, entry_shifts, shift_of
 from thermohyd.identify.noise.correlation import NoiseCorrelation
 from thermohyd.identify.noise.level import ChannelNoise
 from thermohyd.identify.noise.whitening import Whitening, whiten_on_host, whitening_of
@@ -180,6 +180,7 @@ class StaticReadings:
         _, _, slopes, found = self._with_places(program, p)
         states = {
             test: {name: np.asarray(value)[: self.tests[test].rows] for name, value in own.items()}
+            | {THINNING: thinning(self.record.oil, self.tests[test].temperature)}
             for test, own in found.items()
         }
         return np.asarray(slopes), states
@@ -267,9 +268,8 @@ class StaticReadings:
                     if isinstance(term, TypedTerm):
                         assert self.states is not None
                         assert places is not None
-                        moved = np.repeat(shift_of(term, self.tests[name], self.states), k)
-                        for entry, sign in place_of(term.place).entries.items():
-                            places[ENTRIES.index(entry), rows] += sign * moved
+                        for entry, moved in entry_shifts(term, self.tests[name], self.states).items():
+                            places[ENTRIES.index(entry), rows] += np.repeat(moved, k)
                         continue
                     change = np.repeat(term_values(term, self.tests[name], self.record.oil), k)
                     if term.quantity == "viscosity":

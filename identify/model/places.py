@@ -34,6 +34,11 @@ class Place:
     asked_moving: tuple[str, ...] = ()
 
     @property
+    def leaks(self) -> bool:
+        """Whether what it lets in or out may pass a gap."""
+        return self.name.startswith("flow_")
+
+    @property
     def static(self) -> bool:
         """Whether static tests can show it."""
         return bool(self.entries or self.readings)

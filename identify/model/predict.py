@@ -41,8 +41,8 @@ from .pieces import PLACE, predicted_in_pieces
 from .places import place_of, read_as
 from .predict_motion import as_read, as_static, require_actuator, signal_of_reading, unit_of
 from .simulation_output import note_lines, simulation_files, simulation_json, simulation_table, spare_the_record
-from .term_variables import BLOCKED, States
-from .typed_terms import TypedTerm, shift_of
+from .term_variables import BLOCKED, THINNING, States, thinning
+from .typed_terms import TypedTerm, entry_shifts, shift_of
 
 
 SAME = 1e-9  # relative: what two files write of one number differs by less
@@ -133,17 +133,16 @@ def place_shifts(
     read: dict[str, np.ndarray] = {}
     for term in terms:
         try:
-            shift = shift_of(term, test, states)
+            own, shift = entry_shifts(term, test, states), shift_of(term, test, states)
         except ValueError:
             raise BenchInputError(
                 f"the model's term makes {term.place} go with {term.variable}, which needs the column "
                 f'"time"; add it, or take the term out of the model',
                 file=test.path,
             ) from None
-        place = place_of(term.place)
-        for entry, sign in place.entries.items():
-            entries[f"{PLACE}{entry}"] = entries.get(f"{PLACE}{entry}", 0.0) + sign * shift
-        for reading, sign in place.readings.items():
+        for entry, moved in own.items():
+            entries[f"{PLACE}{entry}"] = entries.get(f"{PLACE}{entry}", 0.0) + moved
+        for reading, sign in place_of(term.place).readings.items():
             read[reading] = read.get(reading, 0.0) + sign * shift
     return {entry: pad(values) for entry, values in entries.items()}, read
 
@@ -294,7 +293,8 @@ def _with_typed_terms(
     if not terms:
         return ask({}, channels), {}
     wanted = ("leakage_flow", "supply_flow", "pressure_a", "pressure_b") if test.name in BLOCKED else ("flow",)
-    states_of = lambda more: {test.name: {n: found[0] for n, found in ask(more, wanted).items()}}
+    thin = {THINNING: thinning(model.oil, test.temperature)}
+    states_of = lambda more: {test.name: {n: found[0] for n, found in ask(more, wanted).items()} | thin}
     states = states_of({})
     for _ in range(PASSES):
         states = states_of(place_shifts(terms, test, states)[0])

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from thermohyd.identify.bench.test_record import TestRecord
+from thermohyd.oil_definition import REFERENCE_TEMPERATURE as STATED_AT, OilDefinition
 
 from .places import FLOW_READINGS, Place, read_as
 
@@ -13,7 +14,19 @@ from .places import FLOW_READINGS, Place, read_as
 # {what its rows could read: model's values (rows,), SI} of each test: pressures of the ports, flows.
 States = Mapping[str, Mapping[str, np.ndarray]]
 BLOCKED = ("leakage", "pressure_gain")
+# Beside what a test's rows could read: how much more the oil lets through a gap at a row's temperature than at 40 degC.
+THINNING = "thinning"
 REFERENCE_TEMPERATURE = 313.15  # K; where a term that follows the temperature is 0
+
+
+def thinning(oil: OilDefinition, temperature: np.ndarray) -> np.ndarray:
+    """mu(40 degC)/mu(T) at zero gauge pressure (rows,)."""
+
+    def dynamic(at: np.ndarray) -> np.ndarray:
+        walther = 10.0 ** (10.0 ** (oil.viscosity_a - oil.viscosity_b * np.log10(at))) - 0.7
+        return walther * (1.0 - oil.expansion * (at - STATED_AT))
+
+    return dynamic(np.full(1, REFERENCE_TEMPERATURE)) / dynamic(np.asarray(temperature, dtype=float))
 
 
 @dataclass(frozen=True)

@@ -14,10 +14,10 @@ from numpy.polynomial import legendre
 from thermohyd.identify.bench.test_record import TestRecord
 
 from .places import Place, place_of
-from .term_variables import VARIABLES, At, States
+from .term_variables import THINNING, VARIABLES, At, States
 
 
-POWERS = {"proportional": 1.0, "square": 2.0, "root": 0.5}
+POWERS = {"proportional": 1.0, "laminar": 1.0, "square": 2.0, "root": 0.5}
 LAWS = ("constant", *POWERS, "smooth")
 DEGREE = 3
 
@@ -26,9 +26,9 @@ DEGREE = 3
 class TypedTerm:
     """place += law(variable), or times 1 + law of a place in shares; SI throughout.
 
-    law: "constant", or coefficients[0] |v|^n sign(v) with n of `POWERS`, or "smooth": coefficients[i] P_i(s) (Legendre),
-    s = clip((v - centre)/reach, -1, 1). v is held at what was seen, from low to high. null_bias [m]: position and opening count from it
-    in static tests. moving: a term of tests in motion, which static ones pass by.
+    law: "constant", or coefficients[0] |v|^n sign(v) with n of `POWERS`, a "laminar" one times mu(40 degC)/mu(T) of the oil, or
+    "smooth": coefficients[i] P_i(s) (Legendre), s = clip((v - centre)/reach, -1, 1). v is held at what was seen, from low to high.
+    null_bias [m]: position and opening count from it in static tests. moving: a term of tests in motion, which static ones pass by.
     """
 
     place: str
@@ -71,7 +71,7 @@ def unit_of(place: str, variable: str, law: str) -> str:
     if of == f"{own}/s" and law == "proportional":
         return "s"
     whole = f"({of})" if "/" in of else of
-    power = {"proportional": whole, "square": f"{whole}^2", "root": f"sqrt({of})"}[law]
+    power = {"proportional": whole, "laminar": whole, "square": f"{whole}^2", "root": f"sqrt({of})"}[law]
     if (own, variable, law) == ("m3/s", "pressure_rate", "proportional"):
         return "m3/Pa"
     return f"m3/(s {power})" if own == "m3/s" and law != "root" else f"{own}/{power}"
@@ -91,7 +91,7 @@ def coefficients_of(law: str) -> int:
 
 
 def basis(law: str, values: np.ndarray, low: float, high: float) -> np.ndarray:
-    """(rows, coefficients): what each coefficient of a law multiplies; beyond low and high it is held."""
+    """(rows, coefficients): what each coefficient of a law multiplies; beyond low and high it is held. A laminar one at 40 degC."""
     values = np.clip(values, low, high)
     if law == "constant":
         return np.ones((len(values), 1))
@@ -109,7 +109,80 @@ def values_of(variable: str, place: Place, test: TestRecord, states: States, nul
     return VARIABLES[variable].values(At(test, place, states[test.name], null_bias))
 
 
+FLAT = 1e-3  # of its range, within which a root counts as a line: its slope at 0 has no end
+
+
+def slope_of_law(term: TypedTerm, values: np.ndarray) -> np.ndarray:
+    """d(shift)/d(variable) at each row (rows,), 0 beyond what was seen."""
+    seen = (values >= term.low) & (values <= term.high)
+    if term.law == "constant":
+        return np.zeros(len(values))
+    if term.law == "smooth":
+        scaled = np.clip((values - term.centre) / term.reach, -1.0, 1.0)
+        return seen * legendre.legval(scaled, legendre.legder(np.asarray(term.coefficients))) / term.reach
+    power, size = POWERS[term.law], np.maximum(np.abs(values), FLAT * term.reach)
+    return seen * term.coefficients[0] * power * size ** (power - 1.0)
+
+
+def entry_shifts(term: TypedTerm, test: TestRecord, states: States) -> dict[str, np.ndarray]:
+    """{entry of `Place.entries`: what the term shifts it by at each row (rows,), SI}.
+
+    A flow into a blocked port that goes with the port's pressure is a line in that pressure through the present state, so that the
+    port finds its balance with it: held at what the pressure was, it would overshoot where it moves the pressure more than
+    the edges do. Only one that drains the more the higher the pressure, which alone has one balance.
+    """
+    place = place_of(term.place)
+    shift = shift_of(term, test, states)
+    found = {entry: sign * shift for entry, sign in place.entries.items()}
+    if term.variable not in OF_PORTS or not place.entries.keys() & FLOWS.keys():
+        return found
+    values = values_of(term.variable, place, test, states, term.null_bias)
+    per = slope_of_law(term, values) * (thinning_of(test, states) if term.law == "laminar" else 1.0)
+    for entry, port in FLOWS.items():
+        if entry in place.entries and port in states[test.name]:
+            moves = OF_PORTS[term.variable](place.local, port[-1])
+            slope = np.minimum(place.entries[entry] * moves * per, 0.0)
+            found[f"{entry}_per_pressure"] = slope
+            found[entry] = found[entry] - slope * states[test.name][port]
+    return found
+
+
+# {entry: the state that it may follow}.
+FLOWS = {"flow_into_a": "pressure_a", "flow_into_b": "pressure_b"}
+
+
+def _of_pressure(local: str, port: str) -> float:
+    """d(local pressure)/d(a port's): a flow from A to B lowers one by about what it raises the other."""
+    if local == "a-b":
+        return _of_load("a-b", port)
+    return 1.0 if local == port else 0.0
+
+
+def _of_load(local: str, port: str) -> float:
+    sign = 1.0 if port == "a" else -1.0
+    return 2.0 * sign if local == "a-b" else sign
+
+
+def _of_drop(local: str, port: str) -> float:
+    return _of_load(local, port) if local == "a-b" else -_of_pressure(local, port)
+
+
+# {variable of the model's own port pressures: its derivative to one of them, by the place's local pressure}.
+OF_PORTS = {"pressure": _of_pressure, "pressure_drop": _of_drop, "load": _of_load}
+
+
+def shapes_at(law: str, values: np.ndarray, low: float, high: float, thinning: np.ndarray) -> np.ndarray:
+    """`basis` at rows whose oil lets `thinning` (rows,) times as much through a gap as at 40 degC."""
+    shapes = basis(law, values, low, high)
+    return shapes * thinning[:, None] if law == "laminar" else shapes
+
+
+def thinning_of(test: TestRecord, states: States) -> np.ndarray:
+    """mu(40 degC)/mu(T) at a test's rows (rows,), at no pressure."""
+    return states[test.name].get(THINNING, np.ones(test.rows))
+
+
 def shift_of(term: TypedTerm, test: TestRecord, states: States) -> np.ndarray:
     """What the term shifts its place by at each row of a test (rows,), SI."""
     values = values_of(term.variable, place_of(term.place), test, states, term.null_bias)
-    return basis(term.law, values, term.low, term.high) @ np.asarray(term.coefficients)
+    return shapes_at(term.law, values, term.low, term.high, thinning_of(test, states)) @ np.asarray(term.coefficients)

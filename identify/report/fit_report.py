@@ -287,7 +287,8 @@ def _agreement(near: int, count: int) -> str:
             "values of your own in [start] would."
         )
     return (
-        f"None of the {count} starts ended at the best fit: a restart beside the best of them, its underlap moved, found it. "
+        f"None of the {count} starts ended at the best fit: a restart found it, beside the best of them or where most readings "
+        "agree. "
         "Nothing else confirms it: values of your own in [start] would."
     )
 

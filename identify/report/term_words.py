@@ -20,7 +20,13 @@ if TYPE_CHECKING:
 UNKNOWN = "nothing in a short list of known physics does just that"
 ASK = "read the same again, once as it was and once with that quantity at another level"
 SYMBOLS = {"a": "p_A", "b": "p_B", "a-b": "(p_A - p_B)", "supply": "p_S", "return": "p_T", "each": "its own pressure"}
-LAW_WORDS = {"proportional": "in proportion to", "square": "with the square of", "root": "with the square root of"}
+LAMINAR = " over the oil's viscosity"  # stated at 40 degC
+LAW_WORDS = {
+    "proportional": "in proportion to",
+    "laminar": "in proportion to",
+    "square": "with the square of",
+    "root": "with the square root of",
+}
 
 
 def law_words(term: TypedTerm) -> str:
@@ -31,7 +37,7 @@ def law_words(term: TypedTerm) -> str:
     variable = (about.moving if term.moving else about.words).format(p=SYMBOLS[place.local])
     if term.law == "smooth":
         return f"that varies smoothly with {variable}"
-    return f"{LAW_WORDS[term.law]} {variable}"
+    return f"{LAW_WORDS[term.law]} {variable}{LAMINAR if term.law == 'laminar' else ''}"
 
 
 def term_name(term: TypedTerm) -> str:

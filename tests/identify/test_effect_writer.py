@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from thermohyd.conditions import Conditions
+from thermohyd.effects.edges import thinning
 from thermohyd.effects.effect import Edges
 from thermohyd.effects.library import EFFECTS, effect, effect_info, find_effect, unregister_effect
 from thermohyd.identify.bench.errors import BenchInputError
@@ -68,6 +69,19 @@ def test_a_flow_into_a_port_with_its_pressure(loaded):
     np.testing.assert_allclose(found[1], -2e-14 * pressure[1])
 
 
+def test_a_laminar_leak_goes_with_the_oil(loaded):
+    """Between the ports, into one and into the return: G mu(40 degC)/mu(T), as those of the library."""
+    oil, thins = seed_valve().oil, thinning(seed_valve().oil, AT.temperature)
+    loaded("seal", "flow_from_a_to_b", "load", "laminar", [2e-14])
+    np.testing.assert_allclose(effect("seal", 2e-14).conductance(oil, AT), 2e-14 * thins)
+    loaded("drain_of_a", "flow_into_a", "pressure", "laminar", [-2e-14])
+    pressure = jnp.full((2, ROWS), 90e5)
+    np.testing.assert_allclose(effect("drain_of_a", -2e-14).inflow(pressure, oil, AT)[0], -2e-14 * 90e5 * thins)
+    loaded("around", "flow_into_return", "pressure_drop", "laminar", [2e-14])
+    flow = effect("around", 2e-14).reading("leakage_flow", jnp.zeros(ROWS), AT, AT, oil)
+    np.testing.assert_allclose(flow, 2e-14 * (AT.supply_pressure - AT.return_pressure) * thins)
+
+
 def test_what_a_trapped_volume_stores(loaded):
     info = loaded("hose_at_a", "flow_into_a", "pressure_rate", "proportional", [-2e-12])
     assert (info.unit, info.lower, info.stores, info.needs) == ("m3/Pa", 0.0, True, ("time",))
@@ -100,6 +114,7 @@ def _terms():
             if asked_with(place_of(place), variable):
                 laws = ["constant"] if variable.name == "constant" else ["proportional", "smooth"]
                 laws += ["root", "square"] if variable.powers else []
+                laws += ["laminar"] if place_of(place).leaks and variable.unit == "Pa" else []
                 yield from ((place, variable.name, law) for law in laws)
 
 

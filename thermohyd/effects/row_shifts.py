@@ -28,9 +28,11 @@ from .effect import (
 # Edges in the order of their entries: two of the supply, two of the return.
 EDGES = ("pa", "pb", "at", "bt")
 _LENGTHS = ("edge_radius", "clearance", "underlap")
-# What can be shifted: Pa, a share, m3/s, m; `edge_flow` a share of what the slots of an edge let through.
+# What can be shifted: Pa, a share, m3/s, m; `edge_flow` a share of what the slots of an edge let through. A flow into a port may
+# follow the port's own pressure, which `..._per_pressure` [m3/(s Pa)] says: held at what the pressure was, a flow that
+# drains a blocked port would overshoot.
 SHIFTS = (
-    "return_pressure", "viscosity", "flow_into_a", "flow_into_b",
+    "return_pressure", "viscosity", "flow_into_a", "flow_into_b", "flow_into_a_per_pressure", "flow_into_b_per_pressure",
     *(f"{quantity}_{edge}" for quantity in (*_LENGTHS, "edge_flow") for edge in EDGES),
 )  # fmt: skip
 
@@ -73,4 +75,7 @@ class RowShifts(AbstractConditionEffect, AbstractOilEffect, AbstractEdgeEffect, 
         )
 
     def inflow(self, pressure: Float[Array, "2 rows"], oil: Oil, conditions: Conditions) -> Float[Array, "2 #rows"]:
-        return jnp.stack([self.of("flow_into_a"), self.of("flow_into_b")])
+        constant, slope = (
+            jnp.stack([self.of(f"flow_into_{port}{end}") for port in "ab"]) for end in ("", "_per_pressure")
+        )
+        return constant + slope * pressure

@@ -18,6 +18,7 @@ from thermohyd.identify.model import pieces, predict
 from thermohyd.identify.model.learned_terms import LearnedTerm
 from thermohyd.identify.model.model import Model
 from thermohyd.identify.model.predict import as_static, predict_test
+from thermohyd.identify.model.typed_terms import TypedTerm
 from thermohyd.identify.reduction.reduce import smooth_sweep
 from thermohyd.oil_definition import OilDefinition
 
@@ -233,3 +234,17 @@ def test_a_dithered_log_is_predicted_as_its_smooth_sweep(name, reading, noise):
     found = predict_test(model, record_of(smooth), smooth)[reading][0]
     wanted = predict_test(model, record_of(exact), exact)[reading][0]
     assert np.sqrt(np.mean((found - wanted) ** 2)) < 0.1 * noise
+
+
+@pytest.mark.parametrize("test", ["leakage", "pressure_gain"])
+def test_a_laminar_flow_between_the_ports_is_what_cross_port_leakage_is(test):
+    """One that takes much of the load pressure: held at what the pressure was, the flow would overshoot the balance. The library counts
+    its mass at the mean pressure, a term at each port."""
+    leak = 5e-13
+    term = TypedTerm("flow_from_a_to_b", "load", "laminar", (leak,), -150e5, 150e5)
+    channel = {"leakage": "leakage_flow", "pressure_gain": "load_pressure"}[test]
+    asked = lambda **changes: predict_test(model_of(**changes), record_of(sweep(test)), sweep(test))[channel][0]
+    plain, known = asked(), asked(effects={"cross_port_leakage": leak})
+    found = asked(learned=(term,))
+    assert np.abs(known - plain).max() > (0.25 if test == "pressure_gain" else 0.01) * np.abs(plain).max()
+    np.testing.assert_allclose(found, known, atol=5e-3 * np.abs(known - plain).max())
