@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from thermohyd.effects.library import effect_info, find_effect
+from thermohyd.identify.bench.test_record import Fault
 from thermohyd.identify.fitting.bench_faults import BenchFault, is_fault
 from thermohyd.identify.fitting.misfit import doubts
 from thermohyd.identify.fitting.model_form import OTHER, evidence, other_law, with_model_form
@@ -162,15 +163,9 @@ def conclude(
     seen = _evidence(case, model.rivals)
     named = (_named(name, after, model, says, problem.faults) for name in fit.physics)
     effects = tuple(replace(effect, top_rows=_in_top_rows(effect.name, seen)) for effect in named)
-    verdict: Verdict = "consistent"
     crowded = [fault.sentence for fault in after.faults if fault.rows and not fault.masked]
     at_fault = [fault for fault in after.faults if not fault.rows]
-    if model.disagrees or (crowded and effects):
-        verdict = "unexplained"
-    elif effects:
-        verdict = "ambiguous" if any(e.alternatives for e in effects) else "named"
-    elif any(find_effect(rival) is not None for fault in at_fault for rival in fault.alternatives):
-        verdict = "ambiguous"
+    verdict = _verdict(model, effects, crowded, at_fault)
     where = regions(before.channels, case.fitted.tests) if verdict != "consistent" else ()
     where_after = regions(after.channels, case.fitted.tests) if model.disagrees else ()
     # A search that began from effects of an earlier one refitted its candidates beside them: not what one does alone.
@@ -203,12 +198,7 @@ def conclude(
             terms=terms,
         ),
         sentences=(
-            *(f"Nothing is named: {sentence}." for sentence in crowded if effects),
-            *(
-                f"A fault of the bench, {fault.name}: {fault.sentence}."
-                for fault in at_fault
-                if effects or model.disagrees
-            ),
+            *_of_faults(crowded, at_fault, effects, model),
             *suspect_sentences(model.suspects),
             *further_sentences(effects, before, smooth),
             *term_lines(terms),
@@ -235,17 +225,40 @@ def conclude(
         seconds=0.0,
         evaluations=problem.work.evaluations,
         notes=after.notes,
-        warnings=(
-            *unconverged(after),
-            *(() if model.complete else (stopped(problem.work.evaluations),)),
-            *after.warnings,
-            *(f"{k[0]}, {k[1]}: {n.warning}" for k, n in case.noise.items() if n.warning),
-        ),
+        warnings=_warnings(case, model, after, problem.work.evaluations),
         learned=(term,) if term else (),
         suspects=model.suspects,
         terms=terms,
         proof=None if model.proof is None else model.proof.together,
         discrepancy=() if remaining is None else remaining.channels,
+    )
+
+
+def _verdict(model: FinalModel, effects: tuple[NamedEffect, ...], crowded: list[str], at_fault: list[Fault]) -> Verdict:
+    """docs/diagnosis.md section 15; crowded: sentences of bad rows that were too many to leave out."""
+    if model.disagrees or (crowded and effects):
+        return "unexplained"
+    if effects:
+        return "ambiguous" if any(effect.alternatives for effect in effects) else "named"
+    could_be_an_effect = any(find_effect(rival) is not None for fault in at_fault for rival in fault.alternatives)
+    return "ambiguous" if could_be_an_effect else "consistent"
+
+
+def _of_faults(
+    crowded: list[str], at_fault: list[Fault], effects: tuple[NamedEffect, ...], model: FinalModel
+) -> list[str]:
+    """What the bench's faults mean for the names; where they are the whole answer the headline says them."""
+    nothing = [f"Nothing is named: {sentence}." for sentence in crowded if effects]
+    beside = [f"A fault of the bench, {fault.name}: {fault.sentence}." for fault in at_fault]
+    return nothing + (beside if effects or model.disagrees else [])
+
+
+def _warnings(case: Case, model: FinalModel, after: FitResult, evaluations: int) -> tuple[str, ...]:
+    return (
+        *unconverged(after),
+        *(() if model.complete else (stopped(evaluations),)),
+        *after.warnings,
+        *(f"{k[0]}, {k[1]}: {n.warning}" for k, n in case.noise.items() if n.warning),
     )
 
 
