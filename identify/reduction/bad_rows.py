@@ -134,17 +134,16 @@ def beside_the_fit(tests: Mapping[str, TestRecord], misfits: Mapping[Key, np.nda
     """{test: the same without rows that neither their neighbours nor the fitted model allow}, of the tests that have such rows.
 
     misfits {(test, channel): (rows,)}: the readings as the fit has them less what was read, SI. A reduced log's rows are so dense that
-    their neighbours alone have decided, and a frequency test's have none. In motion a row on which the command turns stays: without
-    it the run's command would be another.
+    their neighbours alone have decided. In time a row on which the command turns stays: without it the run's command would be another.
     """
     found: dict[str, dict[str, dict[int, float]]] = {}
     for (name, reading), misfit in misfits.items():
         test = tests[name]
-        if test.rows_of_log is not None or test.axis == "frequency":
+        if test.rows_of_log is not None:
             continue
         channel = test.channel(reading)
         bad = outliers_beside(test, channel, channel.value + misfit)
-        if isinstance(test, DynamicTest):
+        if isinstance(test, DynamicTest) and test.axis == "time":
             bad = {row: sigma for row, sigma in bad.items() if command_goes_on(test, row)}
         found.setdefault(name, {})[reading] = bad
     return {name: without_outliers(tests[name], bad) for name, bad in found.items() if any(bad.values())}
@@ -165,6 +164,8 @@ def _pieces(test: TestRecord) -> np.ndarray:
 
 def _axis(test: TestRecord) -> np.ndarray:
     """What these rows follow each other along."""
+    if test.axis == "frequency":
+        return np.log(test.place)  # over which a response bends evenly
     return test.place if test.in_motion else sweep_axis(test)
 
 

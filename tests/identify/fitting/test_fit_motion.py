@@ -16,7 +16,7 @@ from thermohyd.identify.fitting.fit_motion import run_fit_motion, within
 from thermohyd.identify.fitting.parameters import IN_MOTION
 from thermohyd.identify.model.model_file import load_model, model_json, nominal_model
 from thermohyd.identify.model.predict import simulate_record
-from thermohyd.identify.reduction.bad_rows import command_goes_on
+from thermohyd.identify.reduction.bad_rows import beside_the_fit, command_goes_on
 from thermohyd.identify.report.fit_json import fit_json, json_text
 
 
@@ -107,6 +107,21 @@ def test_spikes_of_a_run_are_left_out_and_named(seed_record, seed_fit):
         estimate = seed_fit.parameters[name]
         assert abs(found.values[name] - estimate.value) < 0.5 * estimate.std
     assert not seed_fit.faults
+
+
+@pytest.mark.parametrize(("channel", "by"), [("amplitude_ratio", 0.3), ("phase", -0.5)])
+def test_a_bad_row_of_a_frequency_response_is_left_out_and_named(seed_record, seed_fit, channel, by):
+    test = seed_record.dynamic_tests["frequency"]
+    modelled = next(c.predicted for c in seed_fit.channels if (c.test, c.channel) == ("frequency", channel))
+    own, row = test.channel(channel), test.rows // 2
+    assert beside_the_fit({"frequency": test}, {("frequency", channel): modelled - own.value}) == {}
+    value = own.value.copy()
+    value[row] += by
+    bad = replace(test, channels=tuple(replace(c, value=value) if c is own else c for c in test.channels))
+    kept = beside_the_fit({"frequency": bad}, {("frequency", channel): modelled - value})["frequency"]
+    [fault] = kept.faults
+    assert (fault.name, fault.channel, [r.line for r in fault.rows]) == ("outliers", channel, [int(test.lines[row])])
+    assert kept.rows == len(kept.frequency) == test.rows - 1
 
 
 @pytest.mark.parametrize(
