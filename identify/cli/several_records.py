@@ -79,8 +79,11 @@ def compute_all[Found: Result](
     What a single record raises passes through; of several, a failure is kept in words and the others go on.
     """
     outcome: Outcome[Found] = Outcome()
+    took: list[float] = []
     for number, (name, record) in enumerate(records.items(), 1):
-        before = f"record {number} of {len(records)}, {name}: " if len(records) > 1 else ""
+        began = time.monotonic()
+        left = time_left(took, len(records) - number + 1)
+        before = f"record {number} of {len(records)}, {name}{left}: " if len(records) > 1 else ""
         try:
             result = compute(record, _said(progress, before))
             if out is not None:
@@ -93,9 +96,23 @@ def compute_all[Found: Result](
             if len(records) == 1 or wants_the_whole_story():
                 raise
             outcome.failed[name] = in_words(error)
+        took.append(time.monotonic() - began)
         if number < len(records):
             keep_memory_flat()
     return outcome
+
+
+def time_left(took: Sequence[float], left: int) -> str:
+    """", about 4 min left": of so many records, by the seconds that those before took; empty before the first is done.
+
+    The first one compiles what the others share, so it counts only while it is alone.
+    """
+    if not took:
+        return ""
+    each = took[0] if len(took) == 1 else sum(took[1:]) / (len(took) - 1)
+    seconds = each * left
+    words = f"{max(round(seconds), 1)} s" if seconds < 90 else f"{round(seconds / 60)} min"
+    return f", about {words} left"
 
 
 def _said(progress: Progress, before: str) -> Progress:
