@@ -77,7 +77,11 @@ def _merged(first: View, second: View, names: tuple[str, str]) -> View:
         first, second = (replace(view, conditions=view.conditions[:3], series=_short(view)) for view in (first, second))
     conditions = [Condition("record", names)]
     for a, b in zip(first.conditions, second.conditions, strict=True):
-        conditions.append(Condition(a.name, tuple(dict.fromkeys((*a.values, *b.values)))))
+        values = dict.fromkeys((*a.values, *b.values))
+        measured = a.name in ("temperature", "supply")  # "-10 °C", "70 bar"
+        conditions.append(
+            Condition(a.name, tuple(sorted(values, key=lambda word: float(word.split()[0])) if measured else values))
+        )
     series = []
     for record, view in enumerate((first, second)):
         for one in view.series:

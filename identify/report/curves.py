@@ -180,8 +180,8 @@ def left_out(step: int) -> str:
 # Each has two: on white and on a dark page, with a contrast of at least 3 to 1 there. Those that tell apart stay apart for
 # colour-blind readers (tests/identify/report/test_palette.py), beside dashes and shapes that say the same.
 KIND = {
-    "light": ("#0067a8", "#c24a00", "#00806a", "#a03c86", "#7d6400", "#5b5bd6", "#5a5a5a"),
-    "dark": ("#58b6f0", "#f0883e", "#35cfae", "#e58ac4", "#e3cb4f", "#a6a6ff", "#b8b8b8"),
+    "light": ("#001dc5", "#e73e00", "#1ba46d", "#b04a90", "#5e300e", "#9c56ff", "#3d3d3d"),
+    "dark": ("#0fd4ff", "#c24100", "#00906e", "#a2479a", "#f9ac5b", "#965edf", "#c8c8c8"),
 }
 MOST_WARM = 12
 

@@ -52,7 +52,7 @@ def _candidates(result: DiagnosisResult) -> list[View]:
         series.append(Series((), [level, level], (Draw(len(GROUPS), ends, words=[""] * 2),)))
     layers = tuple(
         Layer(name, "bar", colour=colour, faint=faint)
-        for name, colour, faint in zip(GROUPS, (0, 1, 6, 6), (False, False, False, True), strict=True)
+        for name, colour, faint in zip(GROUPS, (0, 1, 0, 6), (False, False, True, True), strict=True)
     )
     largest = max(abs(c.z) for c in shown)
     return [

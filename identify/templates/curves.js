@@ -369,6 +369,7 @@ function viewer(holder, number) {
     choice.addEventListener("input", () => open(Number(choice.value)));
     tools.append(make("label", { class: "choice" }, `${holder.dataset.choice || "Show"} `, choice));
   } else tools.append(make("b", { class: "choice" }, views[0].title));
+  if (holder.querySelector("img") === null) picture.hidden = true;
   tools.append(button("+", () => zoomX(0.6), { "aria-label": "zoom in", title: "zoom in; or drag over the curves, pinch, Ctrl and wheel" }),
     button("−", () => zoomX(1 / 0.6), { "aria-label": "zoom out", title: "zoom out" }), whole, log, copy, picture);
   plot.append(tip);

@@ -10,6 +10,7 @@ import os
 import select
 import shutil
 import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Iterator
@@ -18,11 +19,20 @@ from pathlib import Path
 from typing import Any
 
 
-PROGRAM = next((found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))), None)
+PROGRAM = next(
+    (found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))), None
+)
 FLAGS = (
     "--headless", "--no-sandbox", "--disable-gpu", "--remote-debugging-pipe", "--no-first-run", "--disable-extensions",
     "--disable-background-networking", "--force-color-profile=srgb", "--hide-scrollbars", "--disable-dev-shm-usage",
 )  # fmt: skip
+# Chromium reads the descriptor 3 and writes to 4, whatever numbers they have here.
+WITH_PIPES = """
+import fcntl, os, sys
+for place, number in zip((3, 4), [fcntl.fcntl(int(one), fcntl.F_DUPFD, 10) for one in sys.argv[1:3]]):
+    os.dup2(number, place)
+os.execv(sys.argv[3], sys.argv[3:])
+"""
 PATIENCE = 60.0  # s, of a busy machine
 
 
@@ -123,8 +133,11 @@ class Browser:
         return base64.b64decode(self.send("Page.captureScreenshot", captureBeyondViewport=whole)["data"])
 
     def paper(self) -> bytes:
-        """As PDF, on A4."""
-        found = self.send("Page.printToPDF", printBackground=True, preferCSSPageSize=True, paperWidth=8.27, paperHeight=11.69)
+        """As PDF, on A4, in the system's theme."""
+        self.send("Emulation.setEmulatedMedia", media="print")
+        found = self.send(
+            "Page.printToPDF", printBackground=True, preferCSSPageSize=True, paperWidth=8.27, paperHeight=11.69
+        )
         return base64.b64decode(found["data"])
 
 
@@ -134,9 +147,8 @@ def browser() -> Iterator[Browser]:
     assert PROGRAM is not None
     to_read, from_read = os.pipe(), os.pipe()
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
-        line = 'program=$1; shift; exec "$program" "$@" 3<&%d 4>&%d' % (to_read[0], from_read[1])  # noqa: UP031
         process = subprocess.Popen(
-            ["sh", "-c", line, "sh", PROGRAM, *FLAGS, f"--user-data-dir={profile}", "about:blank"],
+            [sys.executable, "-c", WITH_PIPES, str(to_read[0]), str(from_read[1]), PROGRAM, *FLAGS, f"--user-data-dir={profile}"],
             pass_fds=(to_read[0], from_read[1]), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
         )  # fmt: skip
         os.close(to_read[0])
