@@ -162,7 +162,7 @@ class _Groups:
         by_temperature, celsius = temperature_groups(fit)
         by_pressure, bar = pressure_groups(fit)
         codes, by_run = np.unique(fit.run, return_inverse=True)
-        called = lambda code: run_names[code] if code < len(run_names) and run_names[code] else f"run {code}"
+        names = [str(run_names[code]) if code < len(run_names) and run_names[code] else f"run {code}" for code in codes]
         falling = (fit.direction < 0).astype(int)
         several = {(t, p, d): set() for t, p, d in zip(by_temperature, by_pressure, falling, strict=True)}
         for key, run in zip(zip(by_temperature, by_pressure, falling, strict=True), by_run, strict=True):
@@ -179,7 +179,7 @@ class _Groups:
             falling if len(self.conditions[2].values) > 1 else np.zeros_like(falling),
         ]
         if max(map(len, several.values()), default=1) > 1 and len(codes) <= MOST_RUNS:
-            self.conditions += (Condition("run", tuple(called(int(code)) for code in codes)),)
+            self.conditions += (Condition("run", tuple(names)),)
             columns.append(by_run.reshape(-1))
         self._columns = np.stack(columns, axis=1).astype(int)
         self._run = by_run.reshape(-1)

@@ -51,7 +51,8 @@ def after_fit(result: FitResult) -> list[Step]:
         steps.append(Step(words))
     ended = [p.name for p in result.parameters.values() if p.at_bound and not p.fixed]
     if ended and not missed:
-        words = f"{_listed(ended)} ended at {'its limit' if len(ended) == 1 else 'their limits'}: something may be missing that the fit puts there."
+        limit = "its limit" if len(ended) == 1 else "their limits"
+        words = f"{_listed(ended)} ended at {limit}: something may be missing that the fit puts there."
         steps.append(Step(words, command("diagnose", bench)))
     open_ = [p.name for p in result.parameters.values() if p.std is None and not p.fixed and not p.at_bound]
     if open_ or result.identifiability.weak_directions:
