@@ -323,7 +323,8 @@ function viewer(holder, number) {
   const picture = button("Picture", () => {
     const on = holder.classList.toggle("as-picture");
     picture.setAttribute("aria-pressed", on);
-    if (!on) render();
+    if (on) dispatchEvent(new Event("resize"));
+    else render();
   }, { "aria-pressed": "false" });
   const whole = button("Show all", reset, { disabled: "" });
   const log = button("Logarithmic", () => {
@@ -389,6 +390,10 @@ document.querySelectorAll(".scroll").forEach((box, i) => {
   const text = () => [...table.rows].map((row) => [...row.cells].map((cell) => plainCell(cell.textContent)).join("\t")).join("\n");
   box.before(make("div", { class: "above" }, button("Copy table", (event) => put(text(), event.target), { class: "small", "aria-label": `Copy table: ${name}` })));
 });
+// Where a picture is wider than a phone it scrolls, with keys too.
+const reach = () => document.querySelectorAll("figure").forEach((one) => { if (one.scrollWidth > one.clientWidth) one.tabIndex = 0; else one.removeAttribute("tabindex"); });
+addEventListener("resize", reach);
+reach();
 document.querySelectorAll("code.command").forEach((code) => code.parentNode.after(make("div", { class: "above" },
   button("Copy command", (event) => put(code.textContent, event.target), { class: "small" }))));
 
