@@ -48,7 +48,11 @@ def test_every_row_of_a_channel_is_in_its_view():
         order = np.lexsort((channel.measured, np.round(channel.position * 1e6, 6)))
         np.testing.assert_allclose(x[rows], channel.position[order] * 1e6)
         np.testing.assert_allclose(y[rows], channel.measured[order] * channel.unit.factor)
-        assert {condition.name: condition.values for condition in view.conditions}["temperature"] == ("20 °C", "40 °C", "70 °C")
+        assert {condition.name: condition.values for condition in view.conditions}["temperature"] == (
+            "20 °C",
+            "40 °C",
+            "70 °C",
+        )
         assert not view.note
 
 
