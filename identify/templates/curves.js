@@ -97,7 +97,7 @@ function viewer(holder, number) {
     const yr = view.panels.map((_, i) => state.y[i] || wholeY(i, xr));
     const tall = view.panels.map((panel) => panel.names ? Math.max(panel.names.length * 24 + 10, 80) : Math.round((panel.tall || 1) * (narrow ? 230 : 300)));
     const yt = view.panels.map((panel, i) => panel.names ? [] : ticks(panel, state.log[i], yr[i], tall[i] / 42));
-    const short = (words) => narrow && words.length > 15 ? `${words.slice(0, 14)}…` : words;
+    const short = (words) => narrow && words.length > 19 ? `${words.slice(0, 18)}…` : words;
     const labels = names ? names.map(short) : yt.flat().map((v) => clean(v));
     const left = Math.min(14 + font * Math.max(3, ...labels.map((word) => word.length)), 0.5 * W), right = W - 10;
     x = scale(view.x.scale, xr, left, right);
