@@ -19,12 +19,13 @@ QUICK := identify/bench identify/report identify/noise identify/model/test_model
 	identify/diagnosis/test_where.py simulator/test_against_reference.py simulator/test_dynamics_field.py \
 	test_import_direction.py test_effect_names.py test_citations.py
 
-.PHONY: help demo compare-pairs plan-rates test quick lint typecheck pytest dist site tutorial bench figures hidden hidden-bench hidden-dynamic hidden-logs joint-coverage law-coverage \
+.PHONY: help axe demo compare-pairs plan-rates test quick lint typecheck pytest dist site tutorial bench figures hidden hidden-bench hidden-dynamic hidden-logs joint-coverage law-coverage \
 	recovery petab-select real-valve clean
 help:
 	@echo "make demo    fit one sample record, diagnose another, write demo-report/"
 	@echo "make test    ruff, pyright and pytest against the installed package"
 	@echo "make quick   half of the tests, those that compile little, in about a minute"
+	@echo "make axe     axe-core from the npm registry, with which the tests look at the pages in a headless Chromium"
 	@echo "make dist    wheel and sdist into dist/, each installed into an environment of its own elsewhere and tried (two minutes)"
 	@echo "make site    the documentation as pages, into build/site (installs Zensical into $(VENV))"
 	@echo "make tutorial  docs/tutorial.md typed as it stands, the diagnosis included (three minutes)"
@@ -62,7 +63,16 @@ typecheck: $(VENV)/.installed-dev
 	@set -o pipefail; cd build/typecheck && $(abspath $(BIN))/pyright --pythonpath $(abspath $(BIN))/python \
 		| sed -e 's|$(CURDIR)/build/typecheck/||' -e 's,thermohyd/\(identify\|data\)/,\1/,'
 
+# What looks for faults of access in a page, of a fixed version; without npm the tests that need it skip and say so.
+AXE := build/axe/package/axe.min.js
+axe: $(AXE)
+$(AXE):
+	@mkdir -p build/axe
+	npm pack --silent --pack-destination build/axe axe-core@4.14.1
+	@tar xzf build/axe/axe-core-4.14.1.tgz -C build/axe
+
 pytest: $(VENV)/.installed-dev
+	-@test -s $(AXE) || ! command -v npm >/dev/null || $(MAKE) --silent axe
 	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder --max-worker-restart=0
 
 quick: $(VENV)/.installed-dev

@@ -1,4 +1,7 @@
-"""--quiet and --verbose, which every command takes: how much is said beside results, warnings and failures."""
+"""--quiet and --verbose, which every command takes: how much is said beside results, warnings and failures.
+
+The group of commands that takes them also notes what was typed, which reports repeat.
+"""
 
 from contextvars import ContextVar
 from enum import Enum
@@ -7,6 +10,8 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 from typer.main import get_command
+
+from thermohyd.identify.typed_command import typed
 
 
 class Loudness(Enum):
@@ -38,10 +43,19 @@ class Commands(TyperGroup):
             command.params += _options()
         return command
 
+    def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> Any:
+        given = tuple(args)  # parsing takes them off the list
+        context = super().make_context(info_name, args, parent, **extra)
+        if parent is None:
+            context.meta[__name__] = given
+        return context
+
     def invoke(self, ctx: Any) -> Any:
-        if ctx.parent is None:
-            _LOUDNESS.set(Loudness.USUAL)  # several commands may run in one process
-        return super().invoke(ctx)
+        if ctx.parent is not None:
+            return super().invoke(ctx)
+        _LOUDNESS.set(Loudness.USUAL)  # several commands may run in one process
+        with typed(ctx.meta.get(__name__, ())):
+            return super().invoke(ctx)
 
 
 def _choose(chosen: Loudness, given: bool) -> bool:

@@ -12,12 +12,15 @@ from rich.text import Text
 from thermohyd.identify.bench.provenance import record_json, record_rows
 from thermohyd.identify.bench.shown_units import beside
 from thermohyd.identify.report.fit_json import fields_of, json_text, plain
+from thermohyd.identify.report.next_steps import Step, command, path_of
+from thermohyd.identify.report.origin import origin
 from thermohyd.identify.report.page import page
 from thermohyd.identify.report.style import drawn
 from thermohyd.identify.report.terminal import heading, indented, table
 
 from .figures import comparison_figures
 from .result import ComparisonResult, Difference, SharedEntry, Side
+from .shown_curves import comparison_views
 
 
 SCHEMA = "thermohyd-compare/1"
@@ -158,11 +161,50 @@ def how(result: ComparisonResult) -> str:
     )
 
 
+def next_steps(result: ComparisonResult) -> list[Step]:
+    """What the differences ask for."""
+    paths = [path_of(record) for record in result.records]
+    if not result.converged:
+        return [Step(f"Diagnose {name} by itself: its own report says what its model misses.", command("diagnose", path))
+                for name, path in zip(result.names, paths, strict=True)]  # fmt: skip
+    steps = []
+    instruments = [row.name for row in result.differing if row.kind == "instrument"]
+    if instruments:
+        steps.append(
+            Step(f"Calibrate first what reads {', '.join(instruments)}: an instrument differs, and the valve may not.")
+        )
+    doubtful = [row.name for row in result.differing if row.alternatives]
+    if doubtful or (result.verdict == "different" and not result.differing):
+        what = f"for {', '.join(doubtful)}" if doubtful else "which of them it is"
+        words = f"The data leave more than one explanation {what}: the plan of a further test says what would decide."
+        steps.append(Step(words, command("plan", paths[1])))
+    for name, path, diagnosis in zip(result.names, paths, result.diagnoses, strict=True):
+        if diagnosis.verdict == "unexplained":
+            steps.append(
+                Step(
+                    f"Resolve the misfit of {name} first: differences may be its consequence.",
+                    command("diagnose", path),
+                )
+            )
+    blind = [row.name for row in result.rows if row.state == "cannot tell"]
+    if blind and result.verdict != "different":
+        words = f"Nothing can be said of {', '.join(blind)}: a plan says which further test would show a change there."
+        steps.append(Step(words, command("plan", paths[1])))
+    if not steps:
+        found = ", ".join(row.name for row in result.differing)
+        steps.append(Step(f"Ask what was done to the valve, or what it went through, between the records: {found}." if found else
+                          "Nothing has to be done: go on with either model, or both records in one."))  # fmt: skip
+    return steps
+
+
 def comparison_page(result: ComparisonResult, figures: dict[str, bytes]) -> str:
     """`report.html`: one page without network access."""
     return page(
         "compare.html",
         figures,
+        views=comparison_views(result),
+        origin=origin("compare", result.records),
+        next_steps=next_steps(result),
         names=result.names,
         headline=result.headline,
         sentences=result.sentences,

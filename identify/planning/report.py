@@ -12,6 +12,7 @@ from rich.text import Text
 from thermohyd.identify.bench.provenance import record_json, record_rows
 from thermohyd.identify.bench.shown_units import beside, significant
 from thermohyd.identify.report.fit_json import fields_of, json_text, plain, rounded
+from thermohyd.identify.report.origin import origin
 from thermohyd.identify.report.page import page
 from thermohyd.identify.report.style import drawn
 from thermohyd.identify.report.terminal import heading, indented, table
@@ -125,6 +126,7 @@ def plan_page(result: PlanResult, figures: dict[str, bytes]) -> str:
     return page(
         "plan.html",
         figures,
+        origin=origin("plan", [result.record]),
         name=result.record.name,
         headline=result.headline,
         sentences=result.sentences,

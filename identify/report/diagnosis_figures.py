@@ -138,11 +138,16 @@ _AXES = {"m": ("um", 1e6), "Pa": ("bar", 1e-5), "m3/s": ("l/min", 6e4), "Pa/s": 
 _AXES_IN_MOTION = _AXES | {"m/s": ("mm/s", 1e3)}
 
 
-def _draw_term(axes: Axes, found: Term) -> None:
+def scaled_axes(found: Term) -> tuple[tuple[str, float], tuple[str, float]]:
+    """(unit, factor from SI) of a term's variable, and of what its place is shifted by."""
     axes_of = _AXES_IN_MOTION if found.moving else _AXES
     of = lambda name, unit: ("mm", 1e3) if "piston" in name and unit == "m" else axes_of.get(unit, (unit, 1.0))
-    x_unit, x_size = of(found.variable, found.variable_unit)
-    label, scale = ("%", 100.0) if found.place_unit == "1" else of(found.place, found.place_unit)
+    shift = ("%", 100.0) if found.place_unit == "1" else of(found.place, found.place_unit)
+    return of(found.variable, found.variable_unit), shift
+
+
+def _draw_term(axes: Axes, found: Term) -> None:
+    (x_unit, x_size), (label, scale) = scaled_axes(found)
     closes = f"closes {percent(max(found.gap_closed, 0.0))}" if np.isfinite(found.gap_closed) else ""
     figures = f"{found.law}{f', {closes}' if closes else ''}"
     _draw_curve(
@@ -199,7 +204,7 @@ def diagnosis_figures(result: DiagnosisResult) -> dict[str, Figure]:
     figures = _tests(result, names)
     before, after = (_static(fit) for fit in (result.before, result.after))
     if before.channels:
-        figures["residual_map"] = residual_map(before, after if _comparable(result) else None, names)
+        figures["residual_map"] = residual_map(before, after if comparable(result) else None, names)
     if result.candidates:
         figures["candidates"] = candidate_figure(result)
     for effect in dict.fromkeys(part.effect for part in result.evidence):
@@ -219,7 +224,8 @@ def _static(fit: FitResult) -> FitResult:
     return replace(fit, channels=tuple(c for c in fit.channels if not is_dynamic(c.test)))
 
 
-def _comparable(result: DiagnosisResult) -> bool:
+def comparable(result: DiagnosisResult) -> bool:
+    """Whether there are two models to draw, over the same rows."""
     pairs = zip(result.before.channels, result.after.channels, strict=False)
     return (
         changed(result)
@@ -228,13 +234,18 @@ def _comparable(result: DiagnosisResult) -> bool:
     )
 
 
-def _tests(result: DiagnosisResult, run_names: dict[str, tuple[str, ...]]) -> dict[str, Figure]:
-    if not _comparable(result):
-        return test_figures(result.after)
+def added_words(result: DiagnosisResult) -> str:
+    """What the final model is called: "with hysteresis"."""
     added = [effect.name for effect in result.effects]
     added += [f"learned {variation.quantity}" for variation in result.variations if variation.learned]
     added += [f"a learned term, {term.place}" for term in result.terms if term.learned]
-    words = f"with {added[0]}" if len(added) == 1 else f"with {len(added)} effects"
+    return f"with {added[0]}" if len(added) == 1 else f"with {len(added)} effects"
+
+
+def _tests(result: DiagnosisResult, run_names: dict[str, tuple[str, ...]]) -> dict[str, Figure]:
+    if not comparable(result):
+        return test_figures(result.after)
+    words = added_words(result)
     figures = {}
     pairs = list(zip(result.before.channels, result.after.channels, strict=True))
     for test in dict.fromkeys(after.test for _, after in pairs if is_dynamic(after.test)):

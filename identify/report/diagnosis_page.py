@@ -7,14 +7,17 @@ from dataclasses import dataclass
 from importlib.metadata import version
 from typing import Any
 
-from thermohyd.identify.bench.provenance import file_rows, record_rows
+from thermohyd.identify.bench.provenance import record_rows
 from thermohyd.identify.bench.shown_units import significant
 from thermohyd.identify.diagnosis.result import DiagnosisResult
 
 from . import diagnosis_words as words, fit_report as report_content, model_form_words
+from .diagnosis_curves import diagnosis_views
 from .diagnosis_figures import diagnosis_figures
 from .diagnosis_json import diagnosis_json
 from .fit_json import json_text
+from .next_steps import after_diagnosis
+from .origin import origin
 from .page import page
 from .style import drawn
 from .term_words import term_lines, term_rows
@@ -41,9 +44,10 @@ def diagnosis_page(result: DiagnosisResult, figures: dict[str, bytes], version: 
     return page(
         "diagnosis.html",
         figures,
+        views=diagnosis_views(result),
+        origin=origin("diagnose", [result.record]),
         record=result.record,
         record_rows=record_rows(result.record),
-        record_files=file_rows(result.record),
         result=result,
         version=version,
         verdict=words.verdict_words(result),
@@ -54,6 +58,7 @@ def diagnosis_page(result: DiagnosisResult, figures: dict[str, bytes], version: 
         effects=words.effect_rows(result),
         meanings=[*words.meanings(result), *filter(None, [words.proof(result)])],
         rivals=words.rival_sentences(result),
+        next_steps=after_diagnosis(result),
         next_test=result.next_test,
         shifts=words.shift_rows(result),
         parameters=report_content.parameter_rows(result.before),

@@ -18,6 +18,8 @@ from thermohyd import seed_paper as paper
 from thermohyd.identify.bench.shown_units import BAR, CELSIUS, CST, L_MIN, UM
 from thermohyd.identify.flow_curve_fit import flow_curve_formulas, flow_curve_json
 from thermohyd.identify.report.fit_json import json_text
+from thermohyd.identify.report.next_steps import Step, command
+from thermohyd.identify.report.origin import origin
 from thermohyd.identify.report.page import page
 from thermohyd.identify.report.style import drawn
 from thermohyd.identify.report.terminal import table
@@ -25,6 +27,7 @@ from thermohyd.identify.report.terminal import table
 from . import figures
 from .curves import MODELS, SeedCurves
 from .figures import macro_figure
+from .shown_curves import seed_views
 from .study import SeedStudy
 
 
@@ -193,11 +196,22 @@ def seed_files(study: SeedStudy) -> dict[str, bytes | str]:
     return files
 
 
+NEXT_STEPS = (
+    Step("For a model of a system take the smooth laws of Eq. 6 below, or eq6.json: an opening from a flow, without iteration."),
+    Step("See which claims stand with the other law of an edge.", command("seed", "--edge-law", "lubrication", "--out", "FOLDER")),
+    Step("Ask the same of your own valve: fit its record.", command("new", "FOLDER")),
+)  # fmt: skip
+
+
 def seed_page(study: SeedStudy, vectors: dict[str, bytes]) -> str:
     """`seed.html`: claims, figures and Eq. 6 on one page without network access."""
     return page(
         "seed.html",
         {CAPTIONS[name]: drawing for name, drawing in vectors.items()},
+        views={"seed": seed_views(study)},
+        drawn=[CAPTIONS[name] for name in vectors if name != "figure_4"],
+        origin=origin("seed"),
+        next_steps=NEXT_STEPS,
         study=study,
         score=_score(study),
         macro=study.macro["HM"],

@@ -94,7 +94,7 @@ def curve_figure(result: SensitivityResult, test: str) -> Figure:
         figure.subplots_adjust(left=0.06, right=0.985, top=0.80, bottom=0.245, wspace=0.24)
         _draw_curve(axes[0], result, test)
         normalised = c.normalised(test)
-        shown = _worth_showing(normalised)
+        shown = worth_showing(normalised)
         chosen = list(dict.fromkeys((s.temperatures[0], s.temperature, s.temperatures[-1])))
         largest = 1.08 * float(np.abs(normalised[shown]).max())
         for panel, temperature in zip(axes[1:], chosen, strict=False):
@@ -117,7 +117,8 @@ def curve_figure(result: SensitivityResult, test: str) -> Figure:
     return figure
 
 
-def _worth_showing(normalised: np.ndarray) -> list[int]:
+def worth_showing(normalised: np.ndarray) -> list[int]:
+    """Which factors ever move the curve by more than a share of what the largest does."""
     size = np.abs(normalised).max(axis=1)
     return [int(i) for i in np.flatnonzero(size > SHOWN * size.max())]
 

@@ -15,6 +15,8 @@ from rich.padding import Padding
 from rich.text import Text
 
 from thermohyd.identify.report.fit_json import fields_of, json_text, plain, rounded
+from thermohyd.identify.report.next_steps import Step, command, path_of
+from thermohyd.identify.report.origin import origin
 from thermohyd.identify.report.page import page
 from thermohyd.identify.report.style import drawn
 from thermohyd.identify.report.terminal import heading, indented, table
@@ -25,6 +27,7 @@ from .drift import CAUSES
 from .figures import along_figure, curve_figure, drift_figure, sobol_figure
 from .next_test_figures import information_figure, next_test_figure, posterior_figure
 from .result import InformationStudy, PosteriorStudy, SensitivityResult
+from .shown_curves import sensitivity_views
 
 
 SCHEMA = "thermohyd-sensitivity/1"
@@ -248,11 +251,32 @@ def sensitivity_files(result: SensitivityResult) -> dict[str, bytes | str]:
     return files
 
 
+def next_steps(result: SensitivityResult) -> list[Step]:
+    """The sweep that tells most, then what to do with it."""
+    steps = [Step(sentence) for sentence in words.next_test_sentences(result)]
+    if result.subject.fit is not None:
+        return [
+            *steps,
+            Step("Add it to the record, and fit again.", command("fit", path_of(result.subject.fit.record))),
+        ]
+    return [
+        *steps,
+        Step(
+            "Tolerances of your own change the ranking: state them.",
+            command("sensitivity", "BENCH", "--settings", "FILE"),
+        ),
+    ]
+
+
 def sensitivity_page(result: SensitivityResult, figures: dict[str, bytes], version: str) -> str:
     """`report.html`: one page without network access; every text is escaped by the template engine."""
     return page(
         "sensitivity.html",
         figures,
+        views=sensitivity_views(result),
+        origin=origin("sensitivity", [] if result.subject.fit is None else [result.subject.fit.record]),
+        answer=words.answer_sentences(result),
+        next_steps=next_steps(result),
         name=result.subject.name,
         conditions=words.conditions_in_words(result),
         oil=result.subject.model.oil.name,
@@ -265,7 +289,6 @@ def sensitivity_page(result: SensitivityResult, figures: dict[str, bytes], versi
         drift_columns=words.DRIFT_COLUMNS,
         drifts=words.drift_rows(result),
         actuator=words.actuator_sentence(result.actuator),
-        next_test=words.next_test_sentences(result),
         information=words.information_sentences(result),
         of=result.information.of,
         noise=result.subject.noise.words(),

@@ -72,6 +72,29 @@ def conditions_in_words(result: SensitivityResult) -> str:
     return f"{s.temperature - CELSIUS:.0f} degC, supply {s.supply_pressure * BAR:.0f} bar{back}"
 
 
+def answer_sentences(result: SensitivityResult) -> list[str]:
+    """Which parameter matters, and what temperature alone does."""
+    order = result.ranking()
+    shares = [
+        f"{result.factors[i].name} ({100 * result.weight(i):.0f} %)" for i in order if result.weight(i) >= NEGLIGIBLE
+    ]
+    said = [
+        f"{shares[0]} moves the static figures most over its tolerance"
+        + (f", then {', '.join(shares[1:3])}." if shares[1:] else ".")
+    ]
+    drifts = {}
+    for name, drift in result.drifts.items():
+        at = int(np.argmin(np.abs(drift.temperature - result.subject.temperature)))
+        if name in OF_DRIFT and math.isfinite(drift.relative[at]):
+            drifts[OF_DRIFT[name]] = float(drift.relative[at])
+    if drifts:
+        name = max(drifts, key=lambda key: abs(drifts[key]))
+        said.append(
+            f"With temperature {name} drifts most: {100 * drifts[name]:+.2g} %/K at {conditions_in_words(result)}."
+        )
+    return said
+
+
 # ">" before a heading: its figures stand to the right.
 RANKING_COLUMNS = (">", "factor", ">value", "tolerance", ">mean", *(f">{name}" for name in SHORT.values()))
 

@@ -89,13 +89,19 @@ def step_figure(study: ServoStudy) -> Figure:
     return figure
 
 
-def bode_of_study(study: ServoStudy) -> Figure:
-    """Open and closed loop of the linearised equations, THM."""
+def shown_pulsations(study: ServoStudy) -> np.ndarray:
+    """Which of the pulsations lie about the crossovers."""
     loop, f = study.loops["THM"], study.loops["THM"].figures
     crossings = np.concatenate([np.asarray(f.gain_crossover), np.asarray(f.phase_crossover)])
     known = crossings[np.isfinite(crossings)]
     low, high = (known.min() / BELOW, known.max() * ABOVE) if known.size else (loop.pulsation[0], loop.pulsation[-1])
-    rows = (loop.pulsation >= low) & (loop.pulsation <= high)
+    return (loop.pulsation >= low) & (loop.pulsation <= high)
+
+
+def bode_of_study(study: ServoStudy) -> Figure:
+    """Open and closed loop of the linearised equations, THM."""
+    loop, f = study.loops["THM"], study.loops["THM"].figures
+    rows = shown_pulsations(study)
     opened = np.asarray(loop.opened)
     curves = FrequencyResponse(loop.pulsation[rows] * HERTZ, np.abs(opened)[:, rows], phase(opened)[:, rows])
     margins = Margins(

@@ -15,12 +15,15 @@ from rich.text import Text
 
 from thermohyd.dynamics.linear import LoopFigures
 from thermohyd.identify.report.fit_json import json_text, plain, rounded
+from thermohyd.identify.report.next_steps import Step, command
+from thermohyd.identify.report.origin import origin
 from thermohyd.identify.report.page import page
 from thermohyd.identify.report.style import drawn
 from thermohyd.identify.report.terminal import heading, indented, table
 
 from . import study as tables, words
 from .figures import bode_of_study, phase, step_figure, trend_figure
+from .shown_curves import servo_views
 from .study import MODELS, ServoStudy
 
 
@@ -97,12 +100,31 @@ def servo_files(study: ServoStudy) -> dict[str, bytes | str]:
     return files
 
 
+def next_steps(study: ServoStudy) -> list[Step]:
+    """What the loop asks for: the gain that it stands at every temperature, else what to look at with it."""
+    gain = study.large_margin("THM")
+    own = float(study.subject.actuator.amplifier_gain)
+    room = words.room_for_gain(study)
+    if not room or not np.all(np.isfinite(gain)):
+        return [
+            Step(
+                "The gain margin is not known at every temperature: look at the Bode diagram before the gain is changed."
+            )
+        ]
+    stands = f"{own * float(np.min(gain)) / words.SAFE:.2g} A/V"
+    return [Step(room[0]), Step("See what that gain does to the steps.", command("servo", "BENCH", "--gain", stands))]
+
+
 def servo_page(study: ServoStudy, figures: dict[str, bytes]) -> str:
     """`report.html`: one page without network access."""
-    sentences = words.sentences(study)
+    steps = next_steps(study)
+    sentences = [sentence for sentence in words.sentences(study) if sentence != steps[0].words]
     return page(
         "servo.html",
         figures,
+        views=servo_views(study),
+        origin=origin("servo"),
+        next_steps=steps,
         name=study.subject.name,
         conditions=words.conditions_in_words(study),
         actuator=words.actuator_in_words(study),

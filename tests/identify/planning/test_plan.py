@@ -131,7 +131,7 @@ def test_words_files_and_json(planned: PlanResult, tmp_path: Path):
     assert content["confusion"]["effects"] == list(planned.order)
     shown = (tmp_path / "report.html").read_text()
     assert shown.count("data:image/svg+xml") == 2
-    assert "http" not in shown.replace("http://www.w3.org", "")
+    assert "://" not in shown.replace("http://www.w3.org", "")
     assert "Planned tests" in " ".join(Tags(shown).words)
     assert planned.to_dataframe().loc["hysteresis", "seen"]
 

@@ -4,6 +4,7 @@ import re
 
 from helpers.fake_fit import fake_fit, with_files
 from helpers.html_page import Tags
+from helpers.report_page import check_text
 
 from thermohyd.identify.report.page import html_report
 
@@ -12,13 +13,7 @@ SVG = b"<svg xmlns='http://www.w3.org/2000/svg'/>"
 
 
 def test_needs_no_network():
-    page = html_report(fake_fit(), {"leakage": SVG}, "0.1.0")
-    for tag, attributes in Tags(page).opened:
-        assert tag not in ("script", "link", "iframe")
-        for name in ("src", "href"):
-            assert attributes.get(name, "data:").startswith("data:")
-    assert "url(" not in page
-    assert "@import" not in page
+    check_text(html_report(fake_fit(), {"leakage": SVG}, "0.1.0"))
 
 
 def test_says_what_the_terminal_says():
@@ -57,9 +52,9 @@ def test_user_text_is_escaped():
         fake_fit(name="<script>alert(1)</script> & co", notes=("a <b>note</b>",)), {'x"><i>': SVG}, "0.1.0"
     )
     tags = [tag for tag, _ in Tags(page).opened]
-    assert "script" not in tags
+    assert tags.count("script") == [tag for tag, _ in Tags(html_report(fake_fit(), {}, "0.1.0")).opened].count("script")
     assert "i" not in tags
-    assert "b" not in tags
+    assert "<b>note" not in page
     assert "&lt;script&gt;" in page
 
 

@@ -6,14 +6,16 @@ import xml.etree.ElementTree as ElementTree
 
 import pandas as pd
 import pytest
+from helpers.chromium import PROGRAM, browser
 from helpers.pictures import is_drawn
+from helpers.report_page import check_in_browser, check_text
 from rich.console import Console
 from typer.testing import CliRunner
 
 from thermohyd.identify.cli import jax_setup
 from thermohyd.identify.cli.commands import app
 from thermohyd.identify.seed import study as seed_module
-from thermohyd.identify.seed.report import CAPTIONS, print_seed
+from thermohyd.identify.seed.report import CAPTIONS, print_seed, seed_page
 
 
 @pytest.fixture
@@ -47,6 +49,15 @@ def test_writes_every_file(run, study, tmp_path):
     null = gains.query("model == 'HM' and `supply_pressure [bar]` == 70")["leakage at 0 % [l/min]"]
     assert null.to_numpy(dtype=float).max() == pytest.approx(0.28388, abs=1e-5)
     assert len(pd.read_csv(written["claims.csv"])) == len(study.claims)
+
+
+@pytest.mark.skipif(PROGRAM is None, reason="no Chromium here (apt-get install chromium)")
+def test_page_in_a_browser(study, tmp_path):
+    page = seed_page(study, {})
+    check_text(page)
+    (tmp_path / "seed.html").write_text(page, encoding="utf-8")
+    with browser() as tab:
+        check_in_browser(tab, tmp_path / "seed.html")
 
 
 def test_nothing_is_written_where_the_folder_is_a_file(run, tmp_path):

@@ -6,6 +6,7 @@ import shutil
 import numpy as np
 import pytest
 from helpers.commands import command
+from helpers.report_page import check_text, views_of
 
 from thermohyd.data import sample_record
 from thermohyd.identify.sensitivity.factors import FACTORS
@@ -63,6 +64,9 @@ def test_seed_valve_to_files_and_json(run, tmp_path):
         assert text in ran.stderr
     page = (tmp_path / "out" / "report.html").read_text()
     assert page.count("data:image/svg+xml") == len(PICTURES)
+    check_text(page)
+    assert [len(views) for views in views_of(page)] == [7, 9, 3]  # figures' shares, drifts, tests
+    assert "thermohyd sensitivity --out" in page
 
 
 def test_model_with_covariance_and_effects(run, model_file, tmp_path):

@@ -6,6 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.chromium import PROGRAM, browser
+from helpers.report_page import check_in_browser, check_text
 from reference.dynamic_bench import Bench, response
 from reference.step_test import readings
 from reference.valve import Valve
@@ -13,7 +15,7 @@ from rich.console import Console
 
 from thermohyd.dynamics.simulate import step_figures
 from thermohyd.identify.servo import study as tables, words
-from thermohyd.identify.servo.report import print_servo, servo_files
+from thermohyd.identify.servo.report import print_servo, servo_files, servo_page
 
 
 BENCH = Bench(valve=Valve(edge_radius=15e-6, clearance=2e-6, underlap=15e-6, discharge_coefficient=0.7))
@@ -143,8 +145,17 @@ def test_page_and_terminal_of_an_unstable_loop(stiffer):
     assert "unst." in shown
     assert max(map(len, shown.splitlines())) <= 80
     page = str(servo_files(stiffer)["report.html"])
+    check_text(page)
+    assert "must fall to" in page[page.index("What to do next") : page.index("<h2>")]
     assert "unexplained" in page
     assert '<td class="number bad">unst.</td>' in page
+
+
+@pytest.mark.skipif(PROGRAM is None, reason="no Chromium here (apt-get install chromium)")
+def test_page_in_a_browser(study, tmp_path):
+    (tmp_path / "report.html").write_text(servo_page(study, {}), encoding="utf-8")
+    with browser() as tab:
+        check_in_browser(tab, tmp_path / "report.html")
 
 
 def test_a_force_beyond_the_supply_fails_with_a_sentence(run, tmp_path):
