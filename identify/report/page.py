@@ -9,7 +9,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from thermohyd.identify.bench.provenance import file_rows, record_rows
 from thermohyd.identify.fitting.result import FitResult
 
-from . import fit_report as content, model_form_words
+from . import fit_report as content, model_form_words, uncertainty_words
 
 
 def page(template: str, figures: Mapping[str, bytes], **content: Any) -> str:
@@ -20,11 +20,22 @@ def page(template: str, figures: Mapping[str, bytes], **content: Any) -> str:
     return environment.get_template(template).render(figures=inside, **content)
 
 
-def html_report(result: FitResult, figures: dict[str, bytes], version: str) -> str:
-    """The page for a fit; `figures` maps a caption to an SVG. Every text is escaped by the template engine."""
+def html_report(
+    result: FitResult, figures: dict[str, bytes], version: str, of_knowledge: Mapping[str, bytes] | None = None
+) -> str:
+    """The page for a fit; `figures` maps a caption to an SVG. Every text is escaped by the template engine.
+
+    of_knowledge: pictures of what is known of each parameter, beside its row.
+    """
+    pictures = of_knowledge or {}
     return page(
         "report.html",
-        figures,
+        {**figures, **pictures},
+        data_figures=list(figures),
+        knowledge_title=uncertainty_words.TITLE,
+        knowledge=uncertainty_words.knowledge_rows(result),
+        knowledge_sentences=uncertainty_words.knowledge_sentences(result),
+        knowledge_figures=list(pictures),
         record=result.record,
         record_rows=record_rows(result.record),
         record_files=file_rows(result.record),
