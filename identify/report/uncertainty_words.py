@@ -155,8 +155,19 @@ def _pressing(rows: Iterable[KnownParameter]) -> list[str]:
 def print_knowledge(result: FitResult, console: Console, wide: bool) -> None:
     """The table, as wide as the terminal allows: what was not asked has no column."""
     rows = knowledge_rows(result)
-    columns = {"name": "name", "value": ">value", "unit": "unit", "std": ">std err", "profile": ">profile 95 %", "posterior": ">posterior 95 %",
-               "prior": ">prior", "bound": "bound", "coverage": ">coverage", "trades": "trades with", "verdict": "verdict"}  # fmt: skip
+    columns = {
+        "name": "name",
+        "value": ">value",
+        "unit": "unit",
+        "std": ">std err",
+        "profile": ">profile 95 %",
+        "posterior": ">posterior 95 %",
+        "prior": ">prior",
+        "bound": "bound",
+        "coverage": ">coverage",
+        "trades": "trades with",
+        "verdict": "verdict",
+    }
     narrow = {"std", "prior", "bound", "trades"} if not wide else set()
     kept = {
         key: title for key, title in columns.items() if key not in narrow and any(getattr(row, key) for row in rows)

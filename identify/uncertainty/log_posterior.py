@@ -6,7 +6,7 @@ Priors are those of `[start]`, and flat within every parameter's limits.
 
 import functools
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import equinox as eqx
@@ -16,11 +16,13 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from thermohyd.identify.bench.errors import BenchInputError
+from thermohyd.identify.fitting.fit import StaticSearch
 from thermohyd.identify.fitting.library_program import residual_alone
 from thermohyd.identify.fitting.outcome import Fitted, Uncertainty
 from thermohyd.identify.fitting.readings import Noise, StaticReadings
 from thermohyd.identify.fitting.sensed import SignalRows
-from thermohyd.identify.fitting.static_residuals import prior_rows
+from thermohyd.identify.fitting.static_residuals import prior_rows, residual_of
+from thermohyd.identify.noise.whitening import whiten
 
 from .finished_fit import effects_of, problem_of
 
@@ -96,24 +98,61 @@ def log_posterior(fitted: Fitted, known: Uncertainty) -> LogPosterior:
         {key: fitted.noise[key].used * np.sqrt(block.variance) for key, block in blocks.items()},
         {key: block.correlation for key, block in blocks.items()},
     )
+    plans = [fitted.plans[name] for name in fitted.free]
+    clamp, start, covariance = _whitened(fitted, known)
+    density, of_model = _plain(fitted, noise) if not effects_of(fitted) else _with_effects(fitted, noise)
+    given = [name for name, plan in zip(fitted.free, plans, strict=True) if plan.prior is not None]
+    words = (
+        f"flat within the limits of each parameter{f', and those of [start] on {", ".join(given)}' if given else ''}"
+    )
+    return LogPosterior(fitted.free, density, clamp, start, covariance, (clamp, of_model), words)
+
+
+def _log_density(clamp: Clamp, u: Array, squares: Array) -> Array:
+    found = clamp.log_slope(u) - 0.5 * squares
+    return jnp.where(jnp.isfinite(found), found, -jnp.inf)
+
+
+def _plain(fitted: Fitted, noise: Noise) -> tuple[Density, Any]:
+    """The density of a fit without effects, from the residuals that the fit itself minimises, and its data."""
+    search = StaticSearch(fitted.record, fitted.tests, fitted.plans, fitted.free)
+    args = search.args({key: replace(n, used=noise.std[key]) for key, n in fitted.noise.items()})
+    filters = tuple(
+        noise.whitening((c.test, c.name), fitted.tests[c.test], None, c.value.shape[0]) for c in args.data.channels
+    )
+    return _plain_density(fitted.free), (args, filters)
+
+
+@functools.cache
+def _plain_density(free: tuple[str, ...]) -> Density:
+    """One object for all records, so that it compiles once for each shape."""
+    residual_at = residual_of(free)
+
+    def density(u: Array, data: Any) -> Array:
+        clamp, (args, filters) = data
+        residual = residual_at(clamp.physical(u), args)
+        squares, first = jnp.zeros(()), 0
+        for channel, filter_ in zip(args.data.channels, filters, strict=True):
+            last = first + channel.value.shape[0]
+            squares, first = squares + jnp.sum(whiten(filter_, residual[first:last]) ** 2), last
+        return _log_density(clamp, u, squares + jnp.sum(residual[first:] ** 2))
+
+    return density
+
+
+def _with_effects(fitted: Fitted, noise: Noise) -> tuple[Density, Any]:
+    """The same with effects freed, from the program of the library that holds them."""
     problem, effects = problem_of(fitted, noise), effects_of(fitted)
     (part,) = problem.readings
     assert isinstance(part, StaticReadings)
     program = part.program(effects)
     entries, free = part.order(program), fitted.free
     vector = np.array([fitted.plans[n].start if n in fitted.plans else 0.0 for n in entries], dtype=float)
-    plans = [fitted.plans[name] for name in free]
-    value, weight = prior_rows(plans)
-    clamp, start, covariance = _whitened(fitted, known)
+    value, weight = prior_rows([fitted.plans[name] for name in free])
     (signals,) = problem.signals
     held = {name: plan.start for name, plan in fitted.plans.items() if name not in free}
     density = _density(program, entries, free) if not signals else _density_of(program, entries, free, signals, held)
-    data = (clamp, part.arguments(program), jnp.asarray(vector), value, weight)
-    given = [name for name, plan in zip(free, plans, strict=True) if plan.prior is not None]
-    words = (
-        f"flat within the limits of each parameter{f', and those of [start] on {", ".join(given)}' if given else ''}"
-    )
-    return LogPosterior(free, density, clamp, start, covariance, data, words)
+    return density, (part.arguments(program), jnp.asarray(vector), value, weight)
 
 
 @functools.cache
@@ -132,7 +171,7 @@ def _density_of(
     places = [(i, free.index(name)) for i, name in enumerate(entries) if name in free]
 
     def density(u: Array, data: Any) -> Array:
-        clamp, args, vector, prior_value, prior_weight = data
+        clamp, (args, vector, prior_value, prior_weight) = data
         p = clamp.physical(u)
         for i, own in places:
             vector = vector.at[i].set(p[own])
@@ -145,8 +184,7 @@ def _density_of(
                 rows = rows + shift * jnp.asarray(mask)
             residual = residual.at[signal.place].set(rows)
         prior = (p - prior_value) * prior_weight
-        found = clamp.log_slope(u) - 0.5 * (jnp.sum(residual**2) + jnp.sum(prior**2))
-        return jnp.where(jnp.isfinite(found), found, -jnp.inf)
+        return _log_density(clamp, u, jnp.sum(residual**2) + jnp.sum(prior**2))
 
     return density
 

@@ -25,7 +25,7 @@ R_HAT, ESS = 1.01, 400.0
 
 @dataclass(frozen=True)
 class Sampling:
-    """How much is drawn: each of `chains` throws `warmup` draws away and keeps `draws`; where these are too few, once more twice as many."""
+    """How much is drawn: each of `chains` throws `warmup` draws away and keeps `draws`; where these are too few, twice as many."""
 
     chains: int = 4
     warmup: int = 200

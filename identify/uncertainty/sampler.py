@@ -5,7 +5,7 @@ progress is said, and a metric that was learned on the way changes nothing that 
 """
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -46,8 +46,9 @@ def sampler_or_sentence() -> Any:
 
 
 @functools.cache
-def _piece(density: Callable[[Any, Any], Any], draws: int) -> Callable[..., Any]:
-    """Compiled: every chain `draws` further. Adapts each chain's step size where `learn` is 1."""
+def _piece(density: Callable[[Any, Any], Any], draws: int, apart: bool) -> Callable[..., Any]:
+    """Compiled: every chain `draws` further. Adapts each chain's step size where `learn` is 1. apart: each chain has a metric and
+    data of its own."""
     blackjax = sampler_or_sentence()
     from blackjax.adaptation.step_size import dual_averaging_adaptation
 
@@ -68,18 +69,18 @@ def _piece(density: Callable[[Any, Any], Any], draws: int) -> Callable[..., Any]
         (state, tuning), out = jax.lax.scan(step, (state, tuning), jax.random.split(key, draws))
         return state, tuning, out
 
-    # Of seven inputs the first three are each chain's own.
-    return jitted(jax.vmap(one_chain, in_axes=(0, 0, 0, None, None, None, None)), known_options(OPTIONS))
+    own = 0 if apart else None
+    return jitted(jax.vmap(one_chain, in_axes=(0, 0, 0, own, None, None, own)), known_options(OPTIONS))
 
 
 @functools.cache
-def _begin(density: Callable[[Any, Any], Any]) -> Callable[..., Any]:
+def _begin(density: Callable[[Any, Any], Any], apart: bool) -> Callable[..., Any]:
     blackjax = sampler_or_sentence()
     from blackjax.adaptation.step_size import dual_averaging_adaptation
 
     start = lambda u, data: blackjax.nuts.init(u, lambda x: density(x, data))
     tune = lambda chains: jax.vmap(dual_averaging_adaptation(0.8)[0])(jnp.full(chains, FIRST_STEP))
-    begun = jitted(jax.vmap(start, in_axes=(0, None)), known_options(OPTIONS))
+    begun = jitted(jax.vmap(start, in_axes=(0, 0 if apart else None)), known_options(OPTIONS))
     # What comes out of a piece is strongly typed, and so must be what goes into the first, or the second is compiled anew.
     typed = lambda part: jnp.asarray(np.asarray(part))
     return lambda u, data: jax.tree.map(typed, (begun(u, data), tune(len(u))))
@@ -110,8 +111,8 @@ def draw(
         key, first = jax.random.split(key)
         root = np.linalg.cholesky(covariance)
         spread = np.asarray(jax.random.normal(first, (chains, len(start)))) @ root.T
-        state, tuning = _begin(density)(jnp.asarray(start + 0.5 * spread), data)
-        advance = _piece(density, PIECE)
+        state, tuning = _begin(density, False)(jnp.asarray(start + spread), data)
+        advance = _piece(density, PIECE, False)
         metric, kept = jnp.asarray(covariance), []
         halves = [pieces(warmup // 2), pieces(warmup - warmup // 2)]
         whole, done = sum(halves) + pieces(draws), 0
@@ -147,3 +148,37 @@ def _metric(draws: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     count = len(flat) / 5.0  # neighbours are alike
     found = np.atleast_2d(np.cov(flat.T))
     return (count * found + SHRINK * covariance) / (count + SHRINK)
+
+
+def draw_each(
+    density: Callable[[Any, Any], Any],
+    data: Sequence[Any],
+    starts: np.ndarray,
+    covariances: np.ndarray,
+    *,
+    warmup: int,
+    draws: int,
+    target: float,
+    seed: int,
+) -> Drawn:
+    """One chain for each of several problems of one density, side by side: for a calibration. Their data (records,), starts
+    (records, n) and covariances (records, n, n), which stay the chains' metrics; `chains` of the result are the records."""
+    with jax.numpy_dtype_promotion("standard"):
+        together = jax.tree.map(lambda *parts: jnp.stack([jnp.asarray(part) for part in parts]), *data)
+        key = jax.random.key(seed)
+        key, first = jax.random.split(key)
+        roots = np.linalg.cholesky(covariances)
+        spread = np.einsum("rij,rj->ri", roots, np.asarray(jax.random.normal(first, starts.shape)))
+        state, tuning = _begin(density, True)(jnp.asarray(starts + spread), together)
+        advance, kept = _piece(density, PIECE, True), []
+        pieces = -(-warmup // PIECE)
+        for k in range(pieces - (-draws // PIECE)):
+            key, own = jax.random.split(key)
+            learn = jnp.asarray(1.0 if k < pieces else 0.0)
+            keys = jax.random.split(own, len(starts))
+            state, tuning, out = advance(
+                keys, state, tuning, jnp.asarray(covariances), jnp.asarray(target), learn, together
+            )
+            if k >= pieces:
+                kept.append(tuple(np.asarray(part) for part in out))
+    return Drawn(*[np.concatenate([part[i] for part in kept], axis=1) for i in range(5)])
