@@ -55,7 +55,7 @@ def _row(result: FitResult, row: KnownParameter) -> KnowledgeRow:
         posterior="" if row.posterior is None else _ends(row.posterior.at(0.95), unit.factor, idea),
         prior="" if row.prior_share is None else f"{100.0 * row.prior_share:.0f} %",
         bound=row.bound,
-        verdict=row.verdict if row.verdict == "identified" else f"{row.verdict} identified",
+        verdict=row.verdict,
         trades=trades,
         coverage="" if row.coverage is None else _share(row.coverage),
         remedy=remedy,
@@ -74,7 +74,7 @@ def _half(row: KnownParameter, factor: float) -> float | None:
 
 def _ends(interval: Nested, factor: float, std: float | None) -> str:
     low, high = (beside(end * factor, std) for end in (interval.low, interval.high))
-    low, high = f"[{low}" if interval.open_low else low, f"{high}]" if interval.open_high else high
+    low, high = f"[{low}]" if interval.open_low else low, f"[{high}]" if interval.open_high else high
     return f"{low} to {high}"
 
 
@@ -152,31 +152,39 @@ def _pressing(rows: Iterable[KnownParameter]) -> list[str]:
     return said
 
 
+# Two tables, as one does not fit beside 120 columns: what a parameter is, and what that rests on.
+FIRST = {
+    "name": "name",
+    "value": ">value",
+    "unit": "unit",
+    "profile": ">profile 95 %",
+    "posterior": ">posterior 95 %",
+    "verdict": "verdict",
+}
+SECOND = {
+    "name": "name",
+    "std": ">std err",
+    "prior": ">prior's share",
+    "bound": "at bound",
+    "coverage": ">coverage",
+    "trades": "trades with",
+}
+
+
 def print_knowledge(result: FitResult, console: Console, wide: bool) -> None:
-    """The table, as wide as the terminal allows: what was not asked has no column."""
+    """The tables; what was not asked has no column."""
     rows = knowledge_rows(result)
-    columns = {
-        "name": "name",
-        "value": ">value",
-        "unit": "unit",
-        "std": ">std err",
-        "profile": ">profile 95 %",
-        "posterior": ">posterior 95 %",
-        "prior": ">prior",
-        "bound": "bound",
-        "coverage": ">coverage",
-        "trades": "trades with",
-        "verdict": "verdict",
-    }
-    narrow = {"std", "prior", "bound", "trades"} if not wide else set()
-    kept = {
-        key: title for key, title in columns.items() if key not in narrow and any(getattr(row, key) for row in rows)
-    }
-    cells = []
-    for row in rows:
-        line: list[str | Text] = [getattr(row, key) for key in kept if key != "verdict"]
-        cells.append([*line, Text(row.verdict, style="bold red" if row.alarming else "")])
-    console.print(indented(table([*kept.values()], cells, gap=int(wide))))
+    for columns in (FIRST, SECOND):
+        kept = {key: title for key, title in columns.items() if any(getattr(row, key) for row in rows)}
+        cells = [
+            [
+                Text(row.verdict, style="bold red" if row.alarming else "") if key == "verdict" else getattr(row, key)
+                for key in kept
+            ]
+            for row in rows
+        ]
+        console.print(indented(table([*kept.values()], cells, gap=int(wide))))
+        console.print("")
 
 
 def remedy_sentences(result: FitResult) -> list[str]:

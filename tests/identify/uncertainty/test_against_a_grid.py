@@ -75,7 +75,9 @@ def grid(radius):
     fitted = fitted_of(radius)[1]
     std = np.sqrt(np.diag(np.linalg.inv(fitted.solution.jacobian.T @ fitted.solution.jacobian)))
     if radius > 0.0:
-        radii, underlaps = (np.linspace(v - 4.0 * s, v + 4.0 * s, 61) for v, s in zip(fitted.solution.p, std, strict=True))
+        radii, underlaps = (
+            np.linspace(v - 4.0 * s, v + 4.0 * s, 61) for v, s in zip(fitted.solution.p, std, strict=True)
+        )
     else:
         radii, underlaps = np.linspace(0.0, 3.5e-6, 61), np.linspace(4.8e-6, 9.8e-6, 61)
     cost, roots = np.empty((61, 61)), None
