@@ -91,7 +91,15 @@ def ranks_of(numbers: list[int]) -> list[dict[str, Any]]:
     for k, (number, target, truth) in enumerate(zip(numbers, targets, truths, strict=True)):
         own = np.array([np.asarray(target.clamp.physical(u)) for u in found.draws[k, ::THIN]])
         ranks = {name: int(np.sum(own[:, i] < truth[i])) for i, name in enumerate(target.names)}
-        rows.append({"record": number, "of": len(own), "ranks": ranks, "divergent": int(found.divergent[k].sum())})
+        rows.append(
+            {
+                "record": number,
+                "of": len(own),
+                "ranks": ranks,
+                "divergent": int(found.divergent[k].sum()),
+                "commit": commit(),
+            }
+        )
     return rows
 
 
@@ -195,11 +203,11 @@ def draw(rows: list[dict[str, Any]]) -> None:
         ax.set_title(name.replace("_", " "), fontsize=10, loc="left")
     for ax in axes[-1]:
         ax.set_xlabel("share of draws beneath the truth")
-    for ax in axes[:, 0]:
-        ax.set_ylabel("records beneath, less that share")
+    figure.supylabel("records beneath, less that share", fontsize=10)
+    made = ", ".join(dict.fromkeys(str(row["commit"]) for row in rows))
     day = datetime.now(UTC).date().isoformat()
     figure.suptitle(
-        f"{len(rows)} records drawn from the priors; commit {commit()}, {day}; band: 95 % of exact samplers", fontsize=9
+        f"{len(rows)} records drawn from the priors; commit {made}, {day}; band: 95 % of exact samplers", fontsize=9
     )
     figure.subplots_adjust(left=0.085, right=0.985, bottom=0.1, top=0.88, hspace=0.2, wspace=0.08)
     FIGURE.parent.mkdir(parents=True, exist_ok=True)

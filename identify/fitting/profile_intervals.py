@@ -209,9 +209,7 @@ class _Walk:
 
     def best_beside(self, value: float, start: np.ndarray) -> LeastSquaresResult:
         """The other parameters' best beside this value: from the neighbouring one's, and from across the kinks."""
-        moved = start.copy()
-        moved[self.i] = value
-        best = self.solve(moved, {self.i: value})
+        best = self.solve(self.ahead(value, start), {self.i: value})
         names = [box.name for box in self.boxes]
         if best.cost - self.best.cost < self.rise or "underlap" not in names or names[self.i] == "underlap":
             return self.seen(value, best)
@@ -224,6 +222,22 @@ class _Walk:
                 if tried.cost < best.cost:
                     best = tried
         return self.seen(value, best)
+
+    def ahead(self, value: float, start: np.ndarray) -> np.ndarray:
+        """Where the others will be beside this value: on along the line from the optimum, at first along its own slope."""
+        i, away = self.i, start - self.best.p
+        if away[i] == 0.0:
+            others = [j for j, box in enumerate(self.boxes) if j != i and not box.held and not self.best.active[j]]
+            columns = self.best.jacobian[:, others]
+            lengths = np.sqrt(np.sum(columns**2, axis=0))
+            lengths[lengths == 0.0] = 1.0
+            away = np.zeros(len(start))
+            away[i] = 1.0
+            away[others] = -np.linalg.lstsq(columns / lengths, self.best.jacobian[:, i], rcond=1e-6)[0] / lengths
+        moved = start + (value - start[i]) / away[i] * away
+        moved = np.clip(moved, [box.lower for box in self.boxes], [box.upper for box in self.boxes])
+        moved[i] = value
+        return moved
 
     def seen(self, value: float, end: LeastSquaresResult) -> LeastSquaresResult:
         self.trail.append(Visited(value, end.cost - self.best.cost, end.p, end.active))
