@@ -54,8 +54,9 @@ def record_of(truth: dict[str, float], rng: np.random.Generator) -> Any:
 
     from thermohyd.identify.bench.record import StartValue
 
-    start = {name: StartValue(centre, prior_std=std) for name, (centre, std, _) in PRIORS.items()}
-    return synthetic_record(Valve(slot_width=12e-3, **truth), rng, **ROWS, **start)
+    start: dict[str, Any] = {name: StartValue(centre, prior_std=std) for name, (centre, std, _) in PRIORS.items()}
+    made: dict[str, Any] = {**truth}
+    return synthetic_record(Valve(slot_width=12e-3, **made), rng, **ROWS, **start)
 
 
 def ranks_of(numbers: list[int]) -> list[dict[str, Any]]:

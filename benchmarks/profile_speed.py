@@ -90,7 +90,7 @@ def peer(fitted: Any, std: np.ndarray) -> tuple[dict[str, tuple[float, float]], 
     size = len(fitted.free)
     asked = pypesto.Problem(objective, lb=-20.0 * np.ones(size), ub=20.0 * np.ones(size), x_names=list(fitted.free))
     result = pypesto.Result(asked)
-    result.optimize_result.append(OptimizerResult(id="0", x=np.zeros(size), fval=objective(np.zeros(size))))
+    result.optimize_result.append(OptimizerResult(id="0", x=np.zeros(size), fval=0.5 * fitted.solution.cost))
     options = pypesto.profile.ProfileOptions(
         default_step_size_absolute=0.5, min_step_size_absolute=0.05, max_step_size_absolute=1.0, ratio_min=float(np.exp(-0.5 * RISE)),
     )  # fmt: skip

@@ -44,7 +44,7 @@ class Clamp(eqx.Module):
 
     def physical(self, u: Float[Array, " n"]) -> Float[Array, " n"]:
         """p, SI."""
-        return self.lower + self.step * (jax.nn.softplus(u) - jax.nn.softplus(u - self.width))
+        return jnp.asarray(self.lower) + self.step * (jax.nn.softplus(u) - jax.nn.softplus(u - self.width))
 
     def log_slope(self, u: Float[Array, " n"]) -> Float[Array, ""]:
         """ln of the determinant of dp/du."""

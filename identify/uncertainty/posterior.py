@@ -82,12 +82,12 @@ def sampled(target: LogPosterior, sampling: Sampling, say: Callable[[str], None]
 def _physical(target: LogPosterior, draws: np.ndarray) -> np.ndarray:
     import jax
 
-    flat = draws.reshape(-1, draws.shape[-1])
+    flat = jax.numpy.asarray(draws.reshape(-1, draws.shape[-1]))
     return np.asarray(jax.vmap(target.clamp.physical)(flat)).reshape(draws.shape)
 
 
 def _parameters(target: LogPosterior, found: Drawn) -> dict[str, PosteriorOf]:
-    from arviz_stats.base import array_stats
+    from arviz_stats.base.array import array_stats
 
     physical = _physical(target, found.draws)
     rows = {}

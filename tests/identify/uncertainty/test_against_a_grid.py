@@ -6,6 +6,7 @@ sharp one, whose radius is heaped up at its limit 0, where the covariance says n
 
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -33,9 +34,9 @@ RADIUS, UNDERLAP = "edge_radius", "underlap"
 
 
 def record_of(radius, prior_std=None):
-    held = {name: StartValue(getattr(VALVE, name), fixed=True) for name in
+    held: dict[str, Any] = {name: StartValue(getattr(VALVE, name), fixed=True) for name in
             ("clearance", "discharge_coefficient", "transition_number", "null_bias")}  # fmt: skip
-    prior = {} if prior_std is None else {RADIUS: StartValue(8e-6, prior_std=prior_std)}
+    prior: dict[str, Any] = {} if prior_std is None else {RADIUS: StartValue(8e-6, prior_std=prior_std)}
     made = replace(VALVE, edge_radius=radius)
     return synthetic_record(
         made, np.random.default_rng(5), points=13, noise=NOISE[radius], temperatures=(313.15,), supplies=(210e5,),
@@ -84,7 +85,7 @@ def grid(radius):
     for i, r in enumerate(radii):
         for j, u in enumerate(underlaps):
             p = np.array([r, VALVE.clearance, u, VALVE.discharge_coefficient, VALVE.transition_number, 0.0])
-            found, roots = simulate("leakage", fast, VALVE.slot_width, p, start=roots)
+            found, roots = simulate("leakage", fast, 12e-3, p, start=roots)
             cost[i, j] = np.sum(((found - channel.value) / channel.std) ** 2)
     assert np.all(np.concatenate([cost[-1], cost[:, 0], cost[:, -1]]) > cost.min() + 8.0), "the grid is too narrow"
     return radii, underlaps, cost

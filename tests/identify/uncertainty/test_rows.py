@@ -162,7 +162,10 @@ def test_files_hold_a_picture_per_parameter_and_the_draws_and_the_page_escapes_w
 
 def test_a_posterior_that_is_not_reported_leaves_one_sentence_and_no_file():
     trouble = "3 of 2000 trajectories diverged"
-    drawn = known().knowledge.posterior
+    of = known().knowledge
+    assert of is not None
+    drawn = of.posterior
+    assert drawn is not None
     result = known(posterior=replace(drawn, parameters={}, trouble=trouble, file=b""), notes=(trouble,))
     assert trouble in result.summary(200)
     assert "posterior.nc" not in fit_files(result)
