@@ -46,6 +46,9 @@ if TYPE_CHECKING:
     from .servo.performance_figures import bode_figure, performance_figure
     from .servo.study import ServoStudy
     from .studies import predict, sensitivity_study, servo_study
+    from .uncertainty.posterior import Sampling
+    from .uncertainty.result import Knowledge, KnownParameter
+    from .uncertainty.study import fit_in_depth
     from .users_effects import load_effects
 
 # module: the public names that it defines; "name as public name" where the two differ
@@ -81,6 +84,9 @@ _HOME = {
     "servo.performance_figures": ("bode_figure", "performance_figure"),
     "servo.study": ("ServoStudy",),
     "users_effects": ("load_effects",),
+    "uncertainty.posterior": ("Sampling",),
+    "uncertainty.result": ("Knowledge", "KnownParameter"),
+    "uncertainty.study": ("fit_in_depth",),
     "studies": ("predict", "sensitivity_study", "servo_study"),
 }
 _PLACE = {

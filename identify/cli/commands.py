@@ -97,6 +97,23 @@ def fit_command(
     ] = None,
     effects: UsersEffects = None,
     model_form: ModelForm = True,
+    profile: Annotated[
+        bool,
+        typer.Option("--profile", help="Likelihood profiles of all parameters and amounts, with nested intervals."),
+    ] = False,
+    posterior: Annotated[
+        bool,
+        typer.Option(
+            "--posterior", help='Draws of the posterior by the no-U-turn sampler: pip install "thermohyd[posterior]".'
+        ),
+    ] = False,
+    coverage: Annotated[
+        int,
+        typer.Option(
+            "--coverage", metavar="N", min=0, help="Simulate N records at the fit: how often does each interval hold?"
+        ),
+    ] = 0,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the draws and of the simulated records.")] = 20110913,
 ) -> None:
     """Find edge radius, clearance, underlap, discharge coefficient, transition number and null bias, with error bars.
 
@@ -110,9 +127,15 @@ def fit_command(
         from .several_results import print_summary_of_fits, unsettled
 
         load_users_effects(effects)
-        freed: dict[str, Any] = {"effects": effect} if effect else {}
+        asked: dict[str, Any] = {"effects": effect} if effect else {}
+        compute = fit
+        if profile or posterior or coverage:
+            from thermohyd.identify.uncertainty.study import fit_in_depth
+
+            compute = fit_in_depth
+            asked |= {"profile": profile, "posterior": posterior, "coverage": coverage, "seed": seed}
         return (
-            (lambda record, say: fit(record, progress=say, model_form=model_form, **freed)),
+            (lambda record, say: compute(record, progress=say, model_form=model_form, **asked)),
             print_summary_of_fits,
             unsettled,
         )

@@ -27,20 +27,21 @@ def with_rivals(
         return result
     weights = np.exp(-0.5 * np.array([max(r.chi2_more, 0.0) for r in tried]))
     wider, parameters = {}, {}
+    mirrored = lambda r: f"{r.name} of the other sign" if r.name == r.instead_of else kind_of(r.name)
     for name, estimate in result.parameters.items():
         parameters[name] = estimate
         if not estimate.std:
             continue
-        total, square = 1.0, estimate.std**2
+        total, square, others = 1.0, estimate.std**2, []
         for r, weight in zip(tried, weights, strict=True):
             std = spread_of[id(r.fit)].get(name)
             if std is not None:
+                others.append(mirrored(r))
                 total += weight
                 square += weight * (std**2 + (r.fit.values[name] - estimate.value) ** 2)
         wider[name] = max(float(np.sqrt(square / total)) / estimate.std, 1.0)
-        parameters[name] = _widened(estimate, wider[name])
+        parameters[name] = replace(_widened(estimate, wider[name]), averaged_over=tuple(dict.fromkeys(others)))
     factor = np.array([wider.get(name, 1.0) for name in result.free])
-    mirrored = lambda r: f"{r.name} of the other sign" if r.name == r.instead_of else kind_of(r.name)
     names = ", ".join(dict.fromkeys(map(mirrored, tried)))
     note = (
         f"error bars span what the data allow beside the named model: {names} in its place, weighed by their likelihood"

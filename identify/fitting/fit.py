@@ -75,6 +75,18 @@ def fit(
     parameters, an effect that it cannot speak of) and RuntimeError in single precision. A fit that does not converge is
     returned with `converged` False.
     """
+    return fit_and_fitted(record, effects=effects, model_form=model_form, starts=starts, progress=progress)[0]
+
+
+def fit_and_fitted(
+    record: BenchRecord,
+    *,
+    effects: Iterable[str] = (),
+    model_form: bool = False,
+    starts: int = STARTS,
+    progress: Progress | None = None,
+) -> tuple[FitResult, Fitted]:
+    """What `fit` returns, and the fit as whoever looks around its optimum needs it."""
     require_float64("fit")
     began = time.perf_counter()
     moving = bool(record.dynamic_tests)
@@ -89,7 +101,8 @@ def fit(
             static = fit_with(static, freed_effects, progress, rounds=MOST_ROUNDS, enough=SETTLED)
             result = fit_result(static)
         else:
-            static, result = _with_intervals(static, progress)
+            static, result = with_intervals(static, progress)
+        fitted = static
         result = with_model_form(result, asked(static, result))
     else:
         # Here, not above: a static fit does not wait for the solvers of motion.
@@ -97,10 +110,11 @@ def fit(
 
         known, freed = (None, ()) if static is None else (static_values(static), static.free)
         motion = run_fit_motion(record, progress, known, freed)
-        result = fit_result(motion if static is None else fit_together(record, static, motion, progress))
+        fitted = motion if static is None else fit_together(record, static, motion, progress)
+        result = fit_result(fitted)
         if static is not None:
             result = with_model_form(result, asked(static, fit_result(static)))
-    return replace(result, seconds=time.perf_counter() - began)
+    return replace(result, seconds=time.perf_counter() - began), fitted
 
 
 def static_values(fitted: Fitted) -> dict[str, float]:
@@ -185,7 +199,7 @@ def _sensors_started(
     return with_starts(plans, tests, of)
 
 
-def _with_intervals(fitted: Fitted, progress: Progress | None, *, settle: bool = True) -> tuple[Fitted, FitResult]:
+def with_intervals(fitted: Fitted, progress: Progress | None, *, settle: bool = True) -> tuple[Fitted, FitResult]:
     """The fit, and the same in figures; intervals by profiles of chi-square where the covariance at the optimum does not hold.
 
     Another fit than the one given where a profile ran into a deeper optimum. settle: the noise that is not known is then
@@ -242,7 +256,7 @@ def _other_law(fitted: Fitted, own: FitResult, progress: Progress | None) -> Oth
         there = Fitted(record, fitted.tests, plans, free, fitted.noise, solution, (), ())
         # The interval of a law that the data refute need not be right to a tenth: profiles beside a misfit take long.
         close = solution.cost <= fitted.solution.cost + CLOSE
-        other = _with_intervals(there, progress, settle=False)[1] if close else fit_result(there)
+        other = with_intervals(there, progress, settle=False)[1] if close else fit_result(there)
     return other_law(own, other, evidence_of_fits(own, other))
 
 

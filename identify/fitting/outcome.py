@@ -60,9 +60,9 @@ class Uncertainty:
     independent: float
     inflation: np.ndarray
 
-    def reach(self, parameters: int) -> float:
-        """Standard errors on either side of a 95 % interval: Student's t for the independent readings."""
-        return float(stdtrit(max(self.independent - parameters, 1.0), 0.975))
+    def reach(self, parameters: int, level: float = 0.95) -> float:
+        """Standard errors on either side of an interval of this level: Student's t for the independent readings."""
+        return float(stdtrit(max(self.independent - parameters, 1.0), 0.5 + 0.5 * level))
 
 
 def uncertainty_of(fitted: Fitted, covariance: Covariance | None = None) -> Uncertainty:

@@ -170,7 +170,7 @@ class Problem:
         return sensed_channels(self.tests)
 
     @cached_property
-    def _signals(self) -> list[list[SignalRows]]:
+    def signals(self) -> list[list[SignalRows]]:
         """Of each kind of readings the channels behind a sensor, whitened as the residuals are."""
         found = []
         for part in self.readings:
@@ -397,7 +397,7 @@ class Problem:
             vector = np.asarray(p, dtype=float)
             residuals, blocks = [], []
             values = dict(zip(order, vector.tolist(), strict=True))
-            for (evaluate, places), signals, shifts, more in zip(parts, self._signals, given, learned, strict=True):
+            for (evaluate, places), signals, shifts, more in zip(parts, self.signals, given, learned, strict=True):
                 residual, columns = evaluate(vector[places])
                 residual = np.array(residual)
                 if more is not None:

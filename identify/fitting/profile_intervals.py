@@ -1,4 +1,4 @@
-"""Intervals from the profile of chi-square, where the covariance at the optimum does not hold.
+"""Intervals from the profile of chi-square, where the covariance at the optimum does not hold, and the whole profile where it is asked.
 
 A parameter is moved and held, the others adapt: the interval ends where chi-square has risen as far as the covariance would
 have it rise at its ends. It may be lopsided, it ends at a limit, and it sees what a slope at one point cannot: limits that
@@ -7,7 +7,7 @@ Venzon and Moolgavkar, "A method for computing profile-likelihood-based confiden
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -34,6 +34,24 @@ class Interval:
     high: float
     open_low: bool = False
     open_high: bool = False
+
+
+@dataclass(frozen=True)
+class ProfilePoint:
+    """One parameter held at `value` (SI), the others at their best: chi-square above the optimum's, and which of them press against
+    a limit there."""
+
+    value: float
+    rise: float
+    pressed: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class ProfileCurve:
+    """Points by rising value, the optimum among them; one interval for each rise asked, in the order asked."""
+
+    points: tuple[ProfilePoint, ...]
+    intervals: tuple[Interval, ...]
 
 
 @dataclass(frozen=True)
@@ -98,23 +116,78 @@ def profile_intervals(
     return Profiles(intervals)
 
 
+def profile_curve(
+    best: LeastSquaresResult, boxes: Sequence[Box], i: int, first: float, rises: Sequence[float], solve: SolveHeld
+) -> ProfileCurve | LeastSquaresResult:
+    """The profile of parameter `i` out to the largest of `rises`, which ascend, with an interval for each of them.
+
+    first: distance at which chi-square is thought to have risen by the first of them. Each search starts from its neighbour's end.
+    Instead of a curve a deeper optimum, where the profile ran into one.
+    """
+    trail: list[Visited] = []
+    intervals: dict[int, dict[float, tuple[float, bool]]] = {k: {} for k in range(len(rises))}
+    for side in (-1.0, 1.0):
+        step, before = first, rises[0]
+        for k, rise in enumerate(rises):
+            walk = _Walk(best, boxes, i, float(rise), solve, trail)
+            end = walk.out(side, step * float(np.sqrt(rise / before)))
+            if end is None:
+                assert walk.better is not None
+                return walk.better
+            intervals[k][side] = end
+            away = abs(end[0] - float(best.p[i]))
+            step, before = (away, rise) if away > 0.0 and not end[1] else (step, before)
+    names = [box.name for box in boxes]
+    pressed = lambda active: tuple(
+        n for j, n in enumerate(names) if active[j] and j != i and boxes[j].lower < boxes[j].upper
+    )
+    points = [ProfilePoint(float(best.p[i]), 0.0, pressed(best.active))]
+    points += [ProfilePoint(v.value, max(v.rise, 0.0), pressed(v.active)) for v in trail]
+    found = []
+    for ends in intervals.values():
+        (low, open_low), (high, open_high) = ends[-1.0], ends[1.0]
+        found.append(Interval(low, high, open_low, open_high))
+    return ProfileCurve(tuple(sorted(points, key=lambda point: point.value)), tuple(found))
+
+
+@dataclass(frozen=True)
+class Visited:
+    """Where a walk has been: the parameter's value, the rise of chi-square, the others and which of them press."""
+
+    value: float
+    rise: float
+    p: np.ndarray
+    active: np.ndarray
+
+
 @dataclass
 class _Walk:
-    """One parameter's way out from the optimum."""
+    """One parameter's way out from the optimum. trail: where earlier walks have been, and this one too; it goes on from there."""
 
     best: LeastSquaresResult
     boxes: Sequence[Box]
     i: int
     rise: float
     solve: SolveHeld
+    trail: list[Visited] = field(default_factory=list)
     better: LeastSquaresResult | None = None
 
     def out(self, side: float, first: float) -> tuple[float, bool] | None:
-        """(value, whether the box ended first) of the end on one side; None where a deeper optimum was met: `better`."""
+        """(value, whether the box ended first) of the end on one side; None where a deeper optimum was met: `better`.
+
+        first: distance of the first step from the optimum.
+        """
         box, start = self.boxes[self.i], self.best.p
         limit = box.lower if side < 0.0 else box.upper
         inner, inner_rise, inner_p = float(start[self.i]), 0.0, start
-        step = first
+        beyond = sorted((v for v in self.trail if (v.value - inner) * side > 0.0), key=lambda v: v.value * side)
+        for visited in beyond:
+            if visited.rise >= self.rise:
+                return self.between(inner, inner_rise, inner_p, visited.value, visited.rise), False
+            inner, inner_rise, inner_p = visited.value, max(visited.rise, 0.0), visited.p
+        if beyond and (inner - limit) * side >= 0.0:
+            return inner, True
+        step = max(first - abs(inner - float(start[self.i])), 0.1 * first)
         for _ in range(MOST_STEPS):
             value = inner + side * step
             at_limit = (value - limit) * side >= 0.0
@@ -136,12 +209,10 @@ class _Walk:
 
     def best_beside(self, value: float, start: np.ndarray) -> LeastSquaresResult:
         """The other parameters' best beside this value: from the neighbouring one's, and from across the kinks."""
-        moved = start.copy()
-        moved[self.i] = value
-        best = self.solve(moved, {self.i: value})
+        best = self.solve(self.ahead(value, start), {self.i: value})
         names = [box.name for box in self.boxes]
         if best.cost - self.best.cost < self.rise or "underlap" not in names or names[self.i] == "underlap":
-            return best
+            return self.seen(value, best)
         u = names.index("underlap")
         for move in MOVES:
             for way in (move, -move):
@@ -150,7 +221,27 @@ class _Walk:
                 tried = self.solve(other, {self.i: value})
                 if tried.cost < best.cost:
                     best = tried
-        return best
+        return self.seen(value, best)
+
+    def ahead(self, value: float, start: np.ndarray) -> np.ndarray:
+        """Where the others will be beside this value: on along the line from the optimum, at first along its own slope."""
+        i, away = self.i, start - self.best.p
+        if away[i] == 0.0:
+            others = [j for j, box in enumerate(self.boxes) if j != i and not box.held and not self.best.active[j]]
+            columns = self.best.jacobian[:, others]
+            lengths = np.sqrt(np.sum(columns**2, axis=0))
+            lengths[lengths == 0.0] = 1.0
+            away = np.zeros(len(start))
+            away[i] = 1.0
+            away[others] = -np.linalg.lstsq(columns / lengths, self.best.jacobian[:, i], rcond=1e-6)[0] / lengths
+        moved = start + (value - start[i]) / away[i] * away
+        moved = np.clip(moved, [box.lower for box in self.boxes], [box.upper for box in self.boxes])
+        moved[i] = value
+        return moved
+
+    def seen(self, value: float, end: LeastSquaresResult) -> LeastSquaresResult:
+        self.trail.append(Visited(value, end.cost - self.best.cost, end.p, end.active))
+        return end
 
     def between(self, inner: float, inner_rise: float, inner_p: np.ndarray, outer: float, outer_rise: float) -> float:
         """The value between two at which chi-square has risen enough: secants of its root, which is nearly straight."""

@@ -138,7 +138,7 @@ class StaticReadings:
         return coarse_size(rows)
 
     def evaluation(self, program: tuple[str, ...], faults: tuple[BenchFault, ...] = ()) -> Evaluation:
-        args = self._arguments(program)
+        args = self.arguments(program)
         both = library_program(program) if self.states is None else lambda p, args: place_program(program)(p, args)[:3]
         if not faults:
             return lambda p: (
@@ -189,7 +189,7 @@ class StaticReadings:
         """What `place_program` gives at a point; asked again for the same one, it is not computed again."""
         key = (program, np.asarray(p, dtype=float).tobytes())
         if self._last.get("key") != key:
-            self._last.update(key=key, found=place_program(program)(jnp.asarray(p), self._arguments(program)))
+            self._last.update(key=key, found=place_program(program)(jnp.asarray(p), self.arguments(program)))
         return self._last["found"]
 
     @cached_property
@@ -223,7 +223,7 @@ class StaticReadings:
         """What `storage_columns` gives beside the effects `present`; vector: the values of named entries."""
         program = tuple(name for name in self.program((*present, *amounts)) if not stores(name))
         p, c = vector(self.order(program)), np.array([*amounts.values()])
-        found = storage_columns(program, tuple(amounts), p, c, self._arguments(program))
+        found = storage_columns(program, tuple(amounts), p, c, self.arguments(program))
         return np.asarray(found[0]), np.asarray(found[1])
 
     @property
@@ -231,7 +231,8 @@ class StaticReadings:
         plan = self.plans["heat_retention"]
         return not plan.fixed or plan.start > 0.0
 
-    def _arguments(self, program: tuple[str, ...]) -> LibraryArgs:
+    def arguments(self, program: tuple[str, ...]) -> LibraryArgs:
+        """The data of a program with these effects."""
         if with_heat(program) or self._heat_asked:
             return self._with_heat
         return replace(self._with_heat, valve=replace(self._with_heat.valve, heat_retention=None))

@@ -14,6 +14,7 @@ from thermohyd.identify.bench.record import BenchRecord
 from thermohyd.identify.bench.shown_units import DisplayUnit, display_unit
 from thermohyd.identify.bench.test_record import Fault
 from thermohyd.identify.result import Result
+from thermohyd.identify.uncertainty.result import Knowledge
 
 from .parameters import Relative
 
@@ -56,6 +57,7 @@ class ParameterEstimate:
     (held fixed, at its bound, no reading depends on it, a flat direction shared with ...). `by_profile`: the interval is
     that of the profile of chi-square, and need not lie evenly about the value; `std` is then the root mean square about
     the value of a normal law in two pieces with these sides, and at a bound there is an interval without a `std`.
+    `averaged_over`: error bar and interval also span these names in the place of named ones (`diagnosis/model_average.py`).
     `conditional_on`: parameters at their bounds, which std and interval take to stay there. `std` and `ci95` know the noise
     alone; `model_form` also knows the other law of an edge, where that was asked.
     """
@@ -75,6 +77,7 @@ class ParameterEstimate:
     by_profile: bool = False
     conditional_on: tuple[str, ...] = ()
     model_form: ModelForm | None = None
+    averaged_over: tuple[str, ...] = ()  # models that explain the record alike, which std and interval span
     relative: Relative | None = None  # the data do not scale it: a report gives it in these units
 
     @property
@@ -204,6 +207,7 @@ class FitResult(Result):
     noise_freedom: float = np.inf  # degrees of freedom from which the noise was estimated; infinite: stated
     verdict: tuple[str, ...] = field(default=())  # plain sentences: how well the ideal valve fits and where it misses
     other_law: OtherLaw | None = None  # where it was asked
+    knowledge: Knowledge | None = None  # beyond the covariance, where that was asked (`fit_in_depth`)
 
     @property
     def judged(self) -> bool:
@@ -263,10 +267,12 @@ class FitResult(Result):
         print_report(self, console)
 
     def figures(self) -> "dict[str, Figure]":
-        """Data, model and residuals of each test by its name, and "parameters": matplotlib figures."""
+        """Data, model and residuals of each test by its name, "parameters", and "profile_<parameter>" where it was asked:
+        matplotlib figures."""
         from thermohyd.identify.report.fit_figures import fit_figures
+        from thermohyd.identify.report.uncertainty_figures import knowledge_figures
 
-        return fit_figures(self)
+        return {**fit_figures(self), **knowledge_figures(self)}
 
     def _files(self) -> dict[str, bytes | str]:
         from thermohyd.identify.report.fit_json import fit_files

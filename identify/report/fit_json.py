@@ -20,6 +20,8 @@ from .fit_report import chi2_band
 from .model_form_words import model_form_sentences
 from .page import html_report
 from .style import drawn
+from .uncertainty_figures import knowledge_figures
+from .uncertainty_json import knowledge_json
 
 
 def fit_json(result: FitResult) -> dict[str, Any]:
@@ -48,6 +50,7 @@ def fit_json(result: FitResult) -> dict[str, Any]:
             result.identifiability, "condition_number", "weak_directions", "singular_values", "sentences"
         ),
         "other_law": _other_law(result),
+        "knowledge": knowledge_json(result),
         "starts": [
             {
                 "start": {n: v / size[n] for n, v in s.start.items()},
@@ -78,7 +81,7 @@ def _parameter(estimate: ParameterEstimate) -> dict[str, Any]:
     return {
         **fields_of(estimate, "value", "unit", "std", "ci95", "at_bound", "fixed", "start"),
         "bounds": [estimate.lower, estimate.upper],
-        **fields_of(estimate, "prior_std", "why_no_error_bar", "by_profile", "conditional_on"),
+        **fields_of(estimate, "prior_std", "why_no_error_bar", "by_profile", "conditional_on", "averaged_over"),
         "model_form": None if estimate.model_form is None else fields_of(estimate.model_form, *MODEL_FORM),
         "relative": relative is not None,
         "relative_to": None if relative is None else relative.to,
@@ -159,5 +162,9 @@ def fit_files(result: FitResult) -> dict[str, bytes | str]:
     vectors, files = drawn(fit_figures(result))
     files["fit.json"] = json_text(fit_json(result))
     files["model.json"] = json_text(model_json(result))
-    files["report.html"] = html_report(result, vectors, version("thermohyd"))
+    known_vectors, known_files = drawn(knowledge_figures(result))
+    files |= known_files
+    files["report.html"] = html_report(result, vectors, version("thermohyd"), known_vectors)
+    if result.knowledge is not None and (posterior := result.knowledge.posterior) is not None and posterior.file:
+        files["posterior.nc"] = posterior.file
     return files

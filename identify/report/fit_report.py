@@ -27,6 +27,7 @@ from thermohyd.identify.fitting.result import FitResult, ParameterEstimate
 
 from .model_form_words import model_form_rows, model_form_sentences, title
 from .terminal import grid, heading, indented, table
+from .uncertainty_words import TITLE, knowledge_sentences, print_knowledge, remedy_sentences
 
 
 CORRELATION_THRESHOLD = 0.3
@@ -217,6 +218,11 @@ def parameter_remarks(result: FitResult) -> list[str]:
     open_ = [e.name for e in result.parameters.values() if e.by_profile and e.ci95 and _ends_at_limit(e, e.ci95)]
     if open_:
         remarks.append(f"the interval of {', '.join(open_)} ends at a limit of the program's, not of the data's")
+    remarks += [
+        f"{estimate.name}: error bar and interval are averaged over {', '.join(estimate.averaged_over)} in the named one's place"
+        for estimate in result.parameters.values()
+        if estimate.averaged_over
+    ]
     pressed = {name for estimate in result.parameters.values() for name in estimate.conditional_on}
     if pressed:
         remarks.append(f"errors and intervals are conditional on {', '.join(sorted(pressed))} staying at the bound")
@@ -313,6 +319,7 @@ def print_report(result: FitResult, console: Console) -> None:
     console.print(_parameters(result, wide))
     _sentences(console, parameter_remarks(result), "")
     _model_form(console, result, wide)
+    _knowledge(console, result, wide)
     _correlations(console, result)
     _section(console, "Identifiability", identifiability(result))
 
@@ -374,6 +381,15 @@ def _model_form(console: Console, result: FitResult, wide: bool) -> None:
     if rows:
         console.print(indented(table(headings, rows, gap=int(wide))))
     _sentences(console, model_form_sentences(result), "")
+
+
+def _knowledge(console: Console, result: FitResult, wide: bool) -> None:
+    if result.knowledge is None:
+        return
+    _heading(console, TITLE)
+    print_knowledge(result, console, wide)
+    _sentences(console, knowledge_sentences(result), "")
+    _section(console, "Which test would tell more", remedy_sentences(result))
 
 
 def _tests(result: FitResult, wide: bool) -> Padding:

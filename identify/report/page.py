@@ -13,7 +13,7 @@ from markupsafe import Markup
 from thermohyd.identify.bench.provenance import record_rows
 from thermohyd.identify.fitting.result import FitResult
 
-from . import fit_report as content, model_form_words
+from . import fit_report as content, model_form_words, uncertainty_words
 from .channel_curves import fit_views
 from .curves import View, palette_css, views_json
 from .next_steps import after_fit
@@ -63,13 +63,24 @@ def _script() -> str:
     return "(() => {\n" + "\n".join(parts) + "})();\n"
 
 
-def html_report(result: FitResult, figures: dict[str, bytes], version: str) -> str:
-    """The page for a fit; `figures` maps a caption to an SVG. Every text is escaped by the template engine."""
+def html_report(
+    result: FitResult, figures: dict[str, bytes], version: str, of_knowledge: Mapping[str, bytes] | None = None
+) -> str:
+    """The page for a fit; `figures` maps a caption to an SVG. Every text is escaped by the template engine.
+
+    of_knowledge: pictures of what is known of each parameter, beside its row.
+    """
+    pictures = of_knowledge or {}
     return page(
         "report.html",
-        figures,
+        {**figures, **pictures},
         views={"tests": fit_views(result)},
         origin=origin("fit", [result.record]),
+        data_figures=list(figures),
+        knowledge_title=uncertainty_words.TITLE,
+        knowledge=uncertainty_words.knowledge_rows(result),
+        knowledge_sentences=uncertainty_words.knowledge_sentences(result),
+        knowledge_figures=list(pictures),
         record=result.record,
         record_rows=record_rows(result.record),
         result=result,

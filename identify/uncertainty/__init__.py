@@ -1,0 +1,1 @@
+"""How well is each parameter of a fit known, beyond its covariance?"""

@@ -1,0 +1,172 @@
+"""The word on a parameter, the rows of a report, and shares that are counted: no fit is run."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers.fake_fit import fake_fit, fake_parameters
+from scipy.stats import binomtest
+
+from thermohyd.identify.fitting.uncertainty import Block
+from thermohyd.identify.noise.correlation import NoiseCorrelation, noise_correlation
+from thermohyd.identify.report.fit_json import fit_files, fit_json
+from thermohyd.identify.uncertainty.coverage import clopper_pearson, noise_like
+from thermohyd.identify.uncertainty.result import (
+    LEVELS,
+    CoverageOf,
+    Knowledge,
+    KnownParameter,
+    Nested,
+    Point,
+    Posterior,
+    PosteriorOf,
+    ProfileOf,
+    Remedy,
+)
+from thermohyd.identify.uncertainty.rows import judged, trades_with
+
+
+RISES = (1.0, 4.0, 7.0)
+UM = 1e-6
+
+
+def profile_of(name, value, std, *, open_low=False, open_high=False, seen=20.0, pressed=()):
+    shape = ("bounded", "one-sided", "flat")[open_low + open_high]
+    x = value + std * np.linspace(-3.0, 3.0, 13)
+    points = tuple(Point(float(v), float(((v - value) / std) ** 2), pressed if v > value else ()) for v in x)
+    nested = tuple(
+        Nested(level, value - std * rise**0.5, value + std * rise**0.5, open_low, open_high)
+        for level, rise in zip(LEVELS, RISES, strict=True)
+    )
+    return ProfileOf(name, points, nested, RISES, shape, seen)
+
+
+def known(**changes):
+    fit = fake_fit()
+    rows = {}
+    for name in fit.free:
+        e = fit.parameters[name]
+        own = profile_of(name, e.value, e.std)
+        rows[name] = KnownParameter(
+            name, e.value, e.unit, e.std, e.ci95, "identified", "", 0.1, "", ("underlap", -0.71), own
+        )  # fmt: skip
+    radius = rows["edge_radius"]
+    own = profile_of("edge_radius", radius.value, radius.std, open_low=True, pressed=("underlap",))
+    draws = np.random.default_rng(1).normal(radius.value, radius.std, (4, 100, 1))
+    nested = tuple(Nested(level, radius.value - UM, radius.value + UM) for level in LEVELS)
+    rows["edge_radius"] = replace(
+        radius, profile=own, verdict="practically not", why="the data give an upper limit only", averaged=("hysteresis",),
+        posterior=PosteriorOf("edge_radius", radius.value, radius.std, nested, 1.001, 900.0, 800.0),
+        coverage=CoverageOf("edge_radius", 93, 100, 0.86, 0.97), remedy=Remedy("repeat the tests at 95 degC", 0.4),
+    )  # fmt: skip
+    posterior = Posterior(
+        ("edge_radius",), draws, np.zeros((4, 100), bool), np.zeros((4, 100)), 200, 7, 0.85, (0.85,),
+        {"edge_radius": rows["edge_radius"].posterior}, "flat", "", b"draws",
+    )  # fmt: skip
+    return replace(
+        fit, knowledge=replace(Knowledge(rows, True, posterior, 100, 2, 7, ("a note <of> the user's",)), **changes)
+    )
+
+
+@pytest.mark.parametrize(
+    ("profile", "share", "word", "why"),
+    [
+        (profile_of("p", 1.0, 0.1), 0.0, "identified", ""),
+        (profile_of("p", 1.0, 0.1, open_low=True), 0.0, "practically not", "an upper limit only"),
+        (profile_of("p", 1.0, 0.1, open_high=True), 0.0, "practically not", "a lower limit only"),
+        (profile_of("p", 1.0, 0.1, open_low=True, open_high=True), 0.0, "practically not", "every value"),
+        (profile_of("p", 1.0, 0.1, open_low=True, open_high=True, seen=1e-4), 0.0, "structurally not", "the same whatever"),
+        (profile_of("p", 1.0, 0.1), 0.8, "practically not", "80 % of what is known of it is its prior"),
+    ],
+)  # fmt: skip
+def test_the_shape_of_a_profile_decides_the_word(profile, share, word, why):
+    found = judged(fake_parameters()["edge_radius"], profile, share)
+    assert found[0] == word
+    assert why in found[1]
+
+
+def test_without_a_profile_the_error_bar_decides_the_word():
+    radius = fake_parameters()["edge_radius"]
+    assert judged(radius, None, 0.0) == ("identified", "")
+    assert judged(replace(radius, ci95=(0.0, radius.value)), None, 0.0)[0] == "practically not"
+    blind = replace(radius, std=None, ci95=None, why_no_error_bar="no reading depends on edge_radius")
+    assert judged(blind, None, 0.0)[0] == "structurally not"
+    assert judged(fake_parameters()["transition_number"], None, 0.0)[0] == "practically not"
+
+
+def test_what_a_parameter_trades_with_is_its_strongest_correlation():
+    fit = fake_fit()
+    assert trades_with(fit, "clearance") == ("edge_radius", -0.71)
+    assert trades_with(fit, "null_bias") is None
+
+
+def test_the_interval_of_a_share_is_the_exact_one():
+    for held, records in ((0, 20), (19, 20), (20, 20), (90, 100)):
+        exact = binomtest(held, records).proportion_ci(0.95, "exact")
+        assert clopper_pearson(held, records) == pytest.approx((exact.low, exact.high), abs=1e-9)
+
+
+def test_simulated_noise_has_the_size_and_the_memory_that_the_fit_found():
+    sweeps = np.repeat(np.arange(40), 100)
+    block = Block(slice(0, 4000), sweeps, NoiseCorrelation(0.6, 0.8), 2.0)
+    noise = noise_like(block, np.random.default_rng(1))
+    assert np.var(noise) == pytest.approx(2.0, rel=0.1)
+    found = noise_correlation(noise, sweeps, 0.0)
+    assert found.share == pytest.approx(0.6, abs=0.12)
+    assert found.phi == pytest.approx(0.8, abs=0.08)
+
+
+def test_the_terminal_says_the_whole_row():
+    said = " ".join(known().summary().split())
+    for words in (
+        "What is known of each parameter",
+        "practically not identified: the data give an upper limit only",
+        "93 of 100",
+        "ringed in the picture",
+        "averaged over hysteresis",
+        "an end in brackets",
+        "2 of which did not converge",
+        "4 chains of 100 draws (seed 7)",
+        "edge_radius: repeat the tests at 95 degC: error x 0.4",
+        "a note <of> the user's",
+    ):
+        assert words in said
+    assert "What is known" not in fake_fit().summary()
+
+
+def test_json_has_the_keys_that_the_format_promises():
+    found = fit_json(known())["knowledge"]
+    row = found["parameters"]["edge_radius"]
+    assert set(row) == {
+        "value", "std", "ci95", "verdict", "why", "prior_share", "bound", "trades_with", "profile", "posterior", "coverage",
+        "remedy", "averaged_over",
+    }  # fmt: skip
+    assert row["profile"]["shape"] == "one-sided"
+    assert [n["level"] for n in row["profile"]["intervals"]] == list(LEVELS)
+    assert row["profile"]["points"][-1]["at_limit"] == ["underlap"]
+    assert row["coverage"] == {"held": 93, "records": 100, "share": 0.93, "ci95": [0.86, 0.97]}
+    assert found["posterior"]["file"] == "posterior.nc"
+    assert fit_json(fake_fit())["knowledge"] is None
+
+
+def test_files_hold_a_picture_per_parameter_and_the_draws_and_the_page_escapes_words():
+    result = known()
+    files = fit_files(result)
+    assert files["posterior.nc"] == b"draws"
+    assert {f"profile_{name}.png" for name in result.free} <= set(files)
+    page = str(files["report.html"])
+    assert "a note &lt;of&gt; the user&#39;s" in page
+    assert "practically not identified" in page
+    assert page.count('<img alt="profile ') == len(result.free)
+
+
+def test_a_posterior_that_is_not_reported_leaves_one_sentence_and_no_file():
+    trouble = "3 of 2000 trajectories diverged"
+    of = known().knowledge
+    assert of is not None
+    drawn = of.posterior
+    assert drawn is not None
+    result = known(posterior=replace(drawn, parameters={}, trouble=trouble, file=b""), notes=(trouble,))
+    assert trouble in result.summary(200)
+    assert "posterior.nc" not in fit_files(result)
+    assert fit_json(result)["knowledge"]["posterior"]["trouble"] == trouble
