@@ -46,6 +46,8 @@ PARTS: dict[str, tuple[str, bool]] = {
     "joint-coverage": ("joint_coverage.py --processes 2", False),
     "law-coverage": ("law_coverage.py --processes 2", False),
     "recovery": ("recovery.py --processes 2", False),
+    "fleet-whole": ("fleet_whole.py", False),
+    "mangled-records": ("mangled_records.py --records 100000", False),
 }
 BLOCK = re.compile(r"(<!-- figures: ([\w-]+) -->\n).*?(<!-- end of figures -->)", re.DOTALL)
 
