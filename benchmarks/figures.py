@@ -47,6 +47,7 @@ PARTS: dict[str, tuple[str, bool]] = {
     "law-coverage": ("law_coverage.py --processes 2", False),
     "recovery": ("recovery.py --processes 2", False),
     "fleet-whole": ("fleet_whole.py", False),
+    "batch-speed": ("batch_speed.py", False),
     "mangled-records": ("mangled_records.py --records 100000", False),
 }
 BLOCK = re.compile(r"(<!-- figures: ([\w-]+) -->\n).*?(<!-- end of figures -->)", re.DOTALL)

@@ -68,8 +68,9 @@ def run_fleet(
     """Every record of `where` whose result of these settings is not in the store.
 
     cluster: `clusters.client_of`. care: of the processes that compute. reports: each record's own report too. again: also records
-    that failed before. together: so many records of one shape at once, where the job can (`jobs.many_of`). between: called in a process after each record. stop: once set, what is being computed is finished and
-    nothing else begun. Raises BenchInputError where there is no record, no scheduler, or another run of this store is under way.
+    that failed before. together: so many records of one shape at once, where the job can (`jobs.many_of`). between: called in a
+    process after each record, or each batch. stop: once set, what is being computed is finished and nothing else begun. Raises
+    BenchInputError where there is no record, no scheduler, or another run of this store is under way.
     """
     say = progress or (lambda words: None)
     began = time.monotonic()
