@@ -105,8 +105,8 @@ def run(work: Path, given: argparse.Namespace) -> list[tuple[str, str]]:
     }
     used = sum(seen.processor.values())
     verdicts = {word: sum(row["verdict"] == word for row in results) for word in ("fitted", "misfit")}
-    beside = "" if not asked_to_end else f", then interrupted with exit status {process.returncode}"
     left = given.records - count - failed
+    beside = f", then interrupted with exit status {process.returncode}" if asked_to_end and left else ""
     rows = [
         (f"{given.job}, {given.workers} workers" + (f", batches of {given.batch}" if given.batch > 1 else ""),
          f"{count:,} results and {failed} failures listed in {seconds / 60:.1f} min{beside}; load of the machine before {load:.1f}"),
