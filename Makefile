@@ -19,7 +19,7 @@ QUICK := identify/bench identify/report identify/noise identify/model/test_model
 	identify/diagnosis/test_where.py simulator/test_against_reference.py simulator/test_dynamics_field.py \
 	test_import_direction.py test_effect_names.py test_citations.py
 
-.PHONY: help axe demo compare-pairs plan-rates test quick lint typecheck pytest dist site tutorial bench figures hidden hidden-bench hidden-dynamic hidden-logs joint-coverage law-coverage \
+.PHONY: help axe demo compare-pairs plan-rates test quick lint typecheck pytest dist site api tutorial bench figures hidden hidden-bench hidden-dynamic hidden-logs joint-coverage law-coverage \
 	recovery petab-select real-valve clean
 help:
 	@echo "make demo    fit one sample record, diagnose another, write demo-report/"
@@ -28,9 +28,10 @@ help:
 	@echo "make axe     axe-core from the npm registry, with which the tests look at the pages in a headless Chromium"
 	@echo "make dist    wheel and sdist into dist/, each installed into an environment of its own elsewhere and tried (two minutes)"
 	@echo "make site    the documentation as pages, into build/site (installs Zensical into $(VENV))"
-	@echo "make tutorial  docs/tutorial.md typed as it stands, the diagnosis included (three minutes)"
+	@echo "make api     docs/api.md again, from the docstrings"
+	@echo "make tutorial  the tutorial and the how-to pages typed as they stand, with what computes for long (twenty minutes)"
 	@echo "make bench   the benchmarks, each with its peer"
-	@echo "make figures  the benchmarks again, into docs/figures and README with commit and date (PARTS=\"start-up hidden-1\": these; all: a day)"
+	@echo "make figures  the benchmarks again, into docs/figures and the pages that show them, with commit and date (PARTS=\"start-up hidden-1\": these; all: a day)"
 	@echo "make hidden  76 records with a hidden effect, diagnosed and scored (SET=2: other seeds, SET=3: faint effects; half an hour)"
 	@echo "make hidden-bench  80 records as a real bench makes them: noisy positions, faults of the bench (SET=2: other seeds; hours)"
 	@echo "make hidden-dynamic  30 records of an actuator with hidden physics, diagnosed and scored (SET=2: other seeds; half an hour)"
@@ -99,13 +100,17 @@ site: $(VENV)/.installed-dev
 	@rm -rf build/lib build/bdist.* *.egg-info
 	$(BIN)/zensical build --strict
 
+# The page of the public API, from the docstrings.
+api: $(VENV)/.installed-dev
+	$(BIN)/python tools/api_page.py
+
 tutorial: $(VENV)/.installed-dev
 	THERMOHYD_TUTORIAL=1 $(BIN)/pytest -q tests/test_documentation.py
 
 bench: $(VENV)/.installed-dev
 	@for script in $(filter-out benchmarks/hidden_% benchmarks/joint_% benchmarks/law_% benchmarks/recovery.py benchmarks/real_valve.py \
 		benchmarks/hanging_load.py benchmarks/figures.py benchmarks/compare_pairs.py benchmarks/plan_rates.py benchmarks/leave_one_out.py \
-		benchmarks/fleet_% benchmarks/mangled_records.py \
+		benchmarks/fleet_% benchmarks/batch_speed.py benchmarks/mangled_records.py \
 		benchmarks/search_constants.py benchmarks/petab_%,$(wildcard benchmarks/[a-z]*.py)); do \
 		echo "== $$script"; $(BIN)/python $$script || exit 1; done
 

@@ -1,7 +1,7 @@
-"""Every figure of README and documentation, written by the command that measured it: `make figures`, or PARTS="start-up hidden-1".
+"""Every figure of the documentation, written by the command that measured it: `make figures`, or PARTS="start-up hidden-1".
 
 Each part runs one benchmark and keeps what it printed in docs/figures/PART.md, under a line with commit, date, machine and command, whole
-or not at all; a part that fails keeps its last page, which says how old it is. README shows the blocks that it marks with
+or not at all; a part that fails keeps its last page, which says how old it is. Other pages show the blocks that they mark with
 `<!-- figures: PART -->`, and a test holds that they are those of the pages. Without PARTS only what takes minutes; `all` takes a day.
 """
 
@@ -46,6 +46,9 @@ PARTS: dict[str, tuple[str, bool]] = {
     "joint-coverage": ("joint_coverage.py --processes 2", False),
     "law-coverage": ("law_coverage.py --processes 2", False),
     "recovery": ("recovery.py --processes 2", False),
+    "fleet-whole": ("fleet_whole.py", False),
+    "batch-speed": ("batch_speed.py", False),
+    "mangled-records": ("mangled_records.py --records 100000", False),
 }
 BLOCK = re.compile(r"(<!-- figures: ([\w-]+) -->\n).*?(<!-- end of figures -->)", re.DOTALL)
 
@@ -58,9 +61,16 @@ def main() -> None:
     if unknown:
         parser.error(f"there is no part {', '.join(unknown)}; there are: {', '.join(PARTS)}, all")
     failed = [name for name in (PARTS if "all" in asked else asked) if not measured(name)]
-    write_all(ROOT, {"README.md": with_blocks((ROOT / "README.md").read_text(encoding="utf-8"), PAGES)})
+    for shown in with_figures():
+        write_all(shown.parent, {shown.name: with_blocks(shown.read_text(encoding="utf-8"), PAGES)})
     if failed:
         sys.exit(f"no new figures of {', '.join(failed)}: see above")
+
+
+def with_figures() -> list[Path]:
+    """The pages that show blocks of figures."""
+    pages = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+    return [page for page in pages if BLOCK.search(page.read_text(encoding="utf-8"))]
 
 
 def measured(part: str) -> bool:

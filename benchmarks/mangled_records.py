@@ -1,10 +1,10 @@
 """Records that went wrong in every way, through the reader: does it always answer, in time, in memory, and write nothing?
 
-    mangled_records.py [--seconds 60] [--seed 1]
+    mangled_records.py [--records 100000] [--seconds 1200] [--seed 1]
 
 Edits of sound records (pieces cut, repeated, overwritten, inserted; bytes changed; ends cut off) with the pieces of
 tests/identify/bench/test_mangled_records.py, and by hand: gzip bombs, huge headers, devices, pipes, links in a circle, paths that lead
-outside. A run is bounded by its time and says how many it was.
+outside. A run ends after so many records, or when its time is over, and says how many it was.
 """
 
 import argparse
@@ -103,36 +103,43 @@ def asked(folder: Path) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seconds", type=float, default=60.0)
+    parser.add_argument("--records", type=int, default=100_000)
+    parser.add_argument("--seconds", type=float, default=1200.0)
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args()
     chance, inserted = random.Random(given.seed), pieces()
-    print(f"{'by hand':44s} answer    seconds")
+    print("| what | answer | seconds |\n|---|---|---|")
     for what in by_hand(Path()):
         with tempfile.TemporaryDirectory() as top:
             folder = write_record(Path(top) / "record")
             by_hand(folder)[what]()
             began = time.perf_counter()
-            print(f"{what:44s} {asked(folder):9s} {time.perf_counter() - began:.2f}", flush=True)
-    answers: Counter[str] = Counter()
-    slowest, ends = 0.0, time.perf_counter() + given.seconds
+            print(f"| {what} | {asked(folder)} | {time.perf_counter() - began:.2f} |", flush=True)
+    answers: dict[str, Counter[str]] = {"bench.toml": Counter(), "CSV": Counter()}
+    slowest, began_all = 0.0, time.perf_counter()
+    count, others = 0, set()
     with tempfile.TemporaryDirectory() as top:
         folder = write_record(Path(top) / "record")
-        while time.perf_counter() < ends:
+        usual = {path.relative_to(top) for path in Path(top).rglob("*")}
+        while count < given.records and time.perf_counter() < began_all + given.seconds:
             toml = chance.random() < 0.5
             (folder / "bench.toml").write_bytes(mangled(chance, TOML.encode(), inserted) if toml else TOML.encode())
             (folder / "leakage.csv").write_bytes(
                 LEAKAGE.encode() if toml else mangled(chance, LEAKAGE.encode(), inserted)
             )
             began = time.perf_counter()
-            answers[asked(folder)] += 1
+            answers["bench.toml" if toml else "CSV"][asked(folder)] += 1
             slowest = max(slowest, time.perf_counter() - began)
-        left = sorted(path.name for path in Path(top).rglob("*"))
-    print(f"\n{answers.total():,} mangled records in {given.seconds:.0f} s, seed {given.seed}: {dict(answers)}")
-    print(
-        f"slowest {slowest:.2f} s; most memory of the process {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6:.2f} GB"
-    )
-    print(f"files afterwards: {left}")
+            count += 1
+        others = {path.relative_to(top) for path in Path(top).rglob("*")} - usual
+    seconds = time.perf_counter() - began_all
+    for what, own in answers.items():
+        said = ", ".join(f"{number:,} {word}" for word, number in sorted(own.items()))
+        print(f"| {own.total():,} with one to five random edits of their {what} | {said} | |")
+    print(f"| all {count:,} of these, seed {given.seed} | slowest {slowest:.2f} s | {seconds:.0f} |")
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
+    print(f"| most memory of the process | {memory:.2f} GB | |")
+    print(f"| files that were not there before | {len(others)} | |")
 
 
 if __name__ == "__main__":

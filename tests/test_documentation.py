@@ -8,22 +8,37 @@ import re
 import shlex
 import subprocess
 import sys
+import textwrap
+import tomllib
 from pathlib import Path
 from typing import Any
 
 import pytest
 import typer
 import yaml
+from helpers.fleet_records import stored_row
+from helpers.page_session import agrees, python_blocks, run_block
+from typer.testing import CliRunner
 
+import thermohyd as th
 from thermohyd.identify.cli.commands import app
+from thermohyd.identify.fleet.store import Store
 
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 PAGES = sorted(DOCS.glob("**/*.md"))
-BLOCK = re.compile(r"^```(\w+)(?: title=\"([^\"]+)\")?\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+BLOCK = re.compile(r"^( *)```(\w+)(?: title=\"([^\"]+)\")?\n(.*?)^\1```$", re.DOTALL | re.MULTILINE)
 LINK = re.compile(r"\]\(([^)\s]+)\)")
-TUTORIAL = BLOCK.findall((DOCS / "tutorial.md").read_text(encoding="utf-8"))
+
+
+def blocks(page: Path) -> list[tuple[str, str, str]]:
+    """(kind, title, text) of each block of code."""
+    found = BLOCK.findall(page.read_text(encoding="utf-8"))
+    return [(kind, title, textwrap.dedent(body)) for _, kind, title, body in found]
+
+
+TUTORIAL = blocks(DOCS / "tutorial.md")
 WHOLE = os.environ.get("THERMOHYD_TUTORIAL") == "1"
 
 
@@ -80,12 +95,80 @@ def test_the_tutorial_is_typed_as_it_stands(tmp_path):
 
 
 def test_the_tutorials_commands_are_ones_that_the_program_takes():
-    program: Any = typer.main.get_command(app)
     lines = [line for kind, _, body in TUTORIAL if kind == "sh" for line in body.strip().splitlines()]
     assert len(lines) == 6
     for line in lines:
-        name, *arguments = shlex.split(line)[1:]
-        chosen = program.commands[name]
-        if hasattr(chosen, "commands"):
-            chosen, arguments = chosen.commands[arguments[0]], arguments[1:]
-        chosen.make_context(name, list(arguments))
+        takes(line)
+
+
+def takes(line: str) -> None:
+    """The program knows this command and its options."""
+    program: Any = typer.main.get_command(app)
+    name, *arguments = shlex.split(line)[1:]
+    chosen = program.commands[name]
+    if hasattr(chosen, "commands"):
+        chosen, arguments = chosen.commands[arguments[0]], arguments[1:]
+    chosen.make_context(name, list(arguments))
+
+
+TYPED = [*sorted((DOCS / "howto").glob("*.md")), DOCS / "concepts.md"]
+AT_ONCE = ("check", "new")  # of the commands; the others where THERMOHYD_TUTORIAL=1 asks for them
+
+
+@pytest.mark.parametrize("page", TYPED, ids=lambda page: page.stem)
+def test_a_page_is_typed_as_it_stands(page, tmp_path, monkeypatch):
+    """A block with a title is a file; one of text quotes, line by line, what the commands before it printed."""
+    monkeypatch.chdir(tmp_path)
+    before, said = set(th.EFFECTS), ""
+    session: dict[str, Any] = {}
+    try:
+        for kind, title, body in blocks(page):
+            if title:
+                Path(title).parent.mkdir(parents=True, exist_ok=True)
+                Path(title).write_text(body, encoding="utf-8")
+            elif kind == "python":
+                for entry in run_block(body, session):
+                    assert agrees(entry["printed"], entry["comment"]) or not entry["printed"], entry
+            elif kind == "sh":
+                said = "".join(typed(line) for line in body.strip().splitlines())
+            elif said:
+                assert kind == "text"
+                for line in body.strip().splitlines():
+                    assert squeezed(line) in squeezed(said), line
+    finally:
+        for name in set(th.EFFECTS) - before:
+            th.unregister_effect(name)
+
+
+def typed(line: str) -> str:
+    """What a command printed; of one that computes for long only whether it would be taken."""
+    takes(line)
+    arguments = shlex.split(line)[1:]
+    if WHOLE:
+        script = str(Path(sys.executable).parent / "thermohyd")
+        ran = subprocess.run([script, *arguments], capture_output=True, text=True, check=False)
+        assert ran.returncode in (0, 1, 2), ran.stderr
+        assert "Traceback" not in ran.stderr
+        return ran.stdout + ran.stderr
+    return CliRunner().invoke(app, arguments).output if arguments[0] in AT_ONCE else ""
+
+
+def test_the_other_pages_blocks_are_read(tmp_path, monkeypatch):
+    """TOML parses; the Python of the page on fleets runs on a store. The session of three pages is tests/test_readme.py's."""
+    monkeypatch.chdir(tmp_path)
+    known = {"tutorial", "using", "why", "studies", *(page.stem for page in TYPED)}
+    for page in PAGES:
+        kinds = [(kind, body) for kind, _, body in blocks(page) if page.stem not in known]
+        for kind, body in kinds:
+            assert kind in ("toml", "bash", "yaml") or page.stem in ("fleet", "api"), (page.name, kind)
+            if kind == "toml":
+                tomllib.loads(body)
+            elif kind == "yaml":
+                yaml.safe_load(body)
+            elif kind == "bash":
+                subprocess.run(["bash", "-n", "-c", body], check=True)
+    store = Store("STORE")
+    for number in range(3):
+        store.write_result(stored_row(number))
+    (code,) = python_blocks((DOCS / "fleet.md").read_text(encoding="utf-8"))
+    run_block(code, {})

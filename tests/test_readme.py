@@ -1,4 +1,7 @@
-"""README's blocks as a reader types them: in the printed order, in one session, from an empty folder; outputs as it says."""
+"""The blocks of three pages as a reader types them: in the printed order, in one session, from an empty folder; outputs as they say.
+
+Of README and of every page: what they import and name is public.
+"""
 
 import ast
 import json
@@ -12,23 +15,24 @@ from typing import Any
 
 import pytest
 import typer
-from helpers.readme_session import commands, comments, python_blocks
+from helpers.page_session import agrees, commands, comments, python_blocks
 
 from thermohyd.identify import read_record
 from thermohyd.identify.cli.commands import app
 
 
 ROOT = Path(__file__).parents[1]
-PAGE = (ROOT / "README.md").read_text(encoding="utf-8")
-NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?!\w)")
+IN_ORDER = [ROOT / "docs" / f"{name}.md" for name in ("using", "why", "studies")]
+PAGE = "\n".join(page.read_text(encoding="utf-8") for page in IN_ORDER)
+README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
 @pytest.fixture(scope="module")
 def session(tmp_path_factory) -> dict[str, Any]:
-    """What happened when the page was typed."""
-    script = Path(__file__).parent / "helpers" / "readme_session.py"
+    """What happened when the pages were typed."""
+    script = Path(__file__).parent / "helpers" / "page_session.py"
     ran = subprocess.run(
-        [sys.executable, "-P", script, ROOT / "README.md"],
+        [sys.executable, "-P", script, *IN_ORDER],
         cwd=tmp_path_factory.mktemp("reader"),
         capture_output=True,
         text=True,
@@ -36,20 +40,6 @@ def session(tmp_path_factory) -> dict[str, Any]:
     )
     assert ran.returncode == 0, ran.stderr[-3000:]
     return json.loads(ran.stdout)
-
-
-def agrees(printed: str, comment: str) -> bool:
-    """Whether the comment quotes what was printed, or its numbers are those printed, in order, to the digits it shows."""
-    if printed.strip() in comment:
-        return True
-    said, shown = (NUMBER.findall(text) for text in (comment, printed))
-    return len(said) == len(shown) > 0 and all(
-        f"{float(b):.{digits(a)}f}" == a.lstrip("+") for a, b in zip(said, shown, strict=True)
-    )
-
-
-def digits(number: str) -> int:
-    return len(number.partition(".")[2])
 
 
 def test_every_block_runs_and_prints_what_its_comments_say(session):
@@ -109,7 +99,7 @@ def test_every_command_is_one_that_the_program_takes():
     program: Any = typer.main.get_command(app)
     made = {"."}
     assert len(commands(PAGE)) >= 8
-    for name, *arguments in commands(PAGE):
+    for name, *arguments in (*commands(PAGE), *commands(README)):
         chosen = program.commands[name]
         given = chosen.make_context(name, list(arguments)).params
         for key in ("bench", "benches", "model"):

@@ -16,7 +16,7 @@ from thermohyd.numerics import require_float64
 
 from .boxes import Box
 from .fit_effects import fit_with, known_effects
-from .least_squares import LeastSquaresResult, multi_start, solve
+from .least_squares import LeastSquaresResult, Solver, multi_start, solve
 from .library import library_for
 from .model_form import evidence_of_fits, fitted_with, other_law, plans_with_other_law, refit, with_model_form
 from .outcome import Fitted, Key, fit_result, uncertainty_of
@@ -123,7 +123,16 @@ def static_values(fitted: Fitted) -> dict[str, float]:
     return {name: fitted.values.get(name, plan.start) for name, plan in plans if plan.shown}
 
 
-def run_fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | None = None) -> Fitted:
+def plain_fit(
+    record: BenchRecord, *, starts: int = STARTS, progress: Progress | None = None, solver: Solver = solve
+) -> tuple[Fitted, FitResult]:
+    """The plain fit of a record of static tests, and the same in figures. solver: `batch.fit_many` has one that serves many records."""
+    return with_intervals(run_fit(record, starts=starts, progress=progress, solver=solver), progress, solver=solver)
+
+
+def run_fit(
+    record: BenchRecord, *, starts: int = STARTS, progress: Progress | None = None, solver: Solver = solve
+) -> Fitted:
     """Fit a record's static tests: reduce raw logs, search from several starts, settle the noise. `fit_result` says it in words."""
     say = progress or (lambda _: None)
     tests: dict[str, TestRecord] = {}
@@ -141,7 +150,7 @@ def run_fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | N
     noise = initial_noises(tests.values())
     if sensed_channels(tests):
         plans = _sensors_started(record, tests, plans, noise)
-    problem = StaticSearch(record, tests, plans, free)
+    problem = StaticSearch(record, tests, plans, free, solver)
     say(f"fitting {len(free)} parameters to {readings_of(tests):,} readings")
     first = problem.first_starts()
     outcomes = multi_start(
@@ -154,6 +163,7 @@ def run_fit(record: BenchRecord, *, starts: int = STARTS, progress: Progress | N
         tolerance=CLOSE_ENOUGH,
         believe=BELIEVE_BELOW,
         progress=say,
+        solver=solver,
     )
     say("restarts beside the best of them")
     solution = problem.basin_hopping(outcomes[0], noise)
@@ -199,14 +209,16 @@ def _sensors_started(
     return with_starts(plans, tests, of)
 
 
-def with_intervals(fitted: Fitted, progress: Progress | None, *, settle: bool = True) -> tuple[Fitted, FitResult]:
+def with_intervals(
+    fitted: Fitted, progress: Progress | None, *, settle: bool = True, solver: Solver = solve
+) -> tuple[Fitted, FitResult]:
     """The fit, and the same in figures; intervals by profiles of chi-square where the covariance at the optimum does not hold.
 
     Another fit than the one given where a profile ran into a deeper optimum. settle: the noise that is not known is then
     estimated once more.
     """
     say = progress or (lambda _: None)
-    problem = StaticSearch(fitted.record, fitted.tests, fitted.plans, fitted.free)
+    problem = StaticSearch(fitted.record, fitted.tests, fitted.plans, fitted.free, solver)
     for _ in range(MOST_BETTER):
         known, best, noise = uncertainty_of(fitted), fitted.solution, fitted.noise
         if not best.converged or best.cost <= TINY * len(best.residual):
@@ -268,6 +280,7 @@ class StaticSearch:
     tests: dict[str, TestRecord]
     plans: dict[str, ParameterPlan]
     free: tuple[str, ...]
+    solver: Solver = solve
 
     @property
     def boxes(self) -> list:
@@ -304,7 +317,7 @@ class StaticSearch:
             boxes[i] = Box(boxes[i].name, value, boxes[i].scale, value, value, held=True)
         tolerance = PROFILE_CLOSE_ENOUGH if held else CLOSE_ENOUGH
         residual = residual_of(self.free)
-        return solve(residual, boxes, args, start, tolerance=tolerance, believe=BELIEVE_BELOW, enough=enough)
+        return self.solver(residual, boxes, args, start, tolerance=tolerance, believe=BELIEVE_BELOW, enough=enough)
 
     def basin_hopping(self, best: LeastSquaresResult, noise: dict[Key, ChannelNoise]) -> LeastSquaresResult:
         args = self.args(noise)

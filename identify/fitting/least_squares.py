@@ -253,7 +253,6 @@ def solve(
     Raises RuntimeError in single precision. Never raises for a solve that fails: read `converged` and `message`.
     """
     require_float64("a fit")
-    names = [box.name for box in boxes]
     began = np.array([box.start for box in boxes] if start is None else start, dtype=float)
     begin, limits = free_values(boxes, began), (np.asarray(tolerance), max_steps, np.asarray(enough))
     if both is None:
@@ -261,7 +260,16 @@ def solve(
         out = _compiled(residual, Boxes.of(boxes), begin, args, *limits)
     else:
         out = _step_by_step(both, boxes, begin, args, *limits)
-    small, values, columns, evaluations, done = jax.device_get(out)
+    return judged(boxes, began, jax.device_get(out), believe)
+
+
+def judged(boxes: Sequence[Box], began: np.ndarray, out: Any, believe: float = BELIEVE_BELOW) -> LeastSquaresResult:
+    """What a search left, and whether its end is an optimum.
+
+    out: z, p, dp/dz and the largest column lengths (4, n); residual (m,); its columns to z (n, m); evaluations; done. NumPy.
+    """
+    names = [box.name for box in boxes]
+    small, values, columns, evaluations, done = out
     z, p, slope, size = small
     steps = int(evaluations) - 1
     active = _limits_pressed(boxes, z, columns, values)
@@ -285,6 +293,10 @@ def _limits_pressed(boxes: Sequence[Box], z: np.ndarray, columns: np.ndarray, re
     return high.astype(int) - low.astype(int)
 
 
+# `solve` with its first four arguments and `tolerance`, `believe`, `enough` by name.
+Solver = Callable[..., LeastSquaresResult]
+
+
 def multi_start(
     residual: Residual,
     boxes: Sequence[Box],
@@ -296,12 +308,14 @@ def multi_start(
     tolerance: float = STOP_AT,
     believe: float = BELIEVE_BELOW,
     progress: Callable[[str], None] | None = None,
+    solver: Solver = solve,
 ) -> list[LeastSquaresResult]:
     """Solve from `starts` (default: the boxes' own) and from the best screened candidates, `count` solves in all.
 
     All outcomes, the best first: converged before not converged, then by cost. One compiled solve in a Python loop, so
     that one bad start cannot spoil the others and each can be reported. Candidates are a Latin hypercube with a fixed
-    seed, ranked by one evaluation of their cost; those without a finite cost are dropped.
+    seed, ranked by one evaluation of their cost; those without a finite cost are dropped. solver: `solve`, or one that does
+    the same for many records at once.
     """
     require_float64("a fit")
     begin = list(starts) or [np.array([box.start for box in boxes])]
@@ -313,7 +327,7 @@ def multi_start(
         if progress is not None:
             progress(f"start {number} of {min(len(begin), max(count, 1))}")
         outcomes.append(
-            solve(
+            solver(
                 residual,
                 boxes,
                 args,

@@ -9,8 +9,8 @@ import resource
 import signal
 import threading
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from multiprocessing import parent_process
 from pathlib import Path
 from typing import Any
@@ -66,14 +66,84 @@ def _end_with_parent() -> None:
 
 def compute(task: Task) -> Outcome:
     """Read, compute, write. A record that cannot be used is a failure in the store, and no exception."""
+    from thermohyd.identify.bench.read import read_record
+
     from .jobs import job_of
-    from .store import Store, StoreError
 
     began = time.monotonic()
+    job = job_of(task.settings.job)
+    record = _attempt(lambda: read_record(task.found.folder))
+    result = _attempt(lambda: job(record, **task.settings.options)) if _sound(record) else None
+    outcome = _settle(task, record, result, time.monotonic() - began)
+    if task.between is not None and outcome.state in ("done", "failed"):
+        task.between()
+    return replace(outcome, memory=memory_of(os.getpid()), process=os.getpid())
+
+
+def compute_together(tasks: Sequence[Task]) -> list[Outcome]:
+    """The same of many records with one job, which takes them all at once. A record's time is what passed since the one before it."""
+    from thermohyd.identify.bench.read import read_record
+
+    from .jobs import many_of
+
+    first = tasks[0]
+    many = many_of(first.settings.job)
+    assert many is not None
+    last = time.monotonic()
+    outcomes: dict[int, Outcome] = {}
+
+    def settle(i: int, record: Any, result: Any) -> None:
+        nonlocal last
+        now = time.monotonic()
+        outcomes[i] = _settle(tasks[i], record, result, now - last)
+        last = now
+        if outcomes[i].state == "trouble":
+            raise _Trouble
+
+    try:
+        records: dict[int, Any] = {}
+        for i, task in enumerate(tasks):
+            record = _attempt(lambda folder=task.found.folder: read_record(folder))
+            if _sound(record):
+                records[i] = record
+            else:
+                settle(i, record, None)
+        numbers = list(records)
+        ended = lambda n, result: settle(numbers[n], records[numbers[n]], result)
+        many([*records.values()], together=len(tasks), ended=ended, **first.settings.options)
+    except _Trouble:
+        pass
+    if first.between is not None:
+        first.between()
+    held = {"memory": memory_of(os.getpid()), "process": os.getpid()}
+    stopped = lambda task: Outcome(task.found.identity(task.settings), "stopped", folder=task.found.folder)
+    return [replace(outcomes.get(i) or stopped(task), **held) for i, task in enumerate(tasks)]
+
+
+class _Trouble(Exception):
+    """The store cannot be written: nothing that is still computed could be kept."""
+
+
+def _attempt(work: Callable[[], Any]) -> Any:
+    """What it returns, or the exception that it raised."""
+    try:
+        return work()
+    except Exception as error:
+        return error
+
+
+def _sound(what: Any) -> bool:
+    return not isinstance(what, Exception)
+
+
+def _settle(task: Task, record: Any, result: Any, seconds: float) -> Outcome:
+    """Write what became of a record: what was read and what was made of it, or the exception that stood in the way."""
+    from .store import Store, StoreError
+
     identity = task.found.identity(task.settings)
     try:
         store = Store(task.store, make=False)
-        row, report = _row(task, job_of(task.settings.job), began)
+        row, report = _row(task, record, result, seconds)
         if row is None:
             what = f"{task.found.folder} changed while it was read; the next run takes it"
             return Outcome(identity, "changed", what, folder=task.found.folder)
@@ -85,12 +155,8 @@ def compute(task: Task) -> Outcome:
     except OSError as error:  # of the report's files
         what = f"the store cannot be written ({error.strerror or error})"
         return Outcome(identity, "trouble", what, folder=task.found.folder)
-    if task.between is not None:
-        task.between()
     state, reason = ("failed", row["reason"]) if "kind" in row else ("done", "")
-    return Outcome(
-        identity, state, reason, time.monotonic() - began, memory_of(os.getpid()), os.getpid(), task.found.folder
-    )
+    return Outcome(identity, state, reason, seconds, folder=task.found.folder)
 
 
 def _keep(task: Task, store: Any, row: dict[str, Any]) -> dict[str, Any]:
@@ -115,26 +181,26 @@ def _failure(task: Task, kind: str, error: Exception) -> dict[str, Any]:
     return failure_of(task.found, task.settings, kind, in_words(error))
 
 
-def _row(task: Task, job: Callable[..., Any], began: float) -> tuple[dict[str, Any] | None, Any]:
+def _row(task: Task, record: Any, result: Any, seconds: float) -> tuple[dict[str, Any] | None, Any]:
     """(a row of results or of failures, the result where its report is wanted); (None, None) where the record is not what it was."""
-    from thermohyd.identify.bench.read import read_record
-
     from .identity import look_at
     from .rows import row_of
 
     found, settings = task.found, task.settings
-    kind = "unreadable"
-    try:
-        record = read_record(found.folder)
-        kind = "failed"
-        result = job(record, **settings.options)
-        content = {} if result is None else result.to_dict()
-        report = result if task.reports and result is not None else None
-        where = f"reports/{found.identity(settings)}" if report is not None else None
-        row = row_of(found, settings, record, content, time.monotonic() - began, where)
-    except Exception as error:
-        row, report = _failure(task, kind, error), None
-    return (row, report) if look_at(Path(found.folder)).content == found.content else (None, None)
+    report = result if task.reports and result is not None else None
+    where = f"reports/{found.identity(settings)}" if report is not None else None
+    if not _sound(record):
+        row: Any = _failure(task, "unreadable", record)
+    elif not _sound(result):
+        row = _failure(task, "failed", result)
+    else:
+        row = _attempt(
+            lambda: row_of(found, settings, record, {} if result is None else result.to_dict(), seconds, where)
+        )
+        row = row if _sound(row) else _failure(task, "failed", row)
+    if look_at(Path(found.folder)).content != found.content:
+        return None, None
+    return row, None if "kind" in row else report
 
 
 def in_words(error: Exception) -> str:

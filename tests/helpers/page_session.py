@@ -1,6 +1,6 @@
-"""Run as a program: README's blocks in the printed order, in one fresh session, in the folder where it is started.
+"""Run as a program: the blocks of pages in the printed order, in one fresh session, in the folder where it is started.
 
-python -P readme_session.py README.md prints JSON: what each top-level statement of a Python block printed, with the comment
+python -P page_session.py PAGE ... prints JSON: what each top-level statement of a Python block printed, with the comment
 behind it, and what each of the first shell block's commands ended with. Programs are compiled quickly rather than well, the
 diagnosis searches a short library and the sensitivity study takes few samples: no figure on the page depends on these.
 """
@@ -19,6 +19,21 @@ from unittest.mock import patch
 
 
 PROGRAM = ".venv/bin/thermohyd "
+NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?!\w)")
+
+
+def agrees(printed: str, comment: str) -> bool:
+    """Whether the comment quotes what was printed, or its numbers are those printed, in order, to the digits it shows."""
+    if printed.strip() in comment:
+        return True
+    said, shown = (NUMBER.findall(text) for text in (comment, printed))
+    return len(said) == len(shown) > 0 and all(
+        f"{float(b):.{digits(a)}f}" == a.lstrip("+") for a, b in zip(said, shown, strict=True)
+    )
+
+
+def digits(number: str) -> int:
+    return len(number.partition(".")[2])
 
 
 def python_blocks(page: str) -> list[str]:
@@ -42,7 +57,7 @@ def run_block(block: str, session: dict[str, Any]) -> list[dict[str, str]]:
     said, done = comments(block), []
     for statement in ast.parse(block).body:
         with redirect_stdout(io.StringIO()) as out:
-            exec(compile(ast.Module([statement], []), "README.md", "exec"), session)
+            exec(compile(ast.Module([statement], []), "page", "exec"), session)
         code = ast.get_source_segment(block, statement) or ""
         done.append({"code": code, "printed": out.getvalue(), "comment": said.get(statement.end_lineno or 0, "")})
     return done
@@ -93,4 +108,4 @@ def main(page: str) -> dict[str, Any]:
 
 if __name__ == "__main__":
     sys.path.insert(0, str(Path(__file__).parents[1]))
-    print(json.dumps(main(Path(sys.argv[1]).read_text(encoding="utf-8"))))
+    print(json.dumps(main("\n".join(Path(page).read_text(encoding="utf-8") for page in sys.argv[1:]))))
