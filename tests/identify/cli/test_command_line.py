@@ -18,6 +18,7 @@ from thermohyd.identify.bench.errors import BenchInputError
 from thermohyd.identify.cli import jax_setup
 from thermohyd.identify.cli.commands import app
 from thermohyd.identify.cli.process import consoles
+from thermohyd.identify.report import style
 from thermohyd.numerics import known_options
 
 
@@ -43,7 +44,7 @@ def raising(error: BaseException):
 
 
 @pytest.fixture
-def bench(monkeypatch):
+def drawing_bench(monkeypatch):
     """A bench whose reader and fit are stand-ins; returns a function that runs `thermohyd` with arguments."""
     monkeypatch.setattr(jax_setup, "set_up_jax", lambda: None)
     monkeypatch.setenv("COLUMNS", "100")
@@ -54,8 +55,16 @@ def bench(monkeypatch):
     return lambda *arguments: CliRunner().invoke(app, [str(a) for a in arguments])
 
 
-def test_fit_writes_every_file(bench, tmp_path):
-    ran = bench("fit", "bench", "--out", tmp_path / "out")
+@pytest.fixture
+def bench(drawing_bench, monkeypatch):
+    """The same with blank pictures: where it is no matter what is on them, as they take seconds to draw."""
+    monkeypatch.setattr(style, "svg", lambda figure: b"<svg xmlns='http://www.w3.org/2000/svg'/>")
+    monkeypatch.setattr(style, "png", lambda figure: b"blank")
+    return drawing_bench
+
+
+def test_fit_writes_every_file(drawing_bench, tmp_path):
+    ran = drawing_bench("fit", "bench", "--out", tmp_path / "out")
     assert ran.exit_code == 0, ran.stderr
     tests = ("leakage", "pressure_gain", "flow_gain", "parameters")
     expected = {".thermohyd.json", "fit.json", "model.json", "report.html"} | {
