@@ -11,8 +11,10 @@ import os
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
 from statistics import median
+from typing import Any
 
 import numpy as np
 
@@ -46,7 +48,7 @@ def main() -> None:
         write_fleet(Path(folder), given.records, max(given.records // 4, 1), faulty=0.05)
         records = [read_record(path) for path in sorted(Path(folder).iterdir())]
     print(f"On {jax.devices()[0].device_kind}; load of the machine before: {os.getloadavg()[0]:.1f}.\n")
-    ways = {"one by one": lambda: [fit(record) for record in records]}
+    ways: dict[str, Callable[[], Any]] = {"one by one": lambda: [fit(record) for record in records]}
     for count in map(int, given.together.split(",")):
         ways[f"{count} together"] = lambda count=count: fit_many(records, together=count)
     results, seconds = {}, {name: [] for name in ways}
