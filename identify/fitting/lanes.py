@@ -125,7 +125,8 @@ class Lanes:
         self._stride = np.asarray(STRIDES.get(jax.default_backend(), STRIDE))
         self._placed: list[Any] = [None] * lanes  # whose data a lane holds
         count = len(first.boxes)
-        self._limits = Boxes(*(np.ones((lanes, count)) for _ in range(3)), np.zeros((lanes, count), dtype=bool))
+        ones = lambda: np.ones((lanes, count))
+        self._limits = Boxes(ones(), ones(), ones(), np.zeros((lanes, count), dtype=bool))
         self._begin, self._fresh = np.zeros((lanes, count)), np.zeros(lanes, dtype=bool)
         self._tolerance, self._enough = np.ones(lanes), np.full(lanes, np.inf)
 

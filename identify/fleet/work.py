@@ -189,9 +189,9 @@ def _row(task: Task, record: Any, result: Any, seconds: float) -> tuple[dict[str
     found, settings = task.found, task.settings
     report = result if task.reports and result is not None else None
     where = f"reports/{found.identity(settings)}" if report is not None else None
-    if not _sound(record):
+    if isinstance(record, Exception):
         row: Any = _failure(task, "unreadable", record)
-    elif not _sound(result):
+    elif isinstance(result, Exception):
         row = _failure(task, "failed", result)
     else:
         row = _attempt(
