@@ -60,10 +60,10 @@ def own(fitted: Any, std: np.ndarray) -> tuple[dict[str, tuple[float, float]], i
 
 def peer(fitted: Any, std: np.ndarray) -> tuple[dict[str, tuple[float, float]], int]:
     import jax
-    import pypesto
-    import pypesto.optimize
-    import pypesto.profile
-    from pypesto.result import OptimizerResult
+    import pypesto  # pyright: ignore[reportMissingImports]  # of this benchmark alone
+    import pypesto.optimize  # pyright: ignore[reportMissingImports]
+    import pypesto.profile  # pyright: ignore[reportMissingImports]
+    from pypesto.result import OptimizerResult  # pyright: ignore[reportMissingImports]
 
     from thermohyd.identify.fitting.fit import StaticSearch
     from thermohyd.identify.fitting.static_residuals import residual_and_columns
@@ -113,7 +113,7 @@ def main() -> None:
     std = np.sqrt(np.diag(np.linalg.inv(fitted.solution.jacobian.T @ fitted.solution.jacobian)))
     contenders = {"thermohyd": own}
     try:
-        import pypesto
+        import pypesto  # pyright: ignore[reportMissingImports]
 
         contenders[f"pyPESTO {pypesto.__version__}"] = peer
     except ImportError:

@@ -103,7 +103,7 @@ def compute_all[Found: Result](
 
 
 def time_left(took: Sequence[float], left: int) -> str:
-    """", about 4 min left": of so many records, by the seconds that those before took; empty before the first is done.
+    """ ", about 4 min left": of so many records, by the seconds that those before took; empty before the first is done.
 
     The first one compiles what the others share, so it counts only while it is alone.
     """

@@ -119,6 +119,8 @@ def test_a_bad_row_of_a_frequency_response_is_left_out_and_named(seed_record, se
     value[row] += by
     bad = replace(test, channels=tuple(replace(c, value=value) if c is own else c for c in test.channels))
     kept = beside_the_fit({"frequency": bad}, {("frequency", channel): modelled - value})["frequency"]
+    assert isinstance(kept, DynamicTest)
+    assert kept.frequency is not None
     [fault] = kept.faults
     assert (fault.name, fault.channel, [r.line for r in fault.rows]) == ("outliers", channel, [int(test.lines[row])])
     assert kept.rows == len(kept.frequency) == test.rows - 1
