@@ -11,7 +11,7 @@ QUICKEST = {
     "xla_backend_optimization_level": 0,
     "xla_llvm_disable_expensive_passes": True,
     "xla_cpu_parallel_codegen_split_count": 1,
-    "xla_disable_hlo_passes": "reshape-mover",
+    "xla_disable_hlo_passes": "algsimp,reshape-mover",
 }
 # jax.jit for functions of arrays and Modules of arrays. A step test's program takes a quarter of the time to compile and
 # runs half as long again.
