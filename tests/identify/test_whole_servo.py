@@ -2,7 +2,6 @@
 
 import json
 from pathlib import Path
-from unittest.mock import patch
 
 import numpy as np
 import pandas as pd
@@ -11,7 +10,6 @@ from helpers.commands import command
 from reference.sample_whole_servo import JACK, SERVO, VALVE
 
 from thermohyd.data import sample_record
-from thermohyd.effects.library import DYNAMIC_EFFECTS, EFFECTS
 from thermohyd.identify.bench.columns import column_unit
 from thermohyd.identify.bench.read import read_record
 from thermohyd.identify.fitting.fit import fit, run_fit, static_values
@@ -37,19 +35,6 @@ UNITS = {
     "leakage_flow": "l/min", "flow": "l/min", "load_pressure": "bar", "pressure_a": "bar", "pressure_b": "bar",
     "spool_position": "um", "piston_position": "mm", "amplitude_ratio": "1", "phase": "deg",
 }  # fmt: skip
-# What is searched: few effects, of which the fits and the diagnosis share one program. Whole libraries find nothing in records
-# without an effect in test_end_to_end.py (static tests) and test_sensors_in_motion.py (tests in motion).
-STATIC = ("supply_edge_wear", "viscosity_shift", "pilot_leakage", "flowmeter_offset", "hysteresis")
-MOVING = ("coulomb_friction", "spool_delay", "jack_leakage")
-
-
-@pytest.fixture(scope="module", autouse=True)
-def library():
-    static, moving = (
-        {name: known[name] for name in names} for known, names in ((EFFECTS, STATIC), (DYNAMIC_EFFECTS, MOVING))
-    )
-    with patch.dict(EFFECTS, static, clear=True), patch.dict(DYNAMIC_EFFECTS, moving, clear=True):
-        yield
 
 
 class Run:
