@@ -116,7 +116,7 @@ def test_starts_agree_with_what_the_progress_counted():
     agree = lambda *starts: multi_start(fake_fit(starts=starts))[0]
     assert agree(a, b, c).startswith("3 of 3 starts reached the same best fit: ")
     assert agree(a, d).startswith("1 of 2 starts reached the best fit, the others ended higher. That is no failure")
-    assert agree(low, a, b, c, d).startswith("None of the 4 starts ended at the best fit: a restart beside the best")
+    assert agree(low, a, b, c, d).startswith("None of the 4 starts ended at the best fit: a restart found it")
     assert agree(replace(low, cost=0.9999 * a.cost), a, b).startswith("2 of 2 starts reached the same best fit")
     assert multi_start(fake_fit(starts=(low, a)))[1].startswith("One ended at 1.11 times its chi-square")
 
