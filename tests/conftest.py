@@ -10,13 +10,10 @@ from pathlib import Path
 from typing import Any
 
 
-# Nearly all of the suite's time is XLA's, compiling: without its dearer passes it takes less of it, and programs run as fast. The
-# reshape mover undoes what another pass does and so keeps a round of simplifications going 25 times where two do. The algebraic
-# simplifier stays off with it: together with the older emitter of loops it gives a wrong derivative in reverse mode in
-# test_dynamics_gradients.py, at a tolerance of 1e-11. Set before JAX is imported, here and in the processes that tests start; the
-# pinned jaxlib knows these flags.
-FLAGS = "--xla_backend_optimization_level=1 --xla_llvm_disable_expensive_passes=true"
-FLAGS += " --xla_disable_hlo_passes=algsimp,reshape-mover"
+# Nearly all of the suite's time is XLA's, compiling: without its dearer passes it takes less of it, and programs run as fast.
+# The algebraic simplifier alone takes two fifths of the time of a large derivative. Set before JAX is imported, here and in the
+# processes that tests start; the pinned jaxlib knows these flags.
+FLAGS = "--xla_backend_optimization_level=1 --xla_llvm_disable_expensive_passes=true --xla_disable_hlo_passes=algsimp"
 if version("jaxlib").startswith("0.10."):  # a flag that XLA does not know ends the process
     FLAGS += " --xla_cpu_use_fusion_emitters=false"
 os.environ["XLA_FLAGS"] = f"{FLAGS} {os.environ.get('XLA_FLAGS', '')}"
@@ -50,7 +47,7 @@ jax.config.update("jax_compilation_cache_dir", str(Path(__file__).parents[1] / "
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
 
 # Tracing makes millions of objects that live: at the usual threshold a twentieth of the time goes into looking for garbage.
-gc.set_threshold(400_000, 20, 20)
+gc.set_threshold(100_000, 20, 20)
 
 settings.register_profile("project", deadline=None, derandomize=True)
 settings.load_profile("project")
@@ -69,33 +66,6 @@ LONGEST_FIRST = (
     "test_dynamics_gradients.py", "test_sensitivities.py", "test_fit.py", "test_stored_ports.py", "test_controller_output.py",
     "test_sensitivity_command.py", "test_bench_faults.py", "test_sensors_in_motion.py", "test_port_storage.py",
 )  # fmt: skip
-
-
-# Files of large programs that are run a few times: not optimised at all, they compile in half of the time and run two or three
-# times as long. Most diagnoses run theirs hundreds of times and are none of them: the one of test_other_law.py that took 40 s
-# takes 107 s so.
-QUICKLY_COMPILED = (
-    "test_whole_servo.py", "test_fit.py", "test_sensors.py", "test_problem.py", "test_predict.py",
-    "test_servo.py", "test_public_face.py", "test_real_record.py", "test_performance_derivatives.py", "test_fit_motion.py",
-    "test_controller_output.py",
-)  # fmt: skip
-
-
-file_of_last_test: Path | None = None
-
-
-@pytest.hookimpl(tryfirst=True)
-def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Before the first fixture of a file: how well its programs are compiled. A fixture of the file may say otherwise."""
-    global file_of_last_test
-    if item.path != file_of_last_test:
-        file_of_last_test = item.path
-        jax.config.update("jax_disable_most_optimizations", item.path.name in QUICKLY_COMPILED)
-
-
-def pytest_collection_finish() -> None:
-    """What was imported stays: nobody looks for garbage in it."""
-    gc.freeze()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
