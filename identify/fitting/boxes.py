@@ -38,6 +38,10 @@ class Box:
                 f"{self.name} cannot be fitted by its logarithm: its lower limit {self.lower:g} is not positive"
             )
 
+    def held_at(self, value: float) -> "Box":
+        """The same parameter, held at a physical value."""
+        return Box(self.name, value, self.scale, value, value, held=True)
+
     def free(self, value: float) -> float:
         """z of a physical value."""
         if not self.logarithmic:

@@ -14,7 +14,6 @@ from thermohyd.identify.reduction.bad_rows import beside_the_fit, without_limits
 from thermohyd.identify.reduction.reduce import reduce_test
 from thermohyd.numerics import require_float64
 
-from .boxes import Box
 from .fit_effects import fit_with, known_effects
 from .least_squares import LeastSquaresResult, Solver, multi_start, solve
 from .library import library_for
@@ -314,7 +313,7 @@ class StaticSearch:
         """From `start`, with the parameters of these indices held at these values; given up where it promises no end below `enough`."""
         boxes = self.boxes
         for i, value in (held or {}).items():
-            boxes[i] = Box(boxes[i].name, value, boxes[i].scale, value, value, held=True)
+            boxes[i] = boxes[i].held_at(value)
         tolerance = PROFILE_CLOSE_ENOUGH if held else CLOSE_ENOUGH
         residual = residual_of(self.free)
         return self.solver(residual, boxes, args, start, tolerance=tolerance, believe=BELIEVE_BELOW, enough=enough)

@@ -23,6 +23,7 @@ from .readings import MotionReadings, Noise, white_noise
 from .relative import with_relatives
 from .result import StartOutcome
 from .sensed import sensed_channels, sensor_plans, traced, with_starts
+from .trimmed import FAR
 
 
 MOST_ROUNDS = 4
@@ -30,7 +31,6 @@ SETTLED = 0.02  # relative change of every channel's noise
 # Shares of each run that are fitted one after the other: a long record that swings traps a search that begins far away.
 HORIZONS = (0.3, 0.6, 1.0)
 GLANCE = 6  # steps of a search on part of the runs
-FAR = 3.0  # reduced chi-square from which other starts are tried
 # Other starts: factors on the parameters of motion.
 OTHERS = ({"spool_frequency": 0.6, "bulk_modulus_factor": 0.6}, {"spool_frequency": 1.8, "bulk_modulus_factor": 0.6})
 

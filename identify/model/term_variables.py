@@ -8,6 +8,7 @@ import numpy as np
 from thermohyd.identify.bench.test_record import TestRecord
 from thermohyd.oil_definition import REFERENCE_TEMPERATURE as STATED_AT, OilDefinition
 
+from .learned_terms import kinematic_viscosity
 from .places import FLOW_READINGS, Place, read_as
 
 
@@ -23,8 +24,7 @@ def thinning(oil: OilDefinition, temperature: np.ndarray) -> np.ndarray:
     """mu(40 degC)/mu(T) at zero gauge pressure (rows,)."""
 
     def dynamic(at: np.ndarray) -> np.ndarray:
-        walther = 10.0 ** (10.0 ** (oil.viscosity_a - oil.viscosity_b * np.log10(at))) - 0.7
-        return walther * (1.0 - oil.expansion * (at - STATED_AT))
+        return kinematic_viscosity(oil, at) * (1.0 - oil.expansion * (at - STATED_AT))
 
     return dynamic(np.full(1, REFERENCE_TEMPERATURE)) / dynamic(np.asarray(temperature, dtype=float))
 

@@ -8,15 +8,12 @@ from functools import cached_property
 import numpy as np
 
 from thermohyd.identify.fitting.boxes import Box
-from thermohyd.identify.fitting.fit import StaticSearch
+from thermohyd.identify.fitting.fit import PROFILE_CLOSE_ENOUGH, StaticSearch
 from thermohyd.identify.fitting.least_squares import LeastSquaresResult, solve
 from thermohyd.identify.fitting.library import Library
 from thermohyd.identify.fitting.outcome import Fitted, Uncertainty
 from thermohyd.identify.fitting.problem import BELIEVE, MOST_STEPS, Problem
 from thermohyd.identify.fitting.readings import Noise, white_noise
-
-
-HELD_CLOSE_ENOUGH = 1e-2  # standard errors from an optimum: chi-square is then right to 1e-4
 
 
 def effects_of(fitted: Fitted) -> tuple[str, ...]:
@@ -67,9 +64,9 @@ class FinishedFit:
         def hold(start: np.ndarray, held: Mapping[int, float]) -> LeastSquaresResult:
             own = list(boxes)
             for i, value in held.items():
-                own[i] = Box(boxes[i].name, value, boxes[i].scale, value, value, held=True)
+                own[i] = boxes[i].held_at(value)
             return solve(
-                None, own, None, start, tolerance=HELD_CLOSE_ENOUGH, max_steps=MOST_STEPS, both=system.both, believe=BELIEVE
+                None, own, None, start, tolerance=PROFILE_CLOSE_ENOUGH, max_steps=MOST_STEPS, both=system.both, believe=BELIEVE
             )  # fmt: skip
 
         start = np.array([fitted.values.get(name, box.start) for name, box in zip(system.order, boxes, strict=True)])

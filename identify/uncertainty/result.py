@@ -36,6 +36,10 @@ class Nested:
     open_high: bool = False
 
 
+def at_level(intervals: tuple[Nested, ...], level: float) -> Nested:
+    return next(interval for interval in intervals if interval.level == level)
+
+
 @dataclass(frozen=True)
 class ProfileOf:
     """The likelihood profile of one parameter.
@@ -53,7 +57,7 @@ class ProfileOf:
     seen: float
 
     def at(self, level: float) -> Nested:
-        return next(interval for interval in self.intervals if interval.level == level)
+        return at_level(self.intervals, level)
 
 
 @dataclass(frozen=True)
@@ -69,7 +73,7 @@ class PosteriorOf:
     ess_tail: float
 
     def at(self, level: float) -> Nested:
-        return next(interval for interval in self.intervals if interval.level == level)
+        return at_level(self.intervals, level)
 
 
 @dataclass(frozen=True)
