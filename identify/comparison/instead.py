@@ -23,8 +23,8 @@ from .result import Explanation
 
 
 SHORT_OF = 30.0  # chi-square, or the share below, by which a linear estimate may fall short of what a refit explains
-SHARE = 0.3
-MOST_REFITS, MOST_PARAMETERS, MOST_ROWS = 4, 3, 2
+SHARE = 0.3  # as of rivals (diagnosis.rivals)
+MOST_REFITS, MOST_PARAMETERS, MOST_ROWS = 4, 3, 2  # of computing, and of what a reader takes in
 
 
 def instead_of(

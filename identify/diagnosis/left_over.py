@@ -25,6 +25,8 @@ from .result import Variation
 from .screening import Projection
 
 
+# Bends of a curve over a sweep, and of one over time, where a step's answer rings: each column costs the test power, and what bends more
+# often shows in `where`. Of more runs than that each would need columns of its own: they share them.
 DEGREE = 5
 DEGREE_IN_TIME, MOST_RUNS_APART = 9, 4
 
@@ -127,10 +129,10 @@ VARIABLES = (
     "spool_position", "opening", "temperature", "supply_pressure", "load_pressure", "flow_number", "direction", "rate",
     "elapsed",
 )  # fmt: skip
-DEGREE_OF_VARIATION = 3
-LEVEL = 1e-3
-MOST = 3
-CURVE_POINTS = 41
+DEGREE_OF_VARIATION = 3  # what a reader can still put in words: a slope, a bend, and one turn
+LEVEL = 1e-3  # of all variations together: they say where to look and change no model, so a level between those of names and of chance
+MOST = 3  # that are told
+CURVE_POINTS = 41  # of a drawn curve
 MICRON = 1e-6  # unit of an absolute quantity's coefficients while they are solved for
 
 
@@ -231,7 +233,7 @@ def _size(quantity: str, fit: Fit) -> float:
     return fit.values[quantity] if factor is None else 1.0 + fit.values.get(factor, 0.0)
 
 
-ROUNDS = 6
+ROUNDS = 6  # of Gauss-Newton, which ends by `SETTLED` before
 SETTLED = 1e-3  # of a coefficient's standard error
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import ndtr, ndtri, stdtr
 
 
-DRAWS = 20_000
+DRAWS = 20_000  # of the largest score: the level of the search, 0.005, is then known to 10 %
 SEED = 20110913
 SMALLEST = 1e-300  # a p-value of exactly 0 says more than any noise model knows
 

@@ -22,7 +22,7 @@ from .stored_oil import RELATIVE_REACH, could_explain, within_reach
 
 
 LEVEL = 0.005  # probability of naming anything, at each step of the search, in a record that needs nothing more
-MOST_EFFECTS = 6
+MOST_EFFECTS = 6  # of one record: what is still left then is told as left over
 SINGLES, PAIRS, FAULTS = 10, 6, 4  # refits of each step
 EXPLAINED = 1.1  # reduced chi-square of a refit that leaves nothing to look for elsewhere
 MOST_HOPPING = 3  # refits that go on by basin hopping

@@ -1,4 +1,4 @@
-"""Do the names only stand in for something that the library lacks? One place of the circuit is asked beside several names, in motion.
+"""Do the names only stand in for something that the library lacks? One place of the circuit is asked beside several names.
 
 Two or three effects of the library together can bend a model into what one missing effect does. Where one typed term beside the plain
 model explains the readings better than they do, with fewer amounts, they are no finding: the term is told, the names are suspects.
@@ -17,6 +17,7 @@ from .final_model import FinalModel
 from .held_out import Split
 from .left_over import lack_of_fit, smooth_block
 from .result import Suspect
+from .rivals import all_rivals
 from .search import times_usual
 from .typed_terms import terms_of
 
@@ -28,22 +29,22 @@ UNCLEAN = 0.01
 def without_stand_ins(case: Case, model: FinalModel, split: Split, say: Progress = lambda _: None) -> FinalModel:
     """The final model, or the plain one with the typed terms that do better than all of its effects together.
 
-    Better: a chi-square lower by more than 10.6, as of a proof (docs/diagnosis.md section 11.1), and BIC; and the term holds. Of
-    tests in motion; a model that is left unexplained anyhow is asked later.
+    Better: a chi-square lower by more than 10.6 in units of the misfit left, as of a proof (docs/diagnosis.md section 11.1), and BIC;
+    and the term holds. Faults of the bench stay beside it. A model that is left unexplained anyhow is asked later.
     """
     problem, fit = case.problem, model.fit
     names = fit.physics
-    if not problem.in_motion or model.disagrees or not (len(names) > 1 or (names and model.left.p_value < UNCLEAN)):
+    if model.disagrees or not (len(names) > 1 or (names and model.left.p_value < UNCLEAN)):
         return model
     say("asking whether one place does what the names do")
-    base = model.base
+    base = problem.fit(fit.faults, model.base.values, hop_basins=True) if fit.faults else model.base
     found = terms_of(problem, base, split, say)
     if not found or not found[0].holds:
         return model
     best = found[0].fitted
     count = float(np.log(max(int(fit.used.sum()), 2)))
-    better = fit.chi2 - best.fit.chi2 + count * (len(names) - len(best.term.coefficients))
-    if min(better, fit.chi2 - best.fit.chi2) <= PROVEN:
+    gain = (fit.chi2 - best.fit.chi2) / model.scale
+    if min(gain, gain + count * (len(names) - len(best.term.coefficients))) <= PROVEN:
         return model
     times, proof, outdone = times_usual(fit), model.proof, term_name(best.term)
     suspects = tuple(
@@ -59,13 +60,15 @@ def without_stand_ins(case: Case, model: FinalModel, split: Split, say: Progress
         for name in names
     )
     rows = max(int(base.used.sum()) - len(problem.plans) - len(base.free), 1)
+    scale = max(base.chi2 / rows, 1.0)
+    rivals = all_rivals(problem, base, case.steps, scale, case.freedom) if base.faults else {}
     return replace(
         model,
         fit=base,
-        rivals={},
-        p_values={},
+        rivals=rivals,
+        p_values={name: rival.p_value for name, rival in rivals.items()},
         left=lack_of_fit(problem, base, smooth_block(problem, len(base.residual))),
-        scale=max(base.chi2 / rows, 1.0),
+        scale=scale,
         disagrees=True,
         proof=None,
         suspects=(*model.suspects, *suspects),

@@ -15,7 +15,7 @@ from .term_table import Scored, blank, term_columns
 
 ROUNDS, TRIES, PATIENT = 6, 3, 20  # of Gauss-Newton
 TRIES_IN_MOTION = 6  # a bent machine is far from linear
-DAMPED = 30.0
+DAMPED = 30.0  # a try that raised chi-square is followed by one so much more damped (Marquardt, 1963, has 10): few tries are left
 SETTLED, ENOUGH = 0.02, 1e-4  # chi-square, and share of it, that another round would gain
 
 

@@ -21,7 +21,7 @@ from .max_t import MaxT
 from .screening import LEAST_KEPT, Projection
 
 
-DRAWS = 4000
+DRAWS = 4000  # of the largest score: a p-value of 1e-3 is then known to 50 %, and none below counts
 VARIES = 0.02  # of the oil's thinning, from which a laminar law is not the proportional one
 
 

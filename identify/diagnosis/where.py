@@ -25,12 +25,12 @@ from thermohyd.identify.report.style import TITLES, pressure_groups, run_label, 
 from .result import Region
 
 
-STRETCHES = 12
-MOST_REGIONS = 6
-LEAST_ROWS = 6
+STRETCHES = 12  # of a variable, between whose ends a box begins and ends: their pairs are tried in a moment
+MOST_REGIONS = 6  # that are told
+LEAST_ROWS = 6  # of a box: a variance of fewer is known to 60 % at best
 # Smallest gain of the scan worth a line: far beyond what the many boxes reach by chance.
 WORTH_TELLING = 12.0
-SMALLEST_SHARE = 0.02
+SMALLEST_SHARE = 0.02  # of the excess chi-square: less is no lead, however sure
 
 
 def regions(fits: tuple[ChannelFit, ...], tests: dict[str, TestRecord]) -> tuple[Region, ...]:
@@ -198,7 +198,7 @@ def _runs(low: int, high: int, names: tuple[str, ...]) -> str:
     return f"run {low}" if low == high else f"runs {low} to {high}"
 
 
-MOST_BINS = 60
+MOST_BINS = 60  # across a picture
 MOST_ROWS = 16  # per channel: where runs would make more, they share a row
 ROW, HEAD, FOOT, TOP = 0.17, 0.42, 0.95, 0.25  # inches
 

@@ -149,7 +149,7 @@ def _side(estimate: ParameterEstimate) -> str:
     return f"{'lower' if nearer_lower else 'upper'} limit, {bound:.4g}{label}"
 
 
-STRETCHES = 12
+STRETCHES = 12  # of a sweep, in whose words a misfit is told
 
 
 def verdict_of_motion(fits: tuple[ChannelFit, ...], converged: bool, message: str) -> tuple[str, ...]:

@@ -15,7 +15,7 @@ from .uncertainty import Key
 FAR = 3.0  # reduced chi-square from which a model counts as bent by what it misses
 SHARE = 0.6  # of the rows: with what one test shows left out, more than half are left in most records
 STEPS = 6  # of concentration, at most: each lowers the trimmed chi-square, the first few by nearly all
-SETTLED = 0.98
+SETTLED = 0.98  # of the last trimmed chi-square: steps that gain less only polish, which the fit does
 
 
 def trimmed_points[Point](

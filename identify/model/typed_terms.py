@@ -19,7 +19,7 @@ from .term_variables import THINNING, VARIABLES, At, States
 
 POWERS = {"proportional": 1.0, "laminar": 1.0, "square": 2.0, "root": 0.5}
 LAWS = ("constant", *POWERS, "smooth")
-DEGREE = 3
+DEGREE = 3  # of the smooth law: a slope, a bend, and one turn
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from thermohyd.identify.reduction.monotone_pieces import piece_bounds
 
 
 MOST_MEMORY = 0.995  # phi: noise that remembers longer is drift, which a sweep cannot tell from the curve
-LAGS = 12
+LAGS = 12  # rows: a third is still left there of a phi of 0.91, and fewer lags would not tell share and phi apart
 # Residuals, alone and per parameter, below which nothing is said: what a fit takes out of few of them looks like memory.
 FEWEST, PER_PARAMETER = 20, 15
 SIGNIFICANT = 2.5  # fitted share in units of its standard error under white noise, below which noise counts as white
@@ -101,6 +101,7 @@ def correlated_sum(columns: np.ndarray, sweeps: np.ndarray, noise: NoiseCorrelat
 
 
 FEW = 20  # rows, below which nothing is said
+# Of a likelihood: denser than phi is known to from the rows of a record.
 MEMORIES = np.concatenate([np.arange(0.1, 0.9, 0.05), np.arange(0.9, 0.99, 0.02), [0.99, MOST_MEMORY]])
 # Of the power of noise with a memory, against white noise's: where the projection leaves less, it hides the memory too.
 LEAST_LEFT = 0.2

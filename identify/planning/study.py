@@ -23,7 +23,7 @@ from .result import Addition, PlannedEffect, PlannedParameter, PlannedReading, P
 from .visible import POWER, View, amount_told_apart, confused_with, groups, view_of
 
 
-MOST_ADDED = 8
+MOST_ADDED = 8  # runs that are tried beside the planned ones: each is a table of all columns
 
 
 def plan(

@@ -24,7 +24,7 @@ from thermohyd.identify.fitting.library import stores
 from .planned_problem import Prospect
 
 
-POWER = 0.9
+POWER = 0.9  # chance to find what is as large as the least amount said: usual for the size of a trial
 AMOUNTS = 241  # tried, from nothing to five times the largest usual one
 ROUNDS, ENOUGH = 5, 0.02  # of a search for an amount, and the relative error of its score
 

@@ -12,7 +12,7 @@ from .rounding import local_steps, rounding_error, scatter_before_rounding
 from .sweep_position import Abscissa
 
 
-ALONG_BINS = 12
+ALONG_BINS = 12  # on either side: scatter changes along a sweep slowly, and 25 bins know it to some per cent
 POOLED_BINS = 4  # on either side, for bins with few rows
 POOLED_ROWS = 40.0  # a bin of so many rows stands half for itself, half for its neighbours
 
