@@ -17,7 +17,7 @@ from thermohyd.identify.bench.valve_tables import BenchFile
 from thermohyd.identify.fitting.parameters import free_parameters, plan_motion, plan_parameters
 from thermohyd.identify.fitting.reversed_signs import reversed_channels, warning_of, with_signs_turned
 from thermohyd.identify.noise.level import initial_noise
-from thermohyd.identify.reduction.bad_rows import without_limits
+from thermohyd.identify.reduction.limits import without_limits
 from thermohyd.identify.reduction.monotone_pieces import monotone_pieces
 from thermohyd.identify.reduction.reduce import reduce_test
 

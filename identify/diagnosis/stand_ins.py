@@ -22,29 +22,32 @@ from .search import times_usual
 from .typed_terms import terms_of
 
 
-# Several names are always asked; one only where smooth curves still find something at this level.
-UNCLEAN = 0.01
+# Several names are always asked; one, or a fault of the bench, only where smooth curves still find something at this level, which is
+# one right answer in twenty.
+UNCLEAN = 0.05
 
 
 def without_stand_ins(case: Case, model: FinalModel, split: Split, say: Progress = lambda _: None) -> FinalModel:
     """The final model, or the plain one with the typed terms that do better than all of its effects together.
 
     Better: a chi-square lower by more than 10.6 in units of the misfit left, as of a proof (docs/diagnosis.md section 11.1), and BIC;
-    and the term holds. Faults of the bench stay beside it. A model that is left unexplained anyhow is asked later.
+    and the term holds. Faults of the bench stay beside it, unless they are the whole answer. A model that is left unexplained anyhow is
+    asked later.
     """
     problem, fit = case.problem, model.fit
     names = fit.physics
-    if model.disagrees or not (len(names) > 1 or (names and model.left.p_value < UNCLEAN)):
+    if model.disagrees or not (len(names) > 1 or (fit.effects and model.left.p_value < UNCLEAN)):
         return model
     say("asking whether one place does what the names do")
-    base = problem.fit(fit.faults, model.base.values, hop_basins=True) if fit.faults else model.base
+    beside = fit.faults if names else ()
+    base = problem.fit(beside, model.base.values, hop_basins=True) if beside else model.base
     found = terms_of(problem, base, split, say)
     if not found or not found[0].holds:
         return model
     best = found[0].fitted
     count = float(np.log(max(int(fit.used.sum()), 2)))
     gain = (fit.chi2 - best.fit.chi2) / model.scale
-    if min(gain, gain + count * (len(names) - len(best.term.coefficients))) <= PROVEN:
+    if min(gain, gain + count * (len(fit.effects) - len(beside) - len(best.term.coefficients))) <= PROVEN:
         return model
     times, proof, outdone = times_usual(fit), model.proof, term_name(best.term)
     suspects = tuple(

@@ -10,7 +10,8 @@ from thermohyd.identify.bench.errors import BenchInputError
 from thermohyd.identify.bench.record import BenchRecord
 from thermohyd.identify.bench.test_record import TestRecord
 from thermohyd.identify.noise.level import ChannelNoise, initial_noises
-from thermohyd.identify.reduction.bad_rows import beside_the_fit, without_limits
+from thermohyd.identify.reduction.bad_rows import beside_the_fit
+from thermohyd.identify.reduction.limits import without_limits
 from thermohyd.identify.reduction.reduce import reduce_test
 from thermohyd.numerics import require_float64
 

@@ -9,6 +9,7 @@ from thermohyd.identify.bench.record import BenchRecord
 from thermohyd.identify.bench.test_record import TestRecord
 from thermohyd.identify.noise.level import ChannelNoise, initial_noises
 from thermohyd.identify.reduction.bad_rows import beside_the_fit
+from thermohyd.identify.reduction.limits import without_limits
 
 from .fit_effects import settled
 from .least_squares import LeastSquaresResult
@@ -52,11 +53,10 @@ def run_fit_motion(
     """
     say = progress or (lambda _: None)
     plans = plan_motion(record.valve, require_actuator(record), record.start, known)
-    moving = record.dynamic_tests
-    tests: dict[str, TestRecord] = dict(moving)
+    tests: dict[str, TestRecord] = {name: without_limits(test) for name, test in record.dynamic_tests.items()}
     plans = with_relatives(plans | sensor_plans(tests, record), tests, record)
     free, readings = free_parameters(record, plans, tests), readings_of(tests)
-    noise = initial_noises(moving.values())
+    noise = initial_noises(tests.values())
     say(f"fitting {len(free)} parameters of motion to {readings:,} readings")
     problem = Problem(record, tests, plans, NOTHING, white_noise(noise), also=also)
     if sensed_channels(tests):
@@ -76,7 +76,7 @@ def run_fit_motion(
             ends.append(_grown(problem, begin, lambda _: None))
     ends.sort(key=lambda end: (not np.isfinite(end.chi2), end.chi2))
     starts = tuple(_outcome(problem, end) for end in ends)
-    best, faults = ends[0], ()
+    best = ends[0]
     misfits = {key: best.residual[rows] * problem.noise.std[key] for key, rows in problem.rows().items()}
     if np.isfinite(best.chi2) and (changed := beside_the_fit(tests, misfits)):
         say("left out rows beyond what their neighbours allow; fitting again")
@@ -84,7 +84,7 @@ def run_fit_motion(
         noise = initial_noises(tests.values())
         problem = replace(problem, tests=tests, noise=white_noise(noise))
         best = problem.fit(start=best.values)
-        faults = tuple(fault.sentence for test in tests.values() for fault in test.faults)
+    faults = (fault.sentence for test in tests.values() for fault in test.faults)
     fitted = Fitted(record, tests, plans, free, noise, best.solution, starts, (*record.warnings, *faults))
     return settled(problem, best, fitted, rounds=MOST_ROUNDS, enough=SETTLED)
 

@@ -1,4 +1,4 @@
-"""Find rows that are not readings of the valve: outliers, a clipped gauge, a meter's dead band. NumPy and SciPy's laws only.
+"""Find rows that are not readings of the valve because they lie apart from their neighbours. NumPy and SciPy's laws only.
 
 A missing effect is no outlier: a row counts as one only where its neighbours, without any model, leave no room for it. A table
 may have one row on a sharp peak, so there the fitted valve must not explain the row either (`outliers`, called by the fit).
@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import bdtrc, stdtrit
+from scipy.special import stdtrit
 
 from thermohyd.identify.bench.columns import reading_unit
 from thermohyd.identify.bench.shown_units import significant
@@ -27,10 +27,6 @@ MOST = 0.05  # share of a test's rows beyond which they are no outliers but its 
 AROUND = 12  # rows on either side that say how large the noise is there
 # Third differences share rows and their median is 37 % efficient: degrees of freedom of the noise per row.
 WORTH = 0.25
-# A constant reading counts as a limit from a share of the rows on, in stretches of so many one after the other and more; chance is
-# judged by the share of the other rows that lie nearest to it.
-SHARE, IN_A_ROW, NEAREST = 0.02, 3, 0.2
-LEFT = 8  # rows that must remain: a reading that never changes has a sentence of its own
 APART = 8  # rows between two outliers that are found at once
 AS_COMMANDED = 1e-3  # of the command's range: a row without which it is the same
 # The steepest share of a piece says how far a model's curve, or a row's position by its noise, lies aside. So many times that a
@@ -238,7 +234,7 @@ def without_outliers(test: TestRecord, found: Mapping[str, Mapping[int, float]])
         gone |= set(rows) if masked else set()
     if len(faults) == len(test.faults):
         return test
-    return replace(_without(test, sorted(gone)) if gone else test, faults=tuple(faults))
+    return replace(without_rows(test, sorted(gone)) if gone else test, faults=tuple(faults))
 
 
 def _outliers_fault(test: TestRecord, name: str, rows: Mapping[int, float], masked: bool) -> Fault:
@@ -251,9 +247,9 @@ def _outliers_fault(test: TestRecord, name: str, rows: Mapping[int, float], mask
     then = "left out of the fit" if masked else "so many are no outliers: they stay, and the noise is not normal"
     sentence = (
         f"{test.name}, {name}: {what} beyond what the rows around allow, {who}by {rows[worst]:.0f} standard deviations "
-        f"({_place(test, worst).words}: {reading}); {then}"
+        f"({place_in_file(test, worst).words}: {reading}); {then}"
     )
-    places = tuple(replace(_place(test, row), sigma=sigma) for row, sigma in rows.items())
+    places = tuple(replace(place_in_file(test, row), sigma=sigma) for row, sigma in rows.items())
     return Fault("outliers", test.name, name, float(len(rows)), "1", places, sentence, masked)
 
 
@@ -265,83 +261,13 @@ def without_outliers_in_log(test: TestRecord) -> TestRecord:
     )
 
 
-def without_limits(test: TestRecord) -> TestRecord:
-    """The test without rows at which a gauge was at its limit or a meter stood still: one constant where readings never repeat."""
-    for at, channel in enumerate(test.channels):
-        limits = tuple(dict.fromkeys((float(np.min(channel.value)), float(np.max(channel.value)), 0.0)))
-        for limit in limits:
-            rows = _standing(test, test.channels[at].value, limit, limits)
-            if len(rows) < SHARE * test.rows or test.rows - len(rows) < LEFT:
-                continue
-            name = "meter_dead_band" if limit == 0.0 else "clipped"
-            unit = reading_unit(channel.name, channel.signal)
-            shown = f"{significant(limit * unit.factor, 3)} {unit.label}"
-            how = "a meter's dead band" if limit == 0.0 else "a gauge at its limit"
-            sentence = (
-                f"{test.name}, {channel.name}: {len(rows)} rows stand at exactly {shown}, where no other reading repeats: {how}; "
-                "left out of the fit"
-            )
-            places = tuple(_place(test, int(row)) for row in rows)
-            fault = Fault(name, test.name, channel.name, limit, unit.si or "1", places, sentence)
-            test = replace(_without(test, rows.tolist()), faults=(*test.faults, fault))
-    return test
-
-
-def _standing(test: TestRecord, value: np.ndarray, limit: float, limits: tuple[float, ...]) -> np.ndarray:
-    """Rows at exactly `limit`, in stretches while the spool moved, where a reading is followed by the same more often than by chance."""
-    if test.rows < 2:
-        return np.zeros(0, dtype=int)
-    moved = (np.diff(test.spool_position) != 0.0) & (np.diff(test.run) == 0)
-    at = moved & (value[:-1] == limit)
-    again = at & (value[1:] == limit)
-    if (
-        not again.any()
-        or bdtrc(int(again.sum()) - 1, int(at.sum()), _by_rounding(test, value, moved, limit, limits)) > CHANCE
-    ):
-        return np.zeros(0, dtype=int)
-    standing = np.zeros(test.rows, dtype=bool)
-    for a, b in piece_bounds(np.cumsum(np.append(0, ~again))):
-        if b - a >= IN_A_ROW:
-            standing[a:b] = True
-    return np.flatnonzero(standing)
-
-
-def _by_rounding(
-    test: TestRecord, value: np.ndarray, moved: np.ndarray, limit: float, limits: tuple[float, ...]
-) -> float:
-    """How often neighbouring readings near a limit are equal because they were rounded: as often as they are, or as noise makes it.
-
-    Noise of standard deviation s, rounded in steps h, gives equal neighbours with probability h/(2 sqrt(pi) s), where it spans a
-    few steps. Judged by the readings nearest to the limit: a curve that levels out there is as flat, and its gauge as quiet, as it is.
-    """
-    off = ~np.isin(value, limits)
-    count = max(LEFT, round(NEAREST * int(off.sum())))
-    if off.sum() < LEFT:
-        return 1.0
-    reach = np.sort(np.abs(value[off] - limit))[min(count, int(off.sum())) - 1]
-    near = off & (np.abs(value - limit) <= reach)
-    pairs = moved & near[:-1] & off[1:]
-    equal = (float(np.sum(pairs & (np.diff(value) == 0.0))) + 1.0) / (float(pairs.sum()) + 2.0)
-    step = float(np.median(local_steps(value[off])))
-    if step == 0.0:
-        return equal
-    seen = []
-    for a, b in piece_bounds(test.run[off]):
-        part = value[off][a:b]
-        if b - a >= LEFT:
-            third = divided_third(np.arange(float(b - a)), part)
-            seen.append(third[near[off][a + 1 : b - 2]])
-    squares = np.concatenate(seen) ** 2 if seen else np.zeros(0)
-    noise = float(np.sqrt(np.median(squares) / MEDIAN_OF_CHI2)) if len(squares) else 0.0
-    return max(equal, min(1.0, step / (2.0 * np.sqrt(np.pi) * noise)) if noise > 0.0 else 1.0)
-
-
-def _place(test: TestRecord, row: int) -> FaultyRow:
+def place_in_file(test: TestRecord, row: int) -> FaultyRow:
+    """Where a row stands in the file that the test was read from."""
     line = None if test.lines is None else int(test.lines[row])
     return FaultyRow(str(test.path.name), line, test.run_names[int(test.run[row])] if test.run_names else "")
 
 
-def _without(test: TestRecord, rows: list[int]) -> TestRecord:
+def without_rows(test: TestRecord, rows: list[int]) -> TestRecord:
     """The test without these rows, in every column."""
     kept = np.ones(test.rows, dtype=bool)
     kept[rows] = False

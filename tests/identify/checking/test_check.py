@@ -65,7 +65,7 @@ def test_columns_with_units_and_ranges(seed):
 
 def test_what_a_fit_sees_is_what_the_fit_makes(log):
     from thermohyd.identify import read_record
-    from thermohyd.identify.reduction.bad_rows import without_limits
+    from thermohyd.identify.reduction.limits import without_limits
     from thermohyd.identify.reduction.reduce import reduce_test
 
     leakage = reduce_test(without_limits(read_record(sample_record("raw_log")).tests["leakage"]))

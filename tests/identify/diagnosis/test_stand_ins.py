@@ -79,7 +79,7 @@ def test_one_place_that_does_better_than_two_names_takes_their_place(monkeypatch
         (NAMES, 830.0, 0.5, 800.0, False, True, 1),  # it does not hold
         (NAMES, 830.0, 0.5, None, True, True, 1),  # no term beyond chance
         (NAMES[:1], 830.0, 0.5, 800.0, True, True, 0),  # one name, nothing left over
-        (NAMES[:1], 830.0, 1e-3, 825.0, True, True, 1),  # one name, something left over
+        (NAMES[:1], 830.0, 0.04, 825.0, True, True, 1),  # one name, something left over
         (NAMES, 830.0, 0.5, 822.0, True, False, 1),  # static tests are asked too
         ((), 830.0, 1e-3, 800.0, True, True, 0),  # nothing named
     ],

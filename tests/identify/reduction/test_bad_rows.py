@@ -8,13 +8,16 @@ from helpers.raw_logs import POSITION, READING, TRUTH, raw_log, steep
 from helpers.records import NOISE
 from helpers.small_bench import rows_of, small_record
 
+from thermohyd.data import sample_record
+from thermohyd.identify.bench.read import read_record
+from thermohyd.identify.bench.test_record import DynamicTest
 from thermohyd.identify.reduction.bad_rows import (
     lies_aside,
     outliers,
     outliers_beside,
-    without_limits,
     without_outliers,
 )
+from thermohyd.identify.reduction.limits import without_limits
 from thermohyd.identify.reduction.monotone_pieces import monotone_pieces
 from thermohyd.identify.reduction.reduce import reduce_test
 
@@ -138,3 +141,34 @@ def test_rounding_and_a_reading_that_never_changes_are_neither():
     assert without_limits(coarse) is coarse
     constant = with_readings(test, np.full(test.rows, 3.0))
     assert without_limits(constant) is constant
+
+
+def in_motion() -> list[DynamicTest]:
+    folder = sample_record("seed_actuator").parent / "hidden_dynamic"
+    records = [read_record(one) for one in (sample_record("seed_actuator"), *sorted(folder.iterdir())) if one.is_dir()]
+    return [test for record in records for test in record.dynamic_tests.values()]
+
+
+def test_a_gauge_that_clips_in_motion_loses_its_rows_and_one_that_comes_to_rest_keeps_them():
+    tests = in_motion()
+    assert len(tests) > 3
+    for test in tests:
+        assert without_limits(test) is test
+        coarse = tuple(
+            replace(c, value=np.round(c.value / np.ptp(c.value), 2) * np.ptp(c.value)) for c in test.channels
+        )
+        rounded = replace(test, channels=coarse)
+        assert without_limits(rounded) is rounded
+    test = next(t for t in tests if t.axis == "time" and any("pressure" in c.name for c in t.channels))
+    own = next(c for c in test.channels if "pressure" in c.name)
+    limit = float(np.quantile(own.value, 0.8))
+    clipped = tuple(replace(c, value=np.minimum(c.value, limit)) if c is own else c for c in test.channels)
+    kept = without_limits(replace(test, channels=clipped))
+    [fault] = kept.faults
+    assert (fault.name, fault.channel, fault.value) == ("clipped", own.name, limit)
+    assert kept.rows == test.rows - len(fault.rows)
+    assert len(fault.rows) > 0.8 * np.sum(own.value > limit)
+    # The command is what it was: rows on which it turns stay, though the gauge is at its limit there.
+    assert isinstance(kept, DynamicTest)
+    again = np.interp(test.time[test.run == 0], kept.time[kept.run == 0], kept.command[kept.run == 0])
+    np.testing.assert_allclose(again, test.command[test.run == 0], atol=1e-3 * np.ptp(test.command))

@@ -1,0 +1,121 @@
+"""Find rows at which a gauge was at its limit, or a meter stood still in its dead band. NumPy and SciPy's laws only."""
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.special import bdtrc
+
+from thermohyd.identify.bench.columns import reading_unit
+from thermohyd.identify.bench.shown_units import significant
+from thermohyd.identify.bench.test_record import DynamicTest, Fault, TestRecord
+from thermohyd.identify.noise.level import MEDIAN_OF_CHI2, divided_third
+
+from .bad_rows import CHANCE, command_goes_on, place_in_file, without_rows
+from .monotone_pieces import piece_bounds
+from .rounding import local_steps
+
+
+# A constant reading counts as a limit from a share of the rows on, in stretches of so many one after the other and more; chance is
+# judged by the share of the other rows that lie nearest to it.
+SHARE, IN_A_ROW, NEAREST = 0.02, 3, 0.2
+SLOPE_OF_A_CUT = 2.0  # rounding steps from row to row
+LEFT = 8  # rows that must remain: a reading that never changes has a sentence of its own
+
+
+def without_limits(test: TestRecord) -> TestRecord:
+    """The test without rows at which a gauge was at its limit or a meter stood still: one constant where readings never repeat.
+
+    In motion of pressures alone, since a piston or a flow may come to rest; a row on which the command turns stays. Not over frequency.
+    """
+    if test.axis == "frequency":
+        return test
+    for at, channel in enumerate(test.channels):
+        if test.in_motion and "pressure" not in channel.name:
+            continue
+        ends = (float(np.min(channel.value)), float(np.max(channel.value)))
+        limits = ends if test.in_motion else tuple(dict.fromkeys((*ends, 0.0)))
+        for limit in limits:
+            rows = _standing(test, at, limit, limits)
+            if len(rows) < SHARE * test.rows or test.rows - len(rows) < LEFT:
+                continue
+            name = "meter_dead_band" if limit == 0.0 and not test.in_motion else "clipped"
+            unit = reading_unit(channel.name, channel.signal)
+            shown = f"{significant(limit * unit.factor, 3)} {unit.label}"
+            how = "a gauge at its limit" if name == "clipped" else "a meter's dead band"
+            sentence = (
+                f"{test.name}, {channel.name}: {len(rows)} rows stand at exactly {shown}, where no other reading repeats: {how}; "
+                "left out of the fit"
+            )
+            places = tuple(place_in_file(test, int(row)) for row in rows)
+            fault = Fault(name, test.name, channel.name, limit, unit.si or "1", places, sentence)
+            test = replace(without_rows(test, rows.tolist()), faults=(*test.faults, fault))
+    return test
+
+
+def _standing(test: TestRecord, at: int, limit: float, limits: tuple[float, ...]) -> np.ndarray:
+    """Rows in which channel `at` is at exactly `limit`, in stretches while the spool moved, where a reading is followed by the same more
+    often than by chance."""
+    value, none = test.channels[at].value, np.zeros(0, dtype=int)
+    if test.rows < 2:
+        return none
+    moved = _moved(test, at)
+    stays = moved & (value[:-1] == limit)
+    again = stays & (value[1:] == limit)
+    if not again.any():
+        return none
+    if bdtrc(int(again.sum()) - 1, int(stays.sum()), _by_rounding(test, value, moved, limit, limits)) > CHANCE:
+        return none
+    standing = np.zeros(test.rows, dtype=bool)
+    for a, b in piece_bounds(np.cumsum(np.append(0, ~again))):
+        if b - a >= IN_A_ROW and (not isinstance(test, DynamicTest) or _cut_off(test, value, a, b)):
+            standing[a:b] = True
+    if isinstance(test, DynamicTest):
+        standing &= np.array([not standing[row] or command_goes_on(test, row) for row in range(test.rows)])
+    return np.flatnonzero(standing)
+
+
+def _moved(test: TestRecord, at: int) -> np.ndarray:
+    """Whether the spool moved from each row to the next (rows - 1,); in motion, whether another reading than that of channel `at` did."""
+    one_run = np.diff(test.run) == 0
+    if not test.in_motion:
+        return (np.diff(test.spool_position) != 0.0) & one_run
+    others = [np.diff(channel.value) != 0.0 for i, channel in enumerate(test.channels) if i != at]
+    return one_run & np.any(np.stack([np.zeros(len(one_run), dtype=bool), *others]), axis=0)
+
+
+def _cut_off(test: TestRecord, value: np.ndarray, a: int, b: int) -> bool:
+    """Whether readings in time come to rows a to b, and leave them, at a slope: a pressure that settles comes by a step of its rounding."""
+    if not 0 < a < b < test.rows or test.run[a - 1] != test.run[min(b, test.rows - 1)]:
+        return False
+    step = float(np.median(local_steps(value)))
+    return bool(min(abs(value[a - 1] - value[a]), abs(value[b] - value[b - 1])) > SLOPE_OF_A_CUT * step)
+
+
+def _by_rounding(
+    test: TestRecord, value: np.ndarray, moved: np.ndarray, limit: float, limits: tuple[float, ...]
+) -> float:
+    """How often neighbouring readings near a limit are equal because they were rounded: as often as they are, or as noise makes it.
+
+    Noise of standard deviation s, rounded in steps h, gives equal neighbours with probability h/(2 sqrt(pi) s), where it spans a
+    few steps. Judged by the readings nearest to the limit: a curve that levels out there is as flat, and its gauge as quiet, as it is.
+    """
+    off = ~np.isin(value, limits)
+    count = max(LEFT, round(NEAREST * int(off.sum())))
+    if off.sum() < LEFT:
+        return 1.0
+    reach = np.sort(np.abs(value[off] - limit))[min(count, int(off.sum())) - 1]
+    near = off & (np.abs(value - limit) <= reach)
+    pairs = moved & near[:-1] & off[1:]
+    equal = (float(np.sum(pairs & (np.diff(value) == 0.0))) + 1.0) / (float(pairs.sum()) + 2.0)
+    step = float(np.median(local_steps(value[off])))
+    if step == 0.0:
+        return equal
+    seen = []
+    for a, b in piece_bounds(test.run[off]):
+        part = value[off][a:b]
+        if b - a >= LEFT:
+            third = divided_third(np.arange(float(b - a)), part)
+            seen.append(third[near[off][a + 1 : b - 2]])
+    squares = np.concatenate(seen) ** 2 if seen else np.zeros(0)
+    noise = float(np.sqrt(np.median(squares) / MEDIAN_OF_CHI2)) if len(squares) else 0.0
+    return max(equal, min(1.0, step / (2.0 * np.sqrt(np.pi) * noise)) if noise > 0.0 else 1.0)
