@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from thermohyd.effects.library import effect_info
+from thermohyd.identify.fitting.library import stores
 from thermohyd.identify.report.term_words import term_name
 
 from .case import Case, Progress
@@ -37,6 +38,8 @@ def without_stand_ins(case: Case, model: FinalModel, split: Split, say: Progress
     problem, fit = case.problem, model.fit
     names = fit.physics
     if model.disagrees or not (len(names) > 1 or (fit.effects and model.left.p_value < UNCLEAN)):
+        return model
+    if any(stores(name) for name in fit.effects):  # ports that store oil have no terms of their own
         return model
     say("asking whether one place does what the names do")
     beside = fit.faults if names else ()

@@ -27,7 +27,6 @@ from .bench_faults import BenchFault, corrected
 from .library import Library, stores, with_heat
 from .library_program import ENTRIES, LibraryArgs, RowTerms, library_program, library_residual, order_of
 from .parameters import PARAMETERS, ParameterPlan
-from .place_program import place_program
 from .row_blocks import RowBlocks
 from .row_sizes import coarse_size
 from .static_readings import (
@@ -145,11 +144,9 @@ class StaticReadings:
         return coarse_size(rows)
 
     def evaluation(self, program: tuple[str, ...], faults: tuple[BenchFault, ...] = ()) -> Evaluation:
-        if self.states is not None and not faults:
-            return lambda p: self._with_places(program, p)[:2]
         tied = any(stores(name) for name in program)  # a row's readings are of the rows before it, too
         if not faults:
-            return self._tied(program) if tied else lambda p: self._blocks(program).evaluate(p)[:2]
+            return self._tied(program) if tied else lambda p: self._evaluated(program, p)[:2]
         place = {column: i for i, column in enumerate(FIELDS)}
         steps = np.diag([STEP * fault.info.scale for fault in faults])
         white = {
@@ -166,12 +163,8 @@ class StaticReadings:
                 there = lambda by: with_conditions(args, moved(by))
                 residual, columns, _ = library_program(program)(jnp.asarray(own), there(0.0))
                 slopes = [(alone(jnp.asarray(own), there(step)) - residual) / step.sum() for step in steps]
-            elif self.states is not None:
-                args = with_conditions(self.arguments(program), moved(0.0))
-                residual, columns, by_row, _ = place_program(program)(jnp.asarray(own), args)
-                slopes = [self._of_rows(f, np.asarray(by_row)[place[f.info.moves]], white) for f in faults]
             else:
-                residual, columns, by_row = self._blocks(program).moved(moved(0.0)).evaluate(own)
+                residual, columns, by_row, _ = self._blocks(program).moved(moved(0.0)).evaluate(own)
                 slopes = [self._of_rows(fault, by_row[place[fault.info.moves]], white) for fault in faults]
             return residual, jnp.concatenate([columns, np.stack(slopes)])
 
@@ -203,19 +196,19 @@ class StaticReadings:
     def with_places(self, program: tuple[str, ...], p: np.ndarray) -> tuple[np.ndarray, States]:
         """(entries, padded rows): what a shift of each of `ENTRIES` at a reading's own row does to its weighted residual, and what
         the model's rows could read at that point, SI. The readings must have states, and no effect may store oil."""
-        _, _, slopes, found = self._with_places(program, p)
+        _, _, slopes, found = self._evaluated(program, p)
         states = {
-            test: {name: np.asarray(value)[: self.tests[test].rows] for name, value in own.items()}
+            test: {name: value[: self.tests[test].rows] for name, value in own.items()}
             | {THINNING: thinning(self.record.oil, self.tests[test].temperature)}
             for test, own in found.items()
         }
-        return np.asarray(slopes), states
+        return slopes, states
 
-    def _with_places(self, program: tuple[str, ...], p: np.ndarray) -> Any:
-        """What `place_program` gives at a point; asked again for the same one, it is not computed again."""
+    def _evaluated(self, program: tuple[str, ...], p: np.ndarray) -> Any:
+        """What `RowBlocks.evaluate` gives at a point; asked again for the same one, it is not computed again."""
         key = (program, np.asarray(p, dtype=float).tobytes())
         if self._last.get("key") != key:
-            self._last.update(key=key, found=place_program(program)(jnp.asarray(p), self.arguments(program)))
+            self._last.update(key=key, found=self._blocks(program).evaluate(np.asarray(p, dtype=float)))
         return self._last["found"]
 
     @cached_property

@@ -23,8 +23,9 @@ from thermohyd.numerics import OPTIONS, jitted, known_options
 
 from .least_squares import Both
 from .library import same_program
-from .library_program import MOVES, LibraryArgs, RowTerms, filtered, readings_of_rows, split
+from .library_program import ENTRIES, MOVES, LibraryArgs, RowTerms, filtered, readings_of_rows, split
 from .parameters import PARAMETERS
+from .place_program import place_program
 from .static_readings import ChannelRows, StaticData, groups_of, spread_over_rows, stacked
 from .static_residuals import FitArgs, own_entries
 
@@ -42,18 +43,16 @@ class Block:
 
 
 def blocks_of(args: LibraryArgs, test: str, count: int) -> tuple[Block, ...]:
-    """A test's operating points and learned terms in blocks; count: its rows (or nodes) without pads. args without places."""
+    """A test's operating points and learned terms in blocks; count: its rows (or nodes) without pads."""
     conditions = _complete(args.data.conditions[test])
     group, first = _place_in_group(args.data.conditions, test)
     terms = args.terms[group]
     found = []
     for begin in range(0, count, BLOCK):
-        rows = np.arange(begin, begin + BLOCK).clip(
-            max=count - 1
-        )  # the last row's operating point is known to be sound
+        # The last row's operating point is known to be sound.
+        rows = np.minimum(np.arange(begin, begin + BLOCK), count - 1)
         own = jax.tree.map(lambda column, rows=rows: np.asarray(column)[rows], conditions)
-        cut = lambda values, rows=rows: np.asarray(values)[..., first + rows]
-        there = {group: RowTerms(cut(terms.factor), cut(terms.shift), cut(terms.viscosity))}
+        there = {group: jax.tree.map(lambda values, rows=rows: np.asarray(values)[..., first + rows], terms)}
         leaves, structure = jax.tree.flatten(LibraryArgs(args.valve, StaticData({test: own}, (), {}), (), there))
         found.append(Block(tuple(map(jnp.asarray, leaves)), structure))
     return tuple(found)
@@ -61,7 +60,7 @@ def blocks_of(args: LibraryArgs, test: str, count: int) -> tuple[Block, ...]:
 
 def _complete(conditions: Conditions) -> Conditions:
     """The same with every column that an effect may ask for: a test without time is one at rest."""
-    none = np.zeros(len(conditions.position))
+    none = jnp.zeros(len(conditions.position))
     lacks = {name: none for name in ("time", "rate", "direction", "run") if getattr(conditions, name) is None}
     return replace(conditions, **lacks) if lacks else conditions
 
@@ -109,7 +108,7 @@ class RowBlocks:
     """The static tests of a record, evaluated by blocks, with the effects of a program; none of them may store oil.
 
     program: the effects that the vector holds. shared: those in the compiled programs, the row-wise ones of `program` among them.
-    rows: of each test, or nodes, without pads.
+    rows: of each test, or nodes, without pads. places: whether every place of the circuit can be shifted (`place_program`).
     """
 
     program: tuple[str, ...]
@@ -117,14 +116,16 @@ class RowBlocks:
     args: LibraryArgs
     rows: Mapping[str, int]
     blocks: Mapping[str, tuple[Block, ...]]
+    places: bool = False
 
     @classmethod
     def of(cls, program: tuple[str, ...], args: LibraryArgs, rows: Mapping[str, int]) -> "RowBlocks":
         """rows: of each test, without pads."""
-        shared = same_program(program, args.valve.heat_retention is not None)
+        places = all(terms.places is not None for terms in args.terms.values())
+        shared = split(program)[0] if places else same_program(program, args.valve.heat_retention is not None)
         nodes = {test: rows[test] * _nodes(args.data, test) for test in args.data.conditions}
         blocks = {test: blocks_of(args, test, count) for test, count in nodes.items()}
-        return cls(program, shared, args, nodes, blocks)
+        return cls(program, shared, args, nodes, blocks, places)
 
     def moved(self, conditions: Mapping[str, Conditions]) -> "RowBlocks":
         """The same with other operating points of some tests."""
@@ -132,35 +133,57 @@ class RowBlocks:
         blocks = {test: blocks_of(args, test, self.rows[test]) for test in conditions}
         return replace(self, args=args, blocks={**self.blocks, **blocks})
 
-    def readings(self, p: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-        """(reading (padded,), slopes (entries, padded)) of each channel before any filter and any mean; pads, which weigh nothing, are 0.
+    @property
+    def behind(self) -> int:
+        """Entries of a row behind parameters and amounts."""
+        return len(ENTRIES) if self.places else MOVES
 
-        p: parameters, then amounts of the row-wise effects of the program. entries: these, and what was read in the order of FIELDS.
+    def readings(self, p: np.ndarray) -> tuple[list[tuple[np.ndarray, np.ndarray]], dict[str, dict[str, np.ndarray]]]:
+        """Of each channel (reading (padded,), slopes (entries, padded)) before any filter and any mean, pads, which weigh nothing, being
+        0; and with places what the rows could read: {test: {reading: (padded,)}}.
+
+        p: parameters, then amounts of the row-wise effects of the program. entries: these, and what was read in the order of FIELDS,
+        or the shifts of `ENTRIES`.
         """
         rowwise, _ = split(self.program)
         data, count = self.args.data, len(PARAMETERS) + len(self.shared)
         entries = [*range(len(PARAMETERS)), *(len(PARAMETERS) + self.shared.index(name) for name in rowwise)]
         whole = np.zeros(count)
         whole[entries] = p
-        entries += range(count, count + MOVES)
+        entries += range(count, count + self.behind)
         reads = {test: tuple(dict.fromkeys(c.reads for c in data.channels if c.test == test)) for test in self.blocks}
-        classes = classes_of(self.shared)
+        program = functools.partial(place_program if self.places else _program, self.shared, classes_of(self.shared))
         # All are begun before any is waited for: blocks run side by side.
         begun = {
-            test: [_program(self.shared, classes, test, reads[test], b.structure)(whole, *b.leaves) for b in blocks]
+            test: [program(test, reads[test], block.structure)(whole, *block.leaves) for block in blocks]
             for test, blocks in self.blocks.items()
         }
-        found = {test: self._joined(test, parts, entries) for test, parts in begun.items()}
+        found = {
+            test: (
+                self._joined(test, [part[0] for part in parts]),
+                self._joined(test, [part[1] for part in parts], entries),
+            )
+            for test, parts in begun.items()
+        }
+        states = {
+            test: {name: self._joined(test, [part[2][name] for part in parts]) for name in parts[0][2]}
+            for test, parts in (begun.items() if self.places else ())
+        }
         at = [(found[c.test], reads[c.test].index(c.reads)) for c in data.channels]
-        return [(values[i], slopes[i]) for (values, slopes), i in at]
+        return [(values[i], slopes[i]) for (values, slopes), i in at], states
 
-    def evaluate(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(residuals, columns (entries, rows), by_row (fields, rows)) of p in the order of `order_of(program)`, as `library_program`
-        gives them."""
+    def evaluate(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, dict[str, dict[str, np.ndarray]]]:
+        """(residuals, columns (entries, rows), by_row (fields, rows), states) of p in the order of `order_of(program)`.
+
+        by_row: what a change of a row's own operating point, in the order of FIELDS, or a shift of each of `ENTRIES`, does to its residual
+        before whitening. states: with places what the model's readings could be of: {test: {reading: (padded,)}}, SI.
+        """
         rowwise, filters = split(self.program)
         given = len(PARAMETERS) + len(rowwise)
+        own = slice(given, given + self.behind)
         residuals, columns, by_row = [], [], []
-        for i, (reading, column) in enumerate(self.readings(p[:given])):
+        readings, states = self.readings(p[:given])
+        for i, (reading, column) in enumerate(readings):
             channel, white = self.args.data.channels[i], self.args.whitening[i]
             for name, amount in zip(filters, p[given:], strict=True):
                 reading, column = _filtered(name, float(amount), channel, reading, column, self.args)
@@ -168,21 +191,21 @@ class RowBlocks:
             column = self.means(channel.test, column) * weight
             residual = (self.means(channel.test, reading) - np.asarray(channel.value)) * weight
             residuals.append(whiten_on_host(white, residual))
-            columns.append(whiten_on_host(white, np.delete(column, slice(given, given + MOVES), axis=0).T).T)
-            by_row.append(column[given : given + MOVES])
-        return np.concatenate(residuals), np.concatenate(columns, axis=1), np.concatenate(by_row, axis=1)
+            columns.append(whiten_on_host(white, np.delete(column, own, axis=0).T).T)
+            by_row.append(column[own])
+        states = {test: {n: self.means(test, v) for n, v in found.items()} for test, found in states.items()}
+        return np.concatenate(residuals), np.concatenate(columns, axis=1), np.concatenate(by_row, axis=1), states
 
-    def _joined(self, test: str, parts: list[tuple[Array, Array]], entries: list[int]) -> tuple[np.ndarray, np.ndarray]:
-        """(readings (reads, padded), slopes (reads, entries, padded)) of a test's blocks."""
-        padded = len(self.args.data.conditions[test].position)
-        reads = parts[0][0].shape[0]
-        values, slopes = np.zeros((reads, padded)), np.zeros((reads, len(entries), padded))
-        for number, (value, slope) in enumerate(parts):
+    def _joined(self, test: str, parts: list[Array], entries: list[int] | None = None) -> np.ndarray:
+        """(..., padded) of a test's blocks (..., BLOCK); entries: of the last axis but one."""
+        first, padded = np.asarray(parts[0]), len(self.args.data.conditions[test].position)
+        lead = first.shape[:-1] if entries is None else (*first.shape[:-2], len(entries))
+        whole = np.zeros((*lead, padded))
+        for number, part in enumerate(parts):
             rows = slice(number * BLOCK, min((number + 1) * BLOCK, self.rows[test]))
-            count = rows.stop - rows.start
-            values[:, rows] = np.asarray(value)[:, :count]
-            slopes[:, :, rows] = np.asarray(slope)[:, entries, :count]
-        return values, slopes
+            own = np.asarray(part)[..., : rows.stop - rows.start]
+            whole[..., rows] = own if entries is None else own[..., entries, :]
+        return whole
 
     def means(self, test: str, values: np.ndarray) -> np.ndarray:
         """See `StaticData.means`."""
@@ -213,7 +236,7 @@ def plain_by_rows(names: tuple[str, ...], args: FitArgs) -> Both:
         given, p = dict(zip(names, values, strict=True)), begin.copy()
         p[places] = values[own]
         residuals, columns = [], []
-        for channel, (reading, slopes) in zip(data.channels, rows.readings(p), strict=True):
+        for channel, (reading, slopes) in zip(data.channels, rows.readings(p)[0], strict=True):
             reading, slopes = rows.means(channel.test, reading), rows.means(channel.test, slopes[places])
             column = np.zeros((len(names), len(reading)))
             if (sensor := channel.sensor) is not None:
