@@ -1,0 +1,96 @@
+"""One record on a page: its files in a temporary folder, the text of its bench.toml, what a check says of it, and the command that runs."""
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from thermohyd.identify.bench.errors import BenchInputError
+from thermohyd.identify.bench.read import NAME
+from thermohyd.identify.bench.test_file import read_source
+from thermohyd.identify.checking.check import check
+from thermohyd.identify.checking.result import CheckResult
+
+from .command_run import CommandRun
+from .draft import Headers, described_tests, first_draft
+from .upload import TemporaryHome, refuse_files_elsewhere, write_upload
+
+
+RESULTS = "results"  # the folder that --out names
+JOBS = {"fit": "fit.json", "diagnose": "diagnosis.json"}
+
+
+class Work:
+    """What was dropped. Raises BenchInputError where that is no folder of a record, or cannot be written."""
+
+    def __init__(self, sent: Iterable[tuple[str, bytes]], text: str | None = None) -> None:
+        """text: of a bench.toml that was begun already, for files that came without one."""
+        self.home = TemporaryHome()
+        self.uploaded = write_upload(sent, self.home)
+        self.run: CommandRun | None = None
+        self._checked: tuple[str, CheckResult | str] | None = None
+        if self.uploaded.described:
+            self.text = (self.record / NAME).read_text(encoding="utf-8-sig", errors="replace")
+        else:
+            self.text = first_draft(self.record.name, self.record, self.uploaded.files) if text is None else text
+            self.write()
+
+    @property
+    def record(self) -> Path:
+        return self.uploaded.record
+
+    def write(self) -> None:
+        """Put the text where the program reads it."""
+        (self.record / NAME).write_text(self.text, encoding="utf-8")
+
+    def change(self, text: str) -> None:
+        """Another bench.toml."""
+        if text != self.text:
+            self.text = text
+            self.write()
+
+    def check(self) -> CheckResult | str:
+        """What `thermohyd check` finds, or the sentence with which it refuses the record as a whole."""
+        if self._checked is None or self._checked[0] != self.text:
+            self._checked = self.text, self._found()
+        return self._checked[1]
+
+    def _found(self) -> CheckResult | str:
+        try:
+            refuse_files_elsewhere(self.record)
+            return check(self.record)
+        except BenchInputError as error:
+            return self.home.words(str(error))
+
+    def headers(self) -> dict[str, Headers | str]:
+        """The headers of every test's file, or why they cannot be told; empty where bench.toml names no tests."""
+        try:
+            refuse_files_elsewhere(self.record)
+            tests = described_tests(self.record)
+        except BenchInputError:
+            return {}  # the check says the same
+        found: dict[str, Headers | str] = {}
+        for name, test in tests.items():
+            if not getattr(test, "planned", False):
+                try:
+                    found[name] = Headers(test, read_source(test))
+                except BenchInputError as error:
+                    found[name] = self.home.words(str(error))
+        return found
+
+    def start(self, job: str) -> None:
+        """Run `thermohyd fit` or `thermohyd diagnose` on the record; what ran before is stopped."""
+        if self.run is not None:
+            self.run.stop()
+        self.run = CommandRun([job, self.record.name, "--out", RESULTS, "--verbose"], self.home)
+
+    def result(self, name: str) -> bytes | None:
+        """A file that the command wrote; None where there is none."""
+        try:
+            return (self.home.folder / RESULTS / name).read_bytes()
+        except OSError:
+            return None
+
+    def close(self) -> None:
+        """Stop what runs and remove the folder, now."""
+        if self.run is not None:
+            self.run.stop()
+        self.home.remove()
