@@ -13,6 +13,7 @@ from thermohyd.identify.bench.read import NAME
 from thermohyd.identify.checking.report import answer
 from thermohyd.identify.checking.result import CheckResult
 
+from .closing import close_with_session
 from .columns_panel import files_panel, tests_panel
 from .command_run import CommandRun
 from .draft import VISCOSITY, Place, value_at, with_value
@@ -23,6 +24,7 @@ from .work import JOBS, Work
 SENT, REFUSED = "sent", "refused"  # keys of the session
 POINTS = "own viscosity points"
 CHOOSE = "choose one"
+POINT = ("Temperature", "Kinematic viscosity")
 EVERY = 0.5  # s, between two looks at a command that runs
 REPORT_HEIGHT = 900
 # Place in bench.toml, what it is called, what it could be.
@@ -43,7 +45,7 @@ def page() -> None:
     st.title("thermohyd")
     st.caption(
         "Servovalve models from test-bench curves. The computer that runs this page reads the files, and nothing goes on from there; "
-        "what was dropped is removed when the page is closed."
+        "what was dropped is removed two minutes after the page is closed."
     )
     _drop()
     if REFUSED in st.session_state:
@@ -89,7 +91,8 @@ def _drop() -> None:
     st.session_state.pop(REFUSED, None)
     if sent:
         try:
-            st.session_state[WORK] = Work(((file.name, file.getvalue()) for file in sent), text)
+            work = st.session_state[WORK] = Work(((file.name, file.getvalue()) for file in sent), text)
+            close_with_session(work)
         except BenchInputError as error:
             st.session_state[REFUSED] = str(error)
 
@@ -109,6 +112,7 @@ def _settings(work: Work) -> None:
             bound_text(work, place, label, example)
     with columns[len(SIZES) % 3]:
         _oil(work)
+    _points(work)
 
 
 def _oil(work: Work) -> None:
@@ -118,10 +122,15 @@ def _oil(work: Work) -> None:
     options = [CHOOSE, *presets, *([str(said)] if said is not None and said not in presets else []), POINTS]
     st.session_state["oil"] = POINTS if points is not None else CHOOSE if said is None else str(said)
     st.selectbox("Oil", options, key="oil", on_change=_choose_oil)
+
+
+def _points(work: Work) -> None:
+    points = value_at(work.text, ("oil", "viscosity"))
     if isinstance(points, list) and all(isinstance(point, list) and len(point) == 2 for point in points):
-        for i in range(len(points)):
-            for j, label in enumerate(("Temperature", "Kinematic viscosity")):
-                bound_text(work, ("oil", "viscosity", i, j), f"{label} of point {i + 1}", VISCOSITY[0][j])
+        for i in range(len(points)):  # a row each
+            for j, (column, label) in enumerate(zip(st.columns(3)[:2], POINT, strict=True)):
+                with column:
+                    bound_text(work, ("oil", "viscosity", i, j), f"{label} of point {i + 1}", VISCOSITY[0][j])
 
 
 def _choose_oil() -> None:
@@ -177,8 +186,8 @@ def _start(work: Work, found: CheckResult | str) -> None:
         )
     with rest:
         st.caption(
-            "Fit: the valve's parameters with error bars, in a minute or less. Diagnose: where bench and valve disagree and which "
-            "effect is missing; it takes minutes."
+            "Fit: the parameters of the valve with error bars. Diagnose: where bench and valve disagree, and which "
+            "effect is missing; it takes several times as long."
         )
 
 

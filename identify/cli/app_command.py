@@ -15,6 +15,7 @@ from .process import fail, plain_failures
 LOCAL = "localhost"
 FIRST_PORT, PORTS = 8501, 100
 LARGEST_UPLOAD = 400  # MB of one file: what the reader takes of a CSV
+BLUE = "#1f5fa8"  # of the reports
 NEEDED = ("streamlit", "tomlkit")
 
 
@@ -39,7 +40,7 @@ def app_command(
     """
     with plain_failures():
         from thermohyd.identify.bench.errors import BenchInputError
-        from thermohyd.identify.interruption import when_interrupted
+        from thermohyd.identify.interruption import first_interrupt_asks, when_interrupted
 
         if any(find_spec(name) is None for name in NEEDED):
             raise BenchInputError('the page needs Streamlit: pip install "thermohyd[app]"')
@@ -52,10 +53,17 @@ def app_command(
                 err=True,
             )
         served = subprocess.Popen(command)
-        with when_interrupted(served.terminate):
+        asked: list[bool] = []
+
+        def end() -> None:
+            asked.append(True)
+            served.terminate()
+
+        # Ctrl-C is how a page ends, no interruption: the server removes what was dropped, then all is well.
+        with first_interrupt_asks(end), when_interrupted(end):
             status = served.wait()
-        if status:
-            fail(f"the page's server ended with status {status}")
+        if status and not asked:
+            fail(f"the server of the page ended with status {status}")
 
 
 def _script() -> Path:
@@ -66,17 +74,21 @@ def _script() -> Path:
 
 def _settings(address: str, port: int, browser: bool) -> list[str]:
     """Options of Streamlit: what is said here no configuration file of the user's can change."""
+    from thermohyd.identify.app.closing import GRACE
+
     said: dict[str, object] = {
         "server.address": address,
         "server.port": port,
         "server.headless": str(not browser).lower(),
         "server.showEmailPrompt": "false",
         "server.maxUploadSize": LARGEST_UPLOAD,
+        "server.disconnectedSessionTTL": GRACE,
         "server.fileWatcherType": "none",
         "server.enableStaticServing": "false",
         "browser.gatherUsageStats": "false",
         "client.toolbarMode": "minimal",
         "client.showErrorDetails": "none",
+        "theme.primaryColor": BLUE,
         "global.developmentMode": "false",
         "logger.hideWelcomeMessage": "true",
     }
