@@ -10,7 +10,7 @@ from thermohyd.identify.checking.report import column_rows, noise_words, size_wo
 from thermohyd.identify.checking.result import CheckedTest, CheckResult
 
 from .draft import LEFT_OUT, TESTS, Headers, is_table, tests_with, value_at, with_test, with_value
-from .widgets import bound_text, current, plain
+from .widgets import bound_text, current, plain, spoken
 from .work import Work
 
 
@@ -34,7 +34,15 @@ def files_panel(work: Work) -> None:
             key = f"file|{file}"
             st.session_state[key] = holds[0] if holds else NO_TEST
             options = list(dict.fromkeys((NO_TEST, *TESTS, *holds)))
-            st.selectbox(f"{plain(file)} holds", options, key=key, on_change=_choose_test, args=(file, key))
+            st.text(f"{file} holds")
+            st.selectbox(
+                f"Test of {spoken(file)}",
+                options,
+                key=key,
+                on_change=_choose_test,
+                args=(file, key),
+                label_visibility="collapsed",
+            )
 
 
 def _choose_test(file: str, key: str) -> None:
@@ -95,7 +103,7 @@ def _meanings(work: Work, name: str, own: Headers) -> None:
         st.session_state[key] = taken or UNKNOWN
         options = [*([] if taken else [UNKNOWN]), *own.meanings, LEFT_OUT]
         middle.selectbox(
-            f"What {plain(header)} is",
+            f"What {spoken(header)} is",
             options,
             key=key,
             on_change=_mean,
@@ -106,7 +114,7 @@ def _meanings(work: Work, name: str, own: Headers) -> None:
             stated = own.stated_unit(place) or AS_FILE_SAYS
             st.session_state[unit_key] = stated
             right.selectbox(
-                f"Unit of {plain(header)}",
+                f"Unit of {spoken(header)}",
                 list(dict.fromkeys((AS_FILE_SAYS, *own.units(taken), stated))),
                 key=unit_key,
                 on_change=_mean,

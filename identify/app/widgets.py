@@ -16,18 +16,28 @@ def plain(text: str) -> str:
     return re.sub(r"([!-/:-@\[-`{-~])", r"\\\1", text)
 
 
+def spoken(text: str) -> str:
+    """A user's text without signs, for labels that are read aloud as they are written and not shown."""
+    return re.sub(r"[\W_]+", " ", text).strip()
+
+
 def current() -> Work:
     """The record of this session."""
     return st.session_state[WORK]
 
 
 def bound_text(work: Work, place: Place, label: str, example: str = "") -> None:
-    """A field that shows what bench.toml says at a place, and writes it there."""
+    """A field that shows what bench.toml says at a place, and writes it there; of a whole table it only shows it."""
     key = ".".join(map(str, place))
     said = value_at(work.text, place)
     st.session_state[key] = "" if said is None else str(said)
     st.text_input(
-        label, key=key, placeholder=f"such as {example}" if example else "", on_change=_write, args=(place, key)
+        label,
+        key=key,
+        placeholder=f"such as {example}" if example else "",
+        on_change=_write,
+        args=(place, key),
+        disabled=isinstance(said, dict | list),
     )
 
 
