@@ -9,8 +9,8 @@ from thermohyd.identify.bench.test_tables import PARTS
 from thermohyd.identify.checking.report import column_rows, noise_words, size_words
 from thermohyd.identify.checking.result import CheckedTest, CheckResult
 
-from .draft import LEFT_OUT, TESTS, Headers, is_table, tests_with, value_at, with_test, with_value
-from .widgets import bound_text, current, plain, spoken
+from .draft import LEFT_OUT, TESTS, Headers, held_by, is_table, value_at, with_test, with_value
+from .widgets import bound_text, current, plain, shown, spoken
 from .work import Work
 
 
@@ -21,12 +21,12 @@ MOST_HEADERS = 40  # to click on; more of them are told in bench.toml
 def files_panel(work: Work) -> None:
     """A choice for every file: the test whose rows it holds."""
     st.subheader("Files")
-    tables = [file for file in work.uploaded.files if is_table(file) or tests_with(work.text, file)]
+    tables = [file for file in work.uploaded.files if is_table(file) or held_by(work.text, file)]
     if not tables:
         st.warning("No file with rows is among them: CSV, .xlsx, .mat, .parquet or .tdms.")
     columns = st.columns(3)
     for number, file in enumerate(tables):
-        holds = tests_with(work.text, file)
+        holds = held_by(work.text, file)
         with columns[number % 3]:
             if len(holds) > 1:
                 st.caption(f"{plain(file)} holds {plain(', '.join(holds))}")
@@ -65,16 +65,16 @@ def tests_panel(work: Work, found: CheckResult | str) -> None:
         title = "not readable yet" if trouble else f"{len(unknown)} headers not recognised" if unknown else "recognised"
         with st.expander(f"**{plain(name)}**: {title}", expanded=bool(trouble or unknown)):
             if trouble:
-                st.error(plain(work.home.words(trouble)))
+                st.error(shown(work, trouble))
             if name in checked:
-                _columns(checked[name])
+                _columns(work, checked[name])
             if isinstance(own, Headers):
                 _meanings(work, name, own)
             if own is not None:
                 _layout(work, name)
 
 
-def _columns(test: CheckedTest) -> None:
+def _columns(work: Work, test: CheckedTest) -> None:
     st.caption(plain(size_words(test)))
     st.dataframe(
         pd.DataFrame(column_rows(test), columns=["header", "read as", "from", "to", "unit"]),
@@ -84,9 +84,9 @@ def _columns(test: CheckedTest) -> None:
     said = [f"{name}: {words}" for name, words in test.conditions.items()]
     said += [f"{noise.channel}: {noise_words(test, noise.channel)}" for noise in test.noise]
     for sentence in (*said, *test.read.notes, *test.notes):
-        st.caption(plain(sentence))
+        st.caption(shown(work, sentence))
     for fault in test.faults:
-        st.warning(plain(fault.sentence))
+        st.warning(shown(work, fault.sentence))
 
 
 def _meanings(work: Work, name: str, own: Headers) -> None:

@@ -81,7 +81,7 @@ def with_value(text: str, place: Place, value: Any) -> str:
     return tomlkit.dumps(document)
 
 
-def tests_with(text: str, file: str) -> list[str]:
+def held_by(text: str, file: str) -> list[str]:
     """The tests whose rows a file holds."""
     tests = value_at(text, ("tests",))
     return [name for name, test in tests.items() if _file(test) == file] if isinstance(tests, dict) else []
@@ -93,7 +93,7 @@ def _file(test: Any) -> str:
 
 def with_test(text: str, file: str, test: str | None) -> str:
     """The text with a file as the rows of a test and of no other; None: of none. What was said of its columns goes along."""
-    before = tests_with(text, file)
+    before = held_by(text, file)
     said = value_at(text, ("tests", before[0])) if before else {}
     for name in before:
         text = with_value(text, ("tests", name), None)

@@ -3,8 +3,6 @@
 Whatever stands in a user's file goes through `plain` before Streamlit reads it as Markdown.
 """
 
-from pathlib import PurePosixPath
-
 import streamlit as st
 
 from thermohyd.data import oil_presets
@@ -17,7 +15,7 @@ from .closing import close_with_session
 from .columns_panel import files_panel, tests_panel
 from .command_run import CommandRun
 from .draft import VISCOSITY, Place, value_at, with_value
-from .widgets import WORK, bound_text, current, plain
+from .widgets import WORK, bound_text, current, plain, shown
 from .work import JOBS, Work
 
 
@@ -31,9 +29,9 @@ REPORT_HEIGHT = 900
 SIZES: dict[Place, tuple[str, str]] = {
     ("valve", "name"): ("Name of the valve", "MOOG 76-101, SN 17"),
     ("valve", "stroke"): ("Stroke, from null to full opening", "213 um"),
-    ("valve", "slot_width"): ("Slot width of one edge, all its slots together", "12 mm"),
-    ("valve", "rated_current"): ("Rated current, where a file has currents", "25 mA"),
-    ("conditions", "supply_pressure"): ("Supply pressure, where a file has no column of it", "70 bar"),
+    ("valve", "slot_width"): ("Slot width of one edge, all slots", "12 mm"),
+    ("valve", "rated_current"): ("Rated current, if a column is one", "25 mA"),
+    ("conditions", "supply_pressure"): ("Supply pressure, if no column has it", "70 bar"),
     ("conditions", "return_pressure"): ("Return pressure, likewise", "0 bar"),
     ("conditions", "temperature"): ("Oil temperature, likewise", "40 degC"),
 }
@@ -62,7 +60,7 @@ def page() -> None:
     files_panel(work)
     tests_panel(work, found)
     _by_hand(work)
-    _what_a_check_says(found)
+    _what_a_check_says(work, found)
     _start(work, found)
     if work.run is not None:
         _outcome(work, work.run)
@@ -150,20 +148,20 @@ def _rewrite() -> None:
     current().change(st.session_state["text"])
 
 
-def _what_a_check_says(found: CheckResult | str) -> None:
+def _what_a_check_says(work: Work, found: CheckResult | str) -> None:
     st.subheader("What a check says")
     if isinstance(found, str):
-        st.error(plain(found))
+        st.error(shown(work, found))
         return
-    (st.error if found.trouble else st.success)(plain(answer(found)))
+    (st.error if found.trouble else st.success)(shown(work, answer(found)))
     if "" in found.refused:  # about the record as a whole; each test's own stands beside the test
-        st.error(plain(found.refused[""]))
+        st.error(shown(work, found.refused[""]))
     for warning in found.warnings:
-        st.warning(plain(warning))
+        st.warning(shown(work, warning))
     if found.missing:
         with st.expander(f"What is missing ({len(found.missing)}), and what that costs"):
             for lacking in found.missing:
-                st.markdown(f"- {plain(lacking.sentence)}")
+                st.markdown(f"- {shown(work, lacking.sentence)}")
     if found.tests and st.toggle("Show the curves", key="curves"):
         from thermohyd.identify.report.style import png, style
 
@@ -211,7 +209,8 @@ def _outcome(work: Work, run: CommandRun) -> None:
     if report is None:
         return
     st.subheader(f"Report of the {'fit' if job == 'fit' else 'diagnosis'}, {run.seconds:.0f} s")
-    name = PurePosixPath(work.record.name).stem
+    if work.text != work.ran_on:
+        st.warning(f"{NAME} has changed since: this is the report of what it said before.")
     offered = {"report.html": "text/html", JOBS[job]: "application/json", "model.json": "application/json"}
     columns = st.columns(len(offered))
     for column, (file, kind) in zip(columns, offered.items(), strict=True):
@@ -219,6 +218,12 @@ def _outcome(work: Work, run: CommandRun) -> None:
         if content is not None:
             with column:
                 st.download_button(
-                    f"Download {file}", content, f"{name}-{file}", kind, on_click="ignore", key=file, width="stretch"
+                    f"Download {file}",
+                    content,
+                    f"{work.record.name}-{file}",
+                    kind,
+                    on_click="ignore",
+                    key=file,
+                    width="stretch",
                 )
     st.iframe(report.decode("utf-8"), height=REPORT_HEIGHT, alt="report")

@@ -21,6 +21,11 @@ def spoken(text: str) -> str:
     return re.sub(r"[\W_]+", " ", text).strip()
 
 
+def shown(work: Work, message: str) -> str:
+    """A message of the program, with files named as the user knows them."""
+    return plain(work.home.words(message))
+
+
 def current() -> Work:
     """The record of this session."""
     return st.session_state[WORK]

@@ -1,5 +1,7 @@
 """One record on a page: its files in a temporary folder, the text of its bench.toml, what a check says of it, and the command that runs."""
 
+import os
+import shutil
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -26,6 +28,7 @@ class Work:
         self.home = TemporaryHome()
         self.uploaded = write_upload(sent, self.home)
         self.run: CommandRun | None = None
+        self.ran_on = ""  # the text of bench.toml when it started
         self._checked: tuple[str, CheckResult | str] | None = None
         if self.uploaded.described:
             self.text = (self.record / NAME).read_text(encoding="utf-8-sig", errors="replace")
@@ -77,17 +80,23 @@ class Work:
         return found
 
     def start(self, job: str) -> None:
-        """Run `thermohyd fit` or `thermohyd diagnose` on the record; what ran before is stopped."""
+        """Run `thermohyd fit` or `thermohyd diagnose` on the record; what ran before is stopped, and its results go."""
         if self.run is not None:
             self.run.stop()
+        shutil.rmtree(self.home.folder / RESULTS, ignore_errors=True)
+        self.ran_on = self.text
         self.run = CommandRun([job, self.record.name, "--out", RESULTS, "--verbose"], self.home)
 
     def result(self, name: str) -> bytes | None:
-        """A file that the command wrote; None where there is none."""
+        """A file that the command wrote; None where there is none. It names the record by its folder's name, as the user does, not by
+        where that lay for a while.
+        """
         try:
-            return (self.home.folder / RESULTS / name).read_bytes()
+            content = (self.home.folder / RESULTS / name).read_bytes()
         except OSError:
             return None
+        inside, itself = f"{self.home.folder}{os.sep}", str(self.home.folder)
+        return content.replace(inside.encode(), b"").replace(itself.encode(), b"a temporary folder")
 
     def close(self) -> None:
         """Stop what runs and remove the folder, now."""

@@ -108,9 +108,18 @@ class Browser:
         end = time.monotonic() + PATIENCE
         while not (found := self.run(script)):
             if time.monotonic() > end:
-                raise RuntimeError(f"never true: {script}; the page shows: {self.run('document.body.innerText')[-2000:]}")
+                raise RuntimeError(
+                    f"never true: {script}; the page shows: {self.run('document.body.innerText')[-2000:]}"
+                )
             time.sleep(0.1)
         return found
+
+    def click(self, words: str) -> None:
+        """The button that begins with these words, once it is there and may be pressed."""
+        begins = f"one.innerText.trim().startsWith({json.dumps(words)})"
+        found = f"[...document.querySelectorAll('button')].find(one => !one.disabled && {begins})"
+        self.wait(f"!!{found}")
+        self.run(f"{found}.click()")
 
     def give(self, selector: str, *files: Path) -> None:
         """Choose files, or a folder, in an input of files."""
