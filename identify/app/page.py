@@ -25,6 +25,7 @@ CHOOSE = "choose one"
 POINT = ("Temperature", "Kinematic viscosity")
 EVERY = 0.5  # s, between two looks at a command that runs
 REPORT_HEIGHT = 900
+ACROSS = 3
 # Place in bench.toml, what it is called, what it could be.
 SIZES: dict[Place, tuple[str, str]] = {
     ("valve", "name"): ("Name of the valve", "MOOG 76-101, SN 17"),
@@ -104,11 +105,13 @@ def _left_out(work: Work) -> None:
 
 def _settings(work: Work) -> None:
     st.subheader("Valve, oil and conditions")
-    columns = st.columns(3)
-    for number, (place, (label, example)) in enumerate(SIZES.items()):
-        with columns[number % 3]:
-            bound_text(work, place, label, example)
-    with columns[len(SIZES) % 3]:
+    fields = list(SIZES.items())
+    for first in range(0, len(fields) + 1, ACROSS):  # row by row: a phone shows them in this order
+        columns = st.columns(ACROSS)
+        for column, (place, (label, example)) in zip(columns, fields[first : first + ACROSS], strict=False):
+            with column:
+                bound_text(work, place, label, example)
+    with columns[len(fields) % ACROSS]:
         _oil(work)
     _points(work)
 
@@ -126,7 +129,7 @@ def _points(work: Work) -> None:
     points = value_at(work.text, ("oil", "viscosity"))
     if isinstance(points, list) and all(isinstance(point, list) and len(point) == 2 for point in points):
         for i in range(len(points)):  # a row each
-            for j, (column, label) in enumerate(zip(st.columns(3)[:2], POINT, strict=True)):
+            for j, (column, label) in enumerate(zip(st.columns(ACROSS)[:2], POINT, strict=True)):
                 with column:
                     bound_text(work, ("oil", "viscosity", i, j), f"{label} of point {i + 1}", VISCOSITY[0][j])
 

@@ -15,7 +15,6 @@ from .process import fail, plain_failures
 LOCAL = "localhost"
 FIRST_PORT, PORTS = 8501, 100
 LARGEST_UPLOAD = 400  # MB of one file: what the reader takes of a CSV
-BLUE = "#1f5fa8"  # of the reports
 NEEDED = ("streamlit", "tomlkit")
 
 
@@ -88,7 +87,8 @@ def _settings(address: str, port: int, browser: bool) -> list[str]:
         "browser.gatherUsageStats": "false",
         "client.toolbarMode": "minimal",
         "client.showErrorDetails": "none",
-        "theme.primaryColor": BLUE,
+        "theme.light.primaryColor": "#1f5fa8",  # the accents of the reports
+        "theme.dark.primaryColor": "#4a90d9",
         "global.developmentMode": "false",
         "logger.hideWelcomeMessage": "true",
     }
