@@ -7,8 +7,11 @@ import threading
 import time
 import weakref
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
-from .work import Work
+
+if TYPE_CHECKING:
+    from .work import Work
 
 
 GRACE = 120  # s without its browser (a reload, a lost connection): then a session cannot be taken up again
@@ -21,9 +24,9 @@ class Watch:
     def __init__(self, grace: float = GRACE) -> None:
         self.grace = grace
         self._lock = threading.Lock()
-        self._works: dict[str, tuple[weakref.ref[Work], float]] = {}  # and when its session was last there
+        self._works: dict[str, tuple[weakref.ref, float]] = {}  # and when its session was last there
 
-    def add(self, session: str, work: Work) -> None:
+    def add(self, session: str, work: "Work") -> None:
         with self._lock:
             self._works[session] = weakref.ref(work), time.monotonic()
 
@@ -49,7 +52,7 @@ _WATCH = Watch()
 _started = threading.Lock()  # taken once, and for good
 
 
-def close_with_session(work: Work) -> None:
+def close_with_session(work: "Work") -> None:
     """From here on the work ends with the session of the page that calls this; without a server nothing happens."""
     from streamlit import runtime
     from streamlit.runtime.scriptrunner import get_script_run_ctx

@@ -59,26 +59,33 @@ def with_value(text: str, place: Place, value: Any) -> str:
         document = tomlkit.parse(text)
     except TOMLKitError:
         return text
+    *path, last = place
     at: Any = document
-    for key in place[:-1]:
+    empty = value in (None, "", {}, [])
+    for depth, key in enumerate(path):
         if isinstance(key, str) and key not in at:
-            if value in (None, "", {}, []):
+            if empty:
                 return text
-            at[key] = tomlkit.table(is_super_table=at is document and len(place) > 2)
-        at = at[key]
-        if not isinstance(at, dict | list):
+            at[key] = tomlkit.table(is_super_table=depth == 0 and len(path) > 1)
+        at = _inside(at, key)
+        if at is None:
             return text
-    last: Any = place[-1]
-    if value in (None, "", {}, []):
+    if empty:
         if isinstance(at, dict):
             at.pop(last, None)
-    elif isinstance(value, dict) and len(place) > 1 and place[-1] == "columns":
+    elif isinstance(value, dict):
         inline = tomlkit.inline_table()
         inline.update(value)
         at[last] = inline
     else:
         at[last] = value
     return tomlkit.dumps(document)
+
+
+def _inside(table: Any, key: str | int) -> Any:
+    """A table or an array in another; None where something else stands there."""
+    found = table[key]
+    return found if isinstance(found, dict | list) else None
 
 
 def held_by(text: str, file: str) -> list[str]:
@@ -105,11 +112,15 @@ def with_test(text: str, file: str, test: str | None) -> str:
     return text
 
 
-def first_draft(name: str, record: Path, files: Iterable[str]) -> str:
-    """A bench.toml for files that came without one: each that looks like a test's is one; sizes and oil are still to be said."""
-    text = tomlkit.dumps({"valve": {"name": name}, "oil": {}, "conditions": {}})
+def first_draft(name: str) -> str:
+    """A bench.toml for files that came without one: sizes, oil and tests are still to be said."""
+    return tomlkit.dumps({"valve": {"name": name}, "oil": {}, "conditions": {}})
+
+
+def with_likely_tests(text: str, record: Path, files: Iterable[str]) -> str:
+    """The text in which each file that no test names, and that looks like one that is not there yet, is its file."""
     for file in files:
-        test = likely_test(record / file) if is_table(file) else None
+        test = likely_test(record / file) if is_table(file) and not held_by(text, file) else None
         if test is not None and value_at(text, ("tests", test)) is None:
             text = with_test(text, file, test)
     return text

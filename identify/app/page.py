@@ -68,7 +68,14 @@ def page() -> None:
 
 
 def _drop() -> None:
-    kind = st.segmented_control("What to drop", ["a folder", "files"], default="a folder", key="kind", required=True)
+    kind = st.segmented_control(
+        "What to drop",
+        ["a folder", "files"],
+        default="a folder",
+        key="kind",
+        required=True,
+        disabled=WORK in st.session_state,
+    )
     st.file_uploader(
         "The folder of a bench record: bench.toml and a file per test"
         if kind == "a folder"
@@ -81,19 +88,18 @@ def _drop() -> None:
     if identity == st.session_state.get(SENT, ()):
         return
     before: Work | None = st.session_state.pop(WORK, None)
-    text = before.text if before is not None and not before.uploaded.described else None
-    if not set(st.session_state.get(SENT, ())) <= set(identity):
-        text = None  # another record, not more of the same
-    if before is not None:
-        before.close()
+    more = set(st.session_state.get(SENT, ())) <= set(identity)  # of the same record
     st.session_state[SENT] = identity
     st.session_state.pop(REFUSED, None)
     if sent:
         try:
-            work = st.session_state[WORK] = Work(((file.name, file.getvalue()) for file in sent), text)
+            files = ((file.name, file.getvalue()) for file in sent)
+            work = st.session_state[WORK] = Work(files, before if more else None)
             close_with_session(work)
         except BenchInputError as error:
             st.session_state[REFUSED] = str(error)
+    if before is not None:
+        before.close()
 
 
 def _left_out(work: Work) -> None:
@@ -166,11 +172,8 @@ def _what_a_check_says(work: Work, found: CheckResult | str) -> None:
             for lacking in found.missing:
                 st.markdown(f"- {shown(work, lacking.sentence)}")
     if found.tests and st.toggle("Show the curves", key="curves"):
-        from thermohyd.identify.report.style import png, style
-
-        with style():
-            for figure in found.figures().values():
-                st.image(png(figure))
+        for picture in work.curves(found):
+            st.image(picture)
 
 
 def _start(work: Work, found: CheckResult | str) -> None:

@@ -12,7 +12,7 @@ from thermohyd.identify.checking.check import check
 from thermohyd.identify.checking.result import CheckResult
 
 from .command_run import CommandRun
-from .draft import Headers, described_tests, first_draft
+from .draft import Headers, described_tests, first_draft, with_likely_tests
 from .upload import TemporaryHome, refuse_files_elsewhere, write_upload
 
 
@@ -23,18 +23,28 @@ JOBS = {"fit": "fit.json", "diagnose": "diagnosis.json"}
 class Work:
     """What was dropped. Raises BenchInputError where that is no folder of a record, or cannot be written."""
 
-    def __init__(self, sent: Iterable[tuple[str, bytes]], text: str | None = None) -> None:
-        """text: of a bench.toml that was begun already, for files that came without one."""
+    def __init__(self, sent: Iterable[tuple[str, bytes]], begun: "Work | None" = None) -> None:
+        """begun: the work with fewer files that this one goes on with; what was written there stays, unless bench.toml came now."""
         self.home = TemporaryHome()
         self.uploaded = write_upload(sent, self.home)
         self.run: CommandRun | None = None
         self.ran_on = ""  # the text of bench.toml when it started
+        # Each with the text that it was found for: large logs are read once for every change.
         self._checked: tuple[str, CheckResult | str] | None = None
-        if self.uploaded.described:
+        self._headers: tuple[str, dict[str, Headers | str]] | None = None
+        self._curves: tuple[str, tuple[bytes, ...]] | None = None
+        described = self.uploaded.described
+        goes_on = begun is not None and begun.uploaded.described == described
+        if described:
             self.text = (self.record / NAME).read_text(encoding="utf-8-sig", errors="replace")
-        else:
-            self.text = first_draft(self.record.name, self.record, self.uploaded.files) if text is None else text
-            self.write()
+        if begun is not None and goes_on:
+            self.change(begun.text) if described else self._begin(begun.text)
+        elif not described:
+            self._begin(first_draft(self.record.name))
+
+    def _begin(self, text: str) -> None:
+        self.text = with_likely_tests(text, self.record, self.uploaded.files)
+        self.write()
 
     @property
     def record(self) -> Path:
@@ -65,6 +75,11 @@ class Work:
 
     def headers(self) -> dict[str, Headers | str]:
         """The headers of every test's file, or why they cannot be told; empty where bench.toml names no tests."""
+        if self._headers is None or self._headers[0] != self.text:
+            self._headers = self.text, self._read_headers()
+        return self._headers[1]
+
+    def _read_headers(self) -> dict[str, Headers | str]:
         try:
             refuse_files_elsewhere(self.record)
             tests = described_tests(self.record)
@@ -78,6 +93,15 @@ class Work:
                 except BenchInputError as error:
                     found[name] = self.home.words(str(error))
         return found
+
+    def curves(self, found: CheckResult) -> tuple[bytes, ...]:
+        """The pictures that `thermohyd check --out` draws of what it found, as PNG."""
+        if self._curves is None or self._curves[0] != self.text:
+            from thermohyd.identify.report.style import png, style
+
+            with style():
+                self._curves = self.text, tuple(png(figure) for figure in found.figures().values())
+        return self._curves[1]
 
     def start(self, job: str) -> None:
         """Run `thermohyd fit` or `thermohyd diagnose` on the record; what ran before is stopped, and its results go."""

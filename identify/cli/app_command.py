@@ -13,6 +13,7 @@ from .process import fail, plain_failures
 
 
 LOCAL = "localhost"
+THIS_MACHINE = (LOCAL, "127.0.0.1", "::1")
 FIRST_PORT, PORTS = 8501, 100
 LARGEST_UPLOAD = 400  # MB of one file: what the reader takes of a CSV
 NEEDED = ("streamlit", "tomlkit")
@@ -46,7 +47,7 @@ def app_command(
         chosen = _free_port(address, port)
         command = [sys.executable, "-P", "-m", "streamlit", "run", str(_script()), *_settings(address, chosen, browser)]
         typer.echo(f"The page: http://{_shown(address)}:{chosen} (Ctrl-C ends it)")
-        if address not in (LOCAL, "127.0.0.1", "::1"):
+        if address not in THIS_MACHINE:
             typer.echo(
                 f"thermohyd: warning: whoever reaches {address} can use the page, and nobody is asked for a password",
                 err=True,
@@ -92,9 +93,10 @@ def _settings(address: str, port: int, browser: bool) -> list[str]:
         "global.developmentMode": "false",
         "logger.hideWelcomeMessage": "true",
     }
-    if address == LOCAL:  # a page elsewhere that calls itself by another name must not reach it
-        said["server.allowedHosts"] = LOCAL
-    return [f"--{key}={value}" for key, value in said.items()]
+    options = [f"--{key}={value}" for key, value in said.items()]
+    if address in THIS_MACHINE:  # a page elsewhere whose name is made to lead here must not reach it
+        options += [f"--server.allowedHosts={name}" for name in THIS_MACHINE]
+    return options
 
 
 def _shown(address: str) -> str:

@@ -11,6 +11,7 @@ from thermohyd.identify.app.draft import (
     held_by,
     likely_test,
     value_at,
+    with_likely_tests,
     with_test,
     with_value,
 )
@@ -86,7 +87,7 @@ def test_which_test_a_file_seems_to_hold(name, rows, test, tmp_path):
 def test_a_first_draft(tmp_path):
     for name, content in {"leak.csv": LOG, "leakage 2.csv": LOG, "notes.md": "x"}.items():
         (tmp_path / name).write_text(content)
-    text = first_draft("bench 3", tmp_path, ["leak.csv", "leakage 2.csv", "notes.md"])
+    text = with_likely_tests(first_draft("bench 3"), tmp_path, ["leak.csv", "leakage 2.csv", "notes.md"])
     assert value_at(text, ("valve", "name")) == "bench 3"
     assert value_at(text, ("tests",)) == {"leakage": {"file": "leak.csv"}}
 

@@ -23,7 +23,9 @@ ROWS = "time [s],spool_position [um],leakage_flow [l/min]\n" + "".join(LOG.repla
 def seen(page: AppTest) -> str:
     """Every sentence of the page, as a reader sees it."""
     kinds = ("error", "warning", "success", "info", "caption", "markdown", "text", "subheader")
-    return re.sub(r"\\([\W_])", r"\1", "\n".join(str(part.value) for kind in kinds for part in page.get(kind)))
+    return re.sub(
+        r"\\([\W_])", r"\1", "\n".join(str(getattr(part, "value", "")) for kind in kinds for part in page.get(kind))
+    )
 
 
 def dropped(*files: tuple[str, str]) -> AppTest:
@@ -145,22 +147,42 @@ def test_what_is_wrong_is_said_in_the_programs_own_words(files, words):
     assert not page.button or page.button(key="fit").disabled
 
 
+def added(page: AppTest, name: str, content: str) -> AppTest:
+    """One more file beside those that are there, as a browser adds it: these keep their identity."""
+    uploader = page.file_uploader(key="upload")
+    there = [(file.file_id, file.name, file.getvalue(), file.type) for file in page.session_state["upload"]]
+    uploader.upload(name, content.encode(), "text/plain")
+    assert isinstance(uploader._files, list)
+    uploader._files[:0] = there
+    return well(page.run())
+
+
 def test_more_files_go_on_with_what_was_begun():
     page = dropped(("v/leakage.csv", LEAKAGE))
     page = well(page.text_input(key="valve.stroke").set_value("213 um").run())
     first = page.session_state["work"]
-    page = well(
-        page.file_uploader(key="upload").upload("v/flow_gain.csv", b"spool_position [um],flow [l/min]\n0,1\n").run()
-    )
+    page = added(page, "v/flow_gain.csv", "spool_position [um],flow [l/min]\n0,1\n")
     assert not first.home.folder.exists()
-    files = page.session_state["work"].uploaded.files
-    assert "flow_gain.csv" in files
+    text = page.session_state["work"].text
+    assert 'stroke = "213 um"' in text
+    assert 'file = "leakage.csv"' in text
+    assert 'file = "flow_gain.csv"' in text
+    # a bench.toml that comes later is the record's own, and changes to it stay when more comes
+    toml = TOML.replace("200 um", "300 um")
+    page = added(page, "v/bench.toml", toml)
+    assert page.session_state["work"].text == toml
+    page = well(page.text_input(key="valve.stroke").set_value("213 um").run())
+    page = added(page, "v/notes.txt", "x")
+    assert page.session_state["work"].text == TOML.replace("200 um", "213 um")
+    # another record is another beginning
+    page = well(page.file_uploader(key="upload").set_value([("w/leakage.csv", LEAKAGE.encode(), "text/plain")]).run())
+    assert "stroke" not in page.session_state["work"].text
 
 
 def test_a_users_text_is_no_markdown():
     header = "![x](http://evil.test/x.png) <b> $a$ :red[b]"
     page = dropped(("v/bench.toml", TOML), ("v/leakage.csv", f"{header},leakage_flow [l/min]\n1,2\n"))
-    shown = [str(part.value) for kind in ("error", "caption", "markdown") for part in page.get(kind)]
+    shown = [str(getattr(part, "value", "")) for kind in ("error", "caption", "markdown") for part in page.get(kind)]
     shown += [button.label for button in page.button] + [box.label for box in page.selectbox]
     assert not [text for text in shown if "](" in text or "<b>" in text or "$a$" in text or ":red[" in text]
     assert header in seen(page)
