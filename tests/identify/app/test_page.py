@@ -179,6 +179,22 @@ def test_more_files_go_on_with_what_was_begun():
     assert "stroke" not in page.session_state["work"].text
 
 
+def test_the_how_to_page_shows_what_is_written():
+    text = (Path(__file__).parents[3] / "docs" / "howto" / "app.md").read_text(encoding="utf-8")
+    (rows,), (toml,) = (re.findall(rf"```{kind} .*?\n(.*?)```", text, re.DOTALL) for kind in ("csv", "toml"))
+    page = dropped(("my_valve/leak 17-05.csv", rows))
+    page = well(page.text_input(key="valve.stroke").set_value("213 um").run())
+    page = well(page.text_input(key="valve.slot_width").set_value("12 mm").run())
+    page = well(page.selectbox(key="oil").set_value("mil-prf-5606").run())
+    page = well(page.text_input(key="conditions.temperature").set_value("40 degC").run())
+    page = well(page.button(key="leakage|guesses").click().run())
+    page = well(page.selectbox(key="leakage|4|is").set_value("left out").run())
+    assert "the unit is missing" in seen(page)
+    page = well(page.selectbox(key="leakage|1|unit").set_value("um").run())
+    assert page.session_state["work"].text.strip() == toml.strip()
+    assert not page.button(key="fit").disabled
+
+
 def test_a_users_text_is_no_markdown():
     header = "![x](http://evil.test/x.png) <b> $a$ :red[b]"
     page = dropped(("v/bench.toml", TOML), ("v/leakage.csv", f"{header},leakage_flow [l/min]\n1,2\n"))
