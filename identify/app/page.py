@@ -111,14 +111,14 @@ def _left_out(work: Work) -> None:
 
 def _settings(work: Work) -> None:
     st.subheader("Valve, oil and conditions")
-    fields = list(SIZES.items())
-    for first in range(0, len(fields) + 1, ACROSS):  # row by row: a phone shows them in this order
-        columns = st.columns(ACROSS)
-        for column, (place, (label, example)) in zip(columns, fields[first : first + ACROSS], strict=False):
+    fields: list[tuple[Place, tuple[str, str]] | None] = [*SIZES.items(), None]  # the last one is the oil
+    for first in range(0, len(fields), ACROSS):  # row by row: a phone shows them in this order
+        for column, field in zip(st.columns(ACROSS), fields[first : first + ACROSS], strict=False):
             with column:
-                bound_text(work, place, label, example)
-    with columns[len(fields) % ACROSS]:
-        _oil(work)
+                if field is None:
+                    _oil(work)
+                else:
+                    bound_text(work, field[0], *field[1])
     _points(work)
 
 
