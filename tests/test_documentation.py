@@ -144,6 +144,8 @@ def typed(line: str) -> str:
     """What a command printed; of one that computes for long only whether it would be taken."""
     takes(line)
     arguments = shlex.split(line)[1:]
+    if arguments[0] == "app":  # serves until it is interrupted
+        return ""
     if WHOLE:
         script = str(Path(sys.executable).parent / "thermohyd")
         ran = subprocess.run([script, *arguments], capture_output=True, text=True, check=False)

@@ -24,6 +24,7 @@ IDENTIFY = "thermohyd.identify"
 ENTRY = f"{IDENTIFY}.__main__"
 # Whole packages that a reader of files or results needs without waiting for JAX.
 WITHOUT_JAX = (
+    "app",
     "bench",
     "checking",
     "reduction",
@@ -181,6 +182,21 @@ def test_a_class_that_an_entry_names_is_imported_on_first_use_only():
 @pytest.mark.parametrize("name", [name for name in modules() if not name.startswith(f"{IDENTIFY}.cli.")])
 def test_nothing_imports_the_command_line(name):
     assert name == ENTRY or not imports(name) & set(within("cli"))
+
+
+@pytest.mark.parametrize("name", modules())
+def test_only_the_page_needs_what_draws_it(name):
+    """`thermohyd app` itself says in one sentence what to install, so it must start without."""
+    needed = {"streamlit", "tomlkit"} & {module.split(".")[0] for module in imports(name)}
+    assert not needed or name in within("app")
+    if name not in within("app"):
+        with_streamlit = {found for found in within("app") if reaches_streamlit(found)}
+        assert not (imports(name) & with_streamlit)
+
+
+def reaches_streamlit(name: str) -> bool:
+    found = (name, *reachable(name, on_call=False))
+    return any(module.split(".")[0] == "streamlit" for one in found for module in imports(one, on_call=False))
 
 
 @pytest.mark.parametrize("name", modules())

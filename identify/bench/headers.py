@@ -56,6 +56,19 @@ def plain_name(name: str) -> str:
 
 def recognise(test: StaticTest, source: Source) -> tuple[dict[str, int], list[int]]:
     """({standard column: place}, places of standard columns that belong to other tests). Raises BenchInputError."""
+    columns, spare, unknown = sorted_headers(test, source)
+    if unknown:
+        raise _unknown(test, source, columns, unknown)
+    if "spool_position" in columns and "current" in columns:
+        spare.append(columns.pop("current"))
+    return columns, spare
+
+
+def sorted_headers(test: StaticTest, source: Source) -> tuple[dict[str, int], list[int], list[int]]:
+    """({standard column: place}, places of columns of other tests, places of headers that are no standard column).
+
+    Raises BenchInputError where headers are missing, stand further down, or come twice.
+    """
     names = [split_header(header) for header in source.header]
     columns: dict[str, int] = {}
     for standard, header in test.columns.items():
@@ -96,11 +109,7 @@ def recognise(test: StaticTest, source: Source) -> tuple[dict[str, int], list[in
             spare.append(i)
         else:
             unknown.append(i)
-    if unknown:
-        raise _unknown(test, source, columns, unknown)
-    if "spool_position" in columns and "current" in columns:
-        spare.append(columns.pop("current"))
-    return columns, spare
+    return columns, spare, unknown
 
 
 def _places(header: str, headers: list[str], names: list[tuple[str, str | None]]) -> list[int]:
@@ -184,7 +193,7 @@ def likely_column(test: StaticTest, header: str, open_: Iterable[str]) -> str | 
     best, score = None, 0.0
     for standard in open_:
         kinds = test.kinds.get(standard, ())
-        fits = unit is not None and any(_is_of(unit, kind) for kind in kinds)
+        fits = unit is not None and any(is_unit_of(unit, kind) for kind in kinds)
         if unit is not None and kinds and not fits:
             continue
         words = plain.split("_")
@@ -202,7 +211,8 @@ def likely_header(test: StaticTest, standard: str, headers: Iterable[str]) -> st
     return next((h for h in headers if likely_column(test, h.lstrip("_"), (standard,)) == standard), None)
 
 
-def _is_of(unit: str, kind: str) -> bool:
+def is_unit_of(unit: str, kind: str) -> bool:
+    """Whether a text is a unit of this kind of quantity."""
     with suppress(UnitError):
         parse_unit(unit, kind)
         return True

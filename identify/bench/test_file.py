@@ -52,7 +52,7 @@ class BenchTable:
 
 def read_bench_csv(test: StaticTest, valve: ValveData) -> BenchTable:
     """Raises BenchInputError with file, line and column, BadCellsError where that is all that is wrong."""
-    return bench_table(test, valve, _source(test))
+    return bench_table(test, valve, read_source(test))
 
 
 def bench_table(test: StaticTest, valve: ValveData, source: Source) -> BenchTable:
@@ -118,7 +118,8 @@ def _signals(test: StaticTest, units: dict[str, Unit]) -> dict[str, str]:
     return found
 
 
-def _source(test: StaticTest) -> Source:
+def read_source(test: StaticTest) -> Source:
+    """The headers and rows of a test's file, whatever its format. Raises BenchInputError."""
     ending = test.file.suffix.lower()
     if ending in ENDINGS:
         return read_sheet(test.file, test.skip_rows, test.part)

@@ -59,13 +59,12 @@ def answer(result: CheckResult) -> str:
 
 
 def _print_test(test: CheckedTest, result: CheckResult, console: Console) -> None:
-    console.print(heading(f"{test.name}: {_size(test)}"))
+    console.print(heading(f"{test.name}: {size_words(test)}"))
     if test.name in result.without_readings and result.for_predictions_only:
         console.print(indented(Text("without readings: for simulate and plan only")))
-    columns = [(c.header, _meaning(c), *_range(c)) for c in test.columns]
-    console.print(indented(table(("header", "~read as", ">from", ">to", "unit"), columns)))
+    console.print(indented(table(("header", "~read as", ">from", ">to", "unit"), column_rows(test))))
     rows = [(name, words) for name, words in test.conditions.items()]
-    rows += [(noise.channel, _noise_words(test, noise.channel)) for noise in test.noise]
+    rows += [(noise.channel, noise_words(test, noise.channel)) for noise in test.noise]
     if rows:
         console.print(indented(grid(rows)))
     for note in (*test.read.notes, *test.notes):
@@ -74,7 +73,8 @@ def _print_test(test: CheckedTest, result: CheckResult, console: Console) -> Non
         console.print(indented(Text(fault.sentence, style="yellow")))
 
 
-def _size(test: CheckedTest) -> str:
+def size_words(test: CheckedTest) -> str:
+    """Rows, runs and legs of a test, and what a fit sees of them."""
     runs = len(test.read.runs)
     parts = [f"{test.read.rows:,} rows in {runs} {'run' if runs == 1 else 'runs'}"]
     if test.planned:
@@ -89,6 +89,11 @@ def _size(test: CheckedTest) -> str:
     return "; ".join(parts)
 
 
+def column_rows(test: CheckedTest) -> list[tuple[str, str, str, str, str]]:
+    """Header, what it is read as, from, to, unit: a row per column of the file."""
+    return [(c.header, _meaning(c), *_range(c)) for c in test.columns]
+
+
 def _meaning(column: CheckedColumn) -> str:
     return column.standard or "not used"
 
@@ -98,7 +103,8 @@ def _range(column: CheckedColumn) -> tuple[str, str, str]:
     return shown(column.least), shown(column.greatest), column.unit
 
 
-def _noise_words(test: CheckedTest, channel: str) -> str:
+def noise_words(test: CheckedTest, channel: str) -> str:
+    """What is known of the noise of a reading before any fit."""
     noise = next(found for found in test.noise if found.channel == channel)
     own = test.seen.channel(channel)
     unit = reading_unit(channel, own.signal)

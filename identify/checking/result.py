@@ -104,6 +104,10 @@ class CheckResult(Result):
         """Why a fit would refuse the record, in one sentence; empty where it would not."""
         if not self.refused or self.for_predictions_only:
             return ""
+        if list(self.refused) == [""]:
+            return (
+                "its tests can be read, but the record would be refused: correct what is named there, and check again"
+            )
         every = len({*self.tests, *self.refused})
         return (
             f"{len(self.refused)} of {every} {'test' if every == 1 else 'tests'} would be refused ({', '.join(self.refused)}): "

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from .app_command import app_command
 from .check_command import check_command
 from .export_command import export_app
 from .fleet import app as fleet_app
@@ -459,6 +460,7 @@ def new_command(
 
 
 app.command("check")(check_command)
+app.command("app")(app_command)
 app.add_typer(export_app, name="export")
 app.add_typer(fleet_app, name="fleet")
 

@@ -97,6 +97,44 @@ class Browser:
         while self.run("document.readyState + location.protocol") != "completefile:" and time.monotonic() < end:
             time.sleep(0.02)
 
+    def visit(self, address: str, width: int = 1280, height: int = 900, *, dark: bool = False) -> None:
+        """A page from a server of this machine; what it draws later is waited for with `wait`."""
+        self.said, self.asked = [], []
+        self.resize(width, height, dark=dark)
+        self.send("Page.navigate", url=address)
+
+    def wait(self, script: str) -> Any:
+        """The value of a script once it is true; raises RuntimeError with what the page shows where it stays false."""
+        end = time.monotonic() + PATIENCE
+        while not (found := self.run(script)):
+            if time.monotonic() > end:
+                raise RuntimeError(
+                    f"never true: {script}; the page shows: {self.run('document.body.innerText')[-2000:]}"
+                )
+            time.sleep(0.1)
+        return found
+
+    def click(self, words: str) -> None:
+        """The button that begins with these words, once it is there and may be pressed."""
+        begins = f"one.innerText.trim().startsWith({json.dumps(words)})"
+        found = f"[...document.querySelectorAll('button')].find(one => !one.disabled && {begins})"
+        self.wait(f"!!{found}")
+        self.run(f"{found}.click()")
+
+    def give(self, selector: str, *files: Path) -> None:
+        """Choose files, or a folder, in an input of files."""
+        root = self.send("DOM.getDocument")["root"]["nodeId"]
+        node = self.send("DOM.querySelector", nodeId=root, selector=selector)["nodeId"]
+        self.send("DOM.setFileInputFiles", nodeId=node, files=[str(file) for file in files])
+
+    def write(self, selector: str, text: str) -> None:
+        """Into a field, in the place of what it holds, and leave it."""
+        field = f"document.querySelector({json.dumps(selector)})"
+        self.wait(f"{field} !== null")
+        self.run(f"{field}.focus(), {field}.select()")
+        self.send("Input.insertText", text=text)
+        self.run("document.activeElement.blur()")
+
     def resize(self, width: int, height: int, *, dark: bool = False, media: str = "screen") -> None:
         phone = width < 600
         self.send("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=phone)

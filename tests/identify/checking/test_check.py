@@ -104,7 +104,9 @@ def test_a_whole_that_holds_too_little_is_refused(tmp_path, run):
     )
     assert list(found.refused) == [""]
     assert "2 readings cannot determine" in found.refused[""]
-    assert run(tmp_path).exit_code == 2
+    ran = run(tmp_path)
+    assert ran.exit_code == 2
+    assert "its tests can be read, but the record would be refused" in ran.stderr
 
 
 def test_a_record_for_predictions_only(tmp_path, run):

@@ -1,0 +1,49 @@
+"""`thermohyd app`: what it needs, where it serves, what no configuration file changes, and that it leaves nothing behind."""
+
+import os
+import socket
+from importlib.util import find_spec
+
+import pytest
+from helpers.served_app import served_app
+from typer.testing import CliRunner
+
+from thermohyd.identify.cli import app_command
+from thermohyd.identify.cli.commands import app
+
+
+def test_without_streamlit_it_says_what_to_install(monkeypatch):
+    there = find_spec
+    monkeypatch.setattr(app_command, "find_spec", lambda name: None if name == "streamlit" else there(name))
+    ran = CliRunner().invoke(app, ["app"])
+    assert ran.exit_code == 2
+    assert ran.output == 'thermohyd: the page needs Streamlit: pip install "thermohyd[app]"\n'
+
+
+def test_nothing_is_reported_and_only_this_machine_is_served():
+    settings = app_command._settings(app_command.LOCAL, 8501, browser=False)
+    for said in (
+        "--server.address=localhost", "--browser.gatherUsageStats=false", "--server.allowedHosts=localhost",
+        "--server.showEmailPrompt=false", "--client.showErrorDetails=none", "--server.headless=true",
+    ):  # fmt: skip
+        assert said in settings
+    assert "--server.allowedHosts=localhost" not in app_command._settings("0.0.0.0", 8501, browser=False)
+
+
+def test_a_port_in_use():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+        ran = CliRunner().invoke(app, ["app", "--address", "127.0.0.1", "--port", str(port)])
+    assert ran.exit_code == 2
+    assert f"--port {port} cannot be served (Address already in use); name another" in ran.output
+
+
+@pytest.mark.skipif(os.name != "posix", reason="sends POSIX signals")
+def test_it_serves_until_ctrl_c(tmp_path):
+    with served_app(tmp_path) as served:
+        assert served.answers
+        served.interrupt()
+    assert served.status == 0, served.errors
+    assert served.out.startswith(f"The page: {served.address} (Ctrl-C ends it)\n")
+    assert "Traceback" not in served.errors
+    assert not served.answers
