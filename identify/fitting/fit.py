@@ -82,6 +82,12 @@ def fit(
     return fit_and_fitted(record, effects=effects, model_form=model_form, starts=starts, progress=progress)[0]
 
 
+def fit_as_one_program(record: BenchRecord, **options: Any) -> FitResult:
+    """`fit` with the search of static tests compiled as a whole, for tests of this length: ten seconds once, and then a third of the time
+    of each fit. Pays where many records have tests of one length."""
+    return fit_and_fitted(record, **options, solver=solve)[0]
+
+
 def fit_and_fitted(
     record: BenchRecord,
     *,
@@ -89,15 +95,17 @@ def fit_and_fitted(
     model_form: bool = False,
     starts: int = STARTS,
     progress: Progress | None = None,
+    solver: Solver | None = None,
 ) -> tuple[FitResult, Fitted]:
-    """What `fit` returns, and the fit as whoever looks around its optimum needs it."""
+    """What `fit` returns, and the fit as whoever looks around its optimum needs it. solver: see `StaticSearch`."""
     require_float64("fit")
     began = time.perf_counter()
     moving = bool(record.dynamic_tests)
     freed_effects = known_effects(record, effects)
     if freed_effects and moving:
         raise BenchInputError("effects are freed by name in records of static tests only", file=record.folder)
-    static = run_fit(record, starts=starts, progress=progress) if record.static_tests or not moving else None
+    still = record.static_tests or not moving
+    static = run_fit(record, starts=starts, progress=progress, solver=solver) if still else None
     asked = lambda fitted, own: _other_law(fitted, own, progress) if model_form else None
     if not moving:
         assert static is not None
@@ -105,7 +113,7 @@ def fit_and_fitted(
             static = fit_with(static, freed_effects, progress, rounds=MOST_ROUNDS, enough=SETTLED)
             result = fit_result(static)
         else:
-            static, result = with_intervals(static, progress)
+            static, result = with_intervals(static, progress, solver=solver)
         fitted = static
         result = with_model_form(result, asked(static, result))
     else:

@@ -240,7 +240,9 @@ def plain_by_rows(names: tuple[str, ...], args: FitArgs) -> Both:
             reading, slopes = rows.means(channel.test, reading), rows.means(channel.test, slopes[places])
             column = np.zeros((len(names), len(reading)))
             if (sensor := channel.sensor) is not None:
-                reading, more = sensor.readings(given, reading)
+                reading, more = sensor.readings(
+                    {name: jnp.asarray(value) for name, value in given.items()}, jnp.asarray(reading)
+                )
                 slopes = slopes * (float(sensor.reference) / given[sensor.gain] if sensor.gain else 1.0)
                 for name, slope in more.items():
                     column[names.index(name)] = np.asarray(slope)
@@ -266,7 +268,7 @@ def _filtered(
     """See `filtered`: compiled for the length of one test alone."""
     if channel.test not in effect_info(name).shows:
         return reading, np.concatenate([columns, np.zeros_like(reading)[None]])
-    none = np.zeros(0)
+    none = jnp.zeros(0)
     alone = replace(channel, value=none, weight=none, sensor=None)
     own = LibraryArgs(args.valve, StaticData({channel.test: args.data.conditions[channel.test]}, (), {}), (), {})
     behind, along = _filter(name, classes_of((name,)))(jnp.asarray(amount), alone, reading, columns, own)
