@@ -1,4 +1,4 @@
-"""`thermohyd export`: a fitted valve for other programs."""
+"""`thermohyd export`: a fitted valve or servo for other programs."""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -38,6 +38,14 @@ def fmu_command(
             "--current/--position", help="Drive the spool by the current of [valve] rated_current, or by its position."
         ),
     ] = False,
+    servo: Annotated[
+        str | None,
+        typer.Option(
+            "--servo",
+            metavar="COMMAND",
+            help="The valve with its actuator in motion, driven by a setpoint, a current or a spool_position.",
+        ),
+    ] = None,
     compiler: Annotated[
         str,
         typer.Option(
@@ -46,9 +54,10 @@ def fmu_command(
     ] = "cc",
     json: Json = False,
 ) -> None:
-    """The valve with its named effects as an FMU (FMI 2.0, model exchange and co-simulation) of C sources; no Python inside.
+    """The valve with its named effects, or the servo, as an FMU (model exchange and co-simulation) of C sources; no Python inside.
 
-    Writes DIR/<valve>.fmu. Its inputs are what the valve sees, so errors of the bench's instruments stay out, and it says which.
+    Writes DIR/<valve>.fmu, or DIR/<valve>_servo.fmu. Its inputs are what the valve sees: errors of the bench's instruments stay out, and
+    it says which.
     """
     with plain_failures():
         from thermohyd.identify.export.fmu import make_fmu
@@ -57,7 +66,9 @@ def fmu_command(
 
         folder, consoles = begin(out, json)
         assert folder is not None
-        made = make_fmu(load_model(model), current=current, compiler=None if compiler == "none" else compiler)
+        made = make_fmu(
+            load_model(model), current=current, servo=servo, compiler=None if compiler == "none" else compiler
+        )
         name = f"{made.name}.fmu"
         write_all(folder, {name: made.content}, Writer("export fmu", str(model.resolve())))
         inside = f"with a binary for {made.binary}" if made.binary else "sources alone: no compiler was used"

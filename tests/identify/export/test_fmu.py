@@ -4,7 +4,6 @@ import shutil
 import subprocess
 import zipfile
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import fmpy
@@ -13,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from helpers.commands import command
+from helpers.fmus import run_in, table_of, unpacked
 from reference import static_tests as reference
 from reference.oil import Oil
 from reference.valve import Effects, Rows, Valve as ReferenceValve
@@ -23,7 +23,8 @@ from thermohyd.edge import at_opening, mass_flow
 from thermohyd.effects.library import EFFECTS
 from thermohyd.identify.bench.errors import BenchInputError
 from thermohyd.identify.bench.record import ValveData
-from thermohyd.identify.export.fmu import INPUTS, OUTPUTS, identifier, make_fmu
+from thermohyd.identify.export.fmu import identifier, make_fmu
+from thermohyd.identify.export.interface import INPUTS, OUTPUTS
 from thermohyd.identify.export.valve_numbers import valve_numbers
 from thermohyd.identify.model.learned_terms import LearnedTerm
 from thermohyd.identify.model.model import Model
@@ -91,41 +92,9 @@ def points(count: int = ROWS, seed: int = 0) -> dict[str, np.ndarray]:
     }
 
 
-@pytest.fixture(scope="module")
-def host(tmp_path_factory):
-    """Compiled once: a C program that runs an FMU."""
-    folder = tmp_path_factory.mktemp("host")
-    source = shutil.copy(f"{__file__.rsplit('/identify/', 1)[0]}/helpers/fmu_host.c", folder)
-    subprocess.run(
-        ["cc", "-std=c99", "-D_GNU_SOURCE", "-Wall", "-Wextra", "-Wno-pedantic", source, "-o", folder / "host", "-ldl"],
-        check=True,
-    )
-    return folder / "host"
-
-
 def outputs(host, tmp_path, given: Model, at: dict[str, np.ndarray], **options: Any) -> dict[str, np.ndarray]:
     """What a C program reads of the FMU, at every point."""
-    fmu = unpacked(given, tmp_path, **options)
-    about = fmpy.read_model_description(str(fmu))
-    lines = "\n".join(" ".join(map(repr, map(float, row))) for row in np.stack(list(at.values()), axis=1))
-    ran = run_in(host, fmu, str(about.guid), lines, len(at))
-    assert (ran.returncode, ran.stderr) == (0, "")
-    table = np.array([[float(cell) for cell in line.split()] for line in ran.stdout.splitlines()])
-    return dict(zip(OUTPUTS, table.T, strict=True))
-
-
-def run_in(host, fmu: Path, guid: str, lines: str, inputs: int) -> subprocess.CompletedProcess[str]:
-    (binary,) = (path for path in (fmu / "binaries").rglob("*") if path.is_file())
-    call = [str(host), str(binary), guid, str(inputs), str(len(OUTPUTS))]
-    return subprocess.run(call, input=lines, capture_output=True, text=True)
-
-
-def unpacked(given: Model, folder: Path, **options: Any) -> Path:
-    made = make_fmu(given, **options)
-    (folder / "valve.fmu").write_bytes(made.content)
-    with zipfile.ZipFile(folder / "valve.fmu") as archive:
-        archive.extractall(folder / "inside")
-    return folder / "inside"
+    return table_of(host, unpacked(given, tmp_path, **options), np.stack(list(at.values()), axis=1))
 
 
 @needs_compiler
@@ -245,7 +214,7 @@ def test_a_host_rebuilds_it_from_its_sources(tmp_path):
     assert not (inside / "binaries").exists()
     built = tmp_path / "built.so"
     strict = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror"]
-    sources = [inside / "sources" / name for name in ("fmi2.c", "valve.c")]
+    sources = sorted((inside / "sources").glob("*.c"))
     subprocess.run(["cc", *strict, "-shared", "-fPIC", "-o", built, *sources, "-lm"], check=True)
     # linked into the host itself, its functions bear the model's name
     linked = ["-DFMI2_FUNCTION_PREFIX=valve_", "-c", "-o", tmp_path / "linked.o"]
@@ -276,9 +245,9 @@ def test_the_same_model_gives_the_same_bytes():
 
 
 def test_every_static_effect_is_expressed_or_left_out_or_refused():
-    assert {info.elsewhere for info in EFFECTS.values()} == {"sources", "bench"}
+    assert {info.elsewhere for info in EFFECTS.values()} == {"sources", "valve", "bench"}
     fields = {number.name for number in valve_numbers(model()).numbers}
-    assert {name for name, info in EFFECTS.items() if info.elsewhere == "sources"} <= fields
+    assert {name for name, info in EFFECTS.items() if info.elsewhere != "bench"} <= fields
     bench = valve_numbers(model(effects={"temperature_offset": 2.0, "hysteresis": 1e-6}))
     assert bench.left_out == ("temperature_offset",)
     assert bench.value("hysteresis") == 1e-6
@@ -332,10 +301,10 @@ def test_inputs_that_are_no_numbers_end_a_step(host, tmp_path):
     about = fmpy.read_model_description(str(unpacked(model(), tmp_path)))
     line = " ".join(str(start) for _, start, _ in INPUTS.values())
     for wrong in (line.replace("313.15", "nan"), line.replace("313.15", "40")):  # 40 degC given as 40 K
-        ran = run_in(host, tmp_path / "inside", str(about.guid), wrong, 7)
+        ran = run_in(host, tmp_path / "inside", str(about.guid), wrong, 7, 10)
         assert ran.returncode == 3
         assert "an input is no finite number, or the temperature is not between 150 and 700 K" in ran.stderr
-    assert run_in(host, tmp_path / "inside", "{0}", line, 7).returncode == 2
+    assert run_in(host, tmp_path / "inside", "{0}", line, 7, 10).returncode == 2
 
 
 def test_the_command_writes_it_and_says_what_stays(monkeypatch, tmp_path):
