@@ -46,6 +46,7 @@ def fmu_command(
             help="The valve with its actuator in motion, driven by a setpoint, a current or a spool_position.",
         ),
     ] = None,
+    fmi: Annotated[int, typer.Option("--fmi", metavar="VERSION", help="2: FMI 2.0; 3: FMI 3.0.")] = 2,
     compiler: Annotated[
         str,
         typer.Option(
@@ -67,12 +68,12 @@ def fmu_command(
         folder, consoles = begin(out, json)
         assert folder is not None
         made = make_fmu(
-            load_model(model), current=current, servo=servo, compiler=None if compiler == "none" else compiler
+            load_model(model), current=current, servo=servo, fmi=fmi, compiler=None if compiler == "none" else compiler
         )
         name = f"{made.name}.fmu"
         write_all(folder, {name: made.content}, Writer("export fmu", str(model.resolve())))
         inside = f"with a binary for {made.binary}" if made.binary else "sources alone: no compiler was used"
-        consoles.results.print(f"FMU of {made.name}, FMI 2.0, {inside}", markup=False, soft_wrap=True)
+        consoles.results.print(f"FMU of {made.name}, FMI {fmi}.0, {inside}", markup=False, soft_wrap=True)
         _say_left_out(consoles, made.left_out)
         say_where(consoles.results, folder, name)
         if json:

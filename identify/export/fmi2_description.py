@@ -77,10 +77,8 @@ def description(name: str, guid: str, valve: str, interface: Interface) -> bytes
         for index in indices:
             follows = {}
             if not interface.states:
-                output = list(interface.outputs)[index - outputs[0]]
-                known = interface.independent.get(output, ())
-                listed_inputs = [str(first + j) for j, own in enumerate(interface.inputs) if own not in known]
-                follows = {"dependencies": " ".join(listed_inputs)}
+                of = interface.followed(list(interface.outputs)[index - outputs[0]])
+                follows = {"dependencies": " ".join(str(first + j) for j in of)}
             ET.SubElement(listed, "Unknown", {"index": str(index), **follows})
     return written(root)
 

@@ -27,13 +27,12 @@ from thermohyd.dynamics.rodas5p import GAMMA, TABLEAU
 from thermohyd.identify.bench.errors import BenchInputError
 from thermohyd.identify.model.model import Model
 
-from .fmi2_description import description
+from . import fmi2_description, fmi3_description
 from .interface import Interface, servo_interface, valve_interface
 from .servo_numbers import servo_numbers
 from .valve_numbers import valve_numbers
 
 
-OF_FMI = ("fmi2.c", "fmi2.h")
 NODES, LINEAR = 11, 0.65  # of the film between two arcs: `thermohyd.film`
 SECONDS_TO_COMPILE = 120
 
@@ -49,9 +48,11 @@ class Fmu:
     left_out: tuple[str, ...]
 
 
-def make_fmu(model: Model, *, current: bool = False, servo: str | None = None, compiler: str | None = "cc") -> Fmu:
+def make_fmu(
+    model: Model, *, current: bool = False, servo: str | None = None, fmi: int = 2, compiler: str | None = "cc"
+) -> Fmu:
     """The FMU of a model. current: a static valve driven by a current [A]; servo: the valve with its actuator, driven by what this
-    names ("setpoint", "current", "spool_position"). compiler: None makes one of sources alone, as does one that is not there.
+    names ("setpoint", "current", "spool_position"). fmi: 2 or 3, of FMI 2.0 or 3.0. compiler: None makes one of sources alone, as does one that is not there.
 
     Raises BenchInputError where the model holds what the sources cannot express.
     """
@@ -60,17 +61,22 @@ def make_fmu(model: Model, *, current: bool = False, servo: str | None = None, c
         if servo is None
         else servo_interface(servo_numbers(model, servo))
     )
+    if fmi not in (2, 3):
+        raise BenchInputError(f"an FMU is of FMI 2 or 3, not {fmi}")
+    describe = fmi2_description.description if fmi == 2 else fmi3_description.description
     valve = model.valve.name
     name = identifier(valve if servo is None else f"{valve or 'valve'} servo")
-    sources = written_sources(interface)
+    sources = written_sources(interface, fmi)
     guid = _guid(name, sources)
     sources["parameters.h"] = sources["parameters.h"].replace("@GUID@", guid)
     parts: dict[str, bytes] = {
-        "modelDescription.xml": description(name, guid, valve, interface),
+        "modelDescription.xml": describe(name, guid, valve, interface),
         **{f"sources/{file}": text.encode() for file, text in sources.items()},
         "documentation/index.html": _documentation(valve, interface).encode(),
     }
-    place, library = compiled(sources, compiler)
+    if fmi == 3:
+        parts["sources/buildDescription.xml"] = fmi3_description.build_description(name, interface)
+    place, library = compiled(sources, compiler, fmi)
     if library:
         parts[f"binaries/{place}/{name}{_ending()}"] = library
     packed = io.BytesIO()
@@ -88,10 +94,10 @@ def identifier(name: str) -> str:
     return plain if re.match(r"[A-Za-z]", plain) else f"valve_{plain}"
 
 
-def written_sources(interface: Interface) -> dict[str, str]:
+def written_sources(interface: Interface, fmi: int) -> dict[str, str]:
     """{file: text} of all C sources; parameters.h with the mark @GUID@ where that goes."""
     folder = files(__package__) / "sources"
-    names = (*OF_FMI, *interface.sources)
+    names = (f"fmi{fmi}.c", f"fmi{fmi}.h", *interface.sources)
     made = {"parameters.h": _parameters_h(interface)} | ({"tableau.h": _tableau_h()} if interface.states else {})
     return {**{name: (folder / name).read_text(encoding="utf-8") for name in names}, **made}
 
@@ -173,10 +179,13 @@ def _documentation(valve: str, interface: Interface) -> str:
     )
 
 
-def platform_folder() -> str:
-    """The folder of binaries that FMI 2.0 has for this machine; empty where it knows none."""
+def platform_folder(fmi: int) -> str:
+    """The folder of binaries that FMI has for this machine; empty where its version knows none."""
     system = {"linux": "linux", "darwin": "darwin", "win32": "win"}.get(sys.platform, "")
-    known = platform.machine().lower() in ("x86_64", "amd64") or (system == "darwin")
+    machine = {"amd64": "x86_64", "arm64": "aarch64"}.get(platform.machine().lower(), platform.machine().lower())
+    if fmi == 3:
+        return f"{machine}-{ {'win': 'windows'}.get(system, system) }" if system else ""
+    known = machine == "x86_64" or (system == "darwin")
     return f"{system}{64 if sys.maxsize > 2**32 else 32}" if system and known else ""
 
 
@@ -184,9 +193,9 @@ def _ending() -> str:
     return {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
 
 
-def compiled(sources: dict[str, str], compiler: str | None) -> tuple[str, bytes]:
+def compiled(sources: dict[str, str], compiler: str | None, fmi: int) -> tuple[str, bytes]:
     """(platform, shared library) of the sources; empty bytes where there is no compiler. Raises BenchInputError where it fails."""
-    place = platform_folder()
+    place = platform_folder(fmi)
     found = None if compiler is None else shutil.which(compiler)
     if found is None or not place or sys.platform == "win32":
         return place, b""

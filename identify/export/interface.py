@@ -72,12 +72,16 @@ class Interface:
     states: int = 0
     independent: dict[str, tuple[str, ...]] = field(default_factory=dict)
 
+    def followed(self, output: str) -> list[int]:
+        """Which inputs, by their places, an output of a model without states follows."""
+        return [i for i, name in enumerate(self.inputs) if name not in self.independent.get(output, ())]
+
     @property
     def units(self) -> tuple[str, ...]:
         """Every unit once."""
         of_ends = (unit for unit, *_ in (*self.inputs.values(), *self.outputs.values()))
         of_rates = (rate_unit(unit) for unit, _ in list(self.outputs.values())[: self.states])
-        return tuple(dict.fromkeys((*(number.unit for number in self.numbers), *of_ends, *of_rates)))
+        return tuple(dict.fromkeys((*(number.unit for number in self.numbers), *of_ends, *of_rates, "s")))
 
 
 def rate_unit(unit: str) -> str:

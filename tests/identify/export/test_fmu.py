@@ -22,7 +22,7 @@ from thermohyd.conditions import Conditions
 from thermohyd.edge import at_opening, mass_flow
 from thermohyd.effects.library import EFFECTS
 from thermohyd.identify.bench.errors import BenchInputError
-from thermohyd.identify.bench.record import ValveData
+from thermohyd.identify.bench.record import ActuatorData, ValveData
 from thermohyd.identify.export.fmu import identifier, make_fmu
 from thermohyd.identify.export.interface import INPUTS, OUTPUTS
 from thermohyd.identify.export.valve_numbers import valve_numbers
@@ -185,9 +185,10 @@ def test_imposed_pressures_meet_the_closed_ports(case, host, tmp_path):
 
 
 @needs_compiler
-def test_fmpy_runs_and_validates_it(host, tmp_path):
+@pytest.mark.parametrize("fmi", [2, 3])
+def test_fmpy_runs_and_validates_it(fmi, host, tmp_path):
     given, at = model(*CASES["everything cold"]), points(40)
-    made = make_fmu(given)
+    made = make_fmu(given, fmi=fmi)
     (tmp_path / "valve.fmu").write_bytes(made.content)
     assert fmpy.validation.validate_fmu(str(tmp_path / "valve.fmu")) == []
     direct = outputs(host, tmp_path, given, at)
@@ -209,18 +210,23 @@ def test_fmpy_runs_and_validates_it(host, tmp_path):
 
 
 @needs_compiler
-def test_a_host_rebuilds_it_from_its_sources(tmp_path):
-    inside = unpacked(model(), tmp_path, compiler=None)
+@pytest.mark.parametrize(("fmi", "servo"), [(2, None), (2, "setpoint"), (3, None), (3, "setpoint")])
+def test_a_host_rebuilds_it_from_its_sources(fmi, servo, tmp_path):
+    given = replace(
+        model(effects={"backlash": 1e-6} if servo else {}),
+        actuator=ActuatorData(amplifier_gain=0.03, sensor_gain=100.0),
+    )
+    inside = unpacked(given, tmp_path, servo=servo, fmi=fmi, compiler=None)
     assert not (inside / "binaries").exists()
     built = tmp_path / "built.so"
     strict = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror"]
     sources = sorted((inside / "sources").glob("*.c"))
     subprocess.run(["cc", *strict, "-shared", "-fPIC", "-o", built, *sources, "-lm"], check=True)
     # linked into the host itself, its functions bear the model's name
-    linked = ["-DFMI2_FUNCTION_PREFIX=valve_", "-c", "-o", tmp_path / "linked.o"]
-    subprocess.run(["cc", *strict, *linked, sources[0]], check=True)
+    linked = [f"-DFMI{fmi}_FUNCTION_PREFIX=valve_", "-c", "-o", tmp_path / "linked.o"]
+    subprocess.run(["cc", *strict, *linked, inside / "sources" / f"fmi{fmi}.c"], check=True)
     names = subprocess.run(["nm", tmp_path / "linked.o"], capture_output=True, text=True, check=True).stdout
-    assert "valve_fmi2DoStep" in names
+    assert f"valve_fmi{fmi}DoStep" in names
 
 
 @needs_compiler
