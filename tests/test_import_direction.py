@@ -30,6 +30,7 @@ WITHOUT_JAX = (
     "report",
     "export.fmu",
     "export.interface",
+    "export.model_space",
     "export.results",
     "export.servo_numbers",
     "export.valve_numbers",

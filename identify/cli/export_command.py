@@ -16,7 +16,7 @@ export_app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
-    help="Take a fitted valve into another program: an FMU of C sources, tables, results as CSV, Parquet or a spreadsheet.",
+    help="Take a fitted valve into another program: an FMU of C sources, tables, results as CSV, Parquet, a spreadsheet; a space of models.",
 )
 
 ModelFile = Annotated[
@@ -24,6 +24,10 @@ ModelFile = Annotated[
 ]
 OutFolder = Annotated[
     str, typer.Option("--out", "-o", metavar="DIR", help="Folder for the files; made if need be.", show_default=False)
+]
+EffectsFolder = Annotated[
+    Path | None,
+    typer.Option("--effects", metavar="DIR", help="Folder with effects of your own, which are loaded as Python code."),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print what was written as JSON on stdout, and nothing else there.")]
 
@@ -107,12 +111,7 @@ def tables_command(
         int, typer.Option("--positions", min=5, max=1601, help="Nodes along the spool position.")
     ] = 81,
     across: Annotated[int, typer.Option("--across", min=3, max=101, help="Nodes along the other axis.")] = 31,
-    effects: Annotated[
-        Path | None,
-        typer.Option(
-            "--effects", metavar="DIR", help="Folder with effects of your own, which are loaded as Python code."
-        ),
-    ] = None,
+    effects: EffectsFolder = None,
     json: Json = False,
 ) -> None:
     """Load flow, leakage and blocked load pressure over two axes, for Modelica (CombiTable2Ds), Simscape (.mat) and Amesim (.data).
@@ -208,6 +207,46 @@ def results_command(
         say_where(consoles.results, folder, *files)
         if json:
             print_json({"files": list(files), "tables": {name: list(table.columns) for name, table in tables.items()}})
+
+
+@export_app.command("select")
+def select_command(
+    result: Annotated[Path, typer.Argument(metavar="RESULT", help="diagnosis.json.", show_default=False)],
+    out: OutFolder,
+    criterion: Annotated[str, typer.Option("--criterion", metavar="NAME", help="AIC, AICc or BIC.")] = "AICc",
+    method: Annotated[
+        str, typer.Option("--method", metavar="NAME", help="forward, backward, brute_force or famos.")
+    ] = "forward",
+    effects: EffectsFolder = None,
+    json: Json = False,
+) -> None:
+    """Parameters and effects of a diagnosis as a model space of PEtab Select, which searches it with anybody's fits."""
+    with plain_failures():
+        from thermohyd.identify.export.model_space import model_space
+        from thermohyd.identify.export.results import load_result
+        from thermohyd.identify.report.files import Writer, write_all
+
+        from .run_command import load_users_effects
+
+        folder, consoles = begin(out, json)
+        assert folder is not None
+        load_users_effects(effects)
+        made = model_space(load_result(result), criterion=criterion, method=method)
+        write_all(folder, made.files, Writer("export select", str(result.resolve())))
+        sets = f"{made.subspaces} set{'s' if made.subspaces > 1 else ''} of models"
+        consoles.results.print(
+            f"{len(made.effects)} effects in {sets}: {', '.join(made.effects)}", markup=False, soft_wrap=True
+        )
+        for group in made.rivals:
+            consoles.results.print(f"no model has two of: {', '.join(group)}", markup=False, soft_wrap=True)
+        say_where(consoles.results, folder, *made.files)
+        if json:
+            about = {
+                "effects": list(made.effects),
+                "rivals": [list(group) for group in made.rivals],
+                "subspaces": made.subspaces,
+            }
+            print_json({"files": list(made.files), **about})
 
 
 def _curves(result: Path, bench: Path, progress: Any) -> dict[str, Any]:

@@ -52,7 +52,7 @@ def make_fmu(
     model: Model, *, current: bool = False, servo: str | None = None, fmi: int = 2, compiler: str | None = "cc"
 ) -> Fmu:
     """The FMU of a model. current: a static valve driven by a current [A]; servo: the valve with its actuator, driven by what this
-    names ("setpoint", "current", "spool_position"). fmi: 2 or 3, of FMI 2.0 or 3.0. compiler: None makes one of sources alone, as does one that is not there.
+    names ("setpoint", "current", "spool_position"). fmi: 2 or 3. compiler: None makes one of sources alone, as does one that is not there.
 
     Raises BenchInputError where the model holds what the sources cannot express.
     """
