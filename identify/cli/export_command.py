@@ -16,7 +16,7 @@ export_app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
-    help="Take a fitted valve into another program: an FMU of C sources, tables, results as CSV, Parquet, a spreadsheet; a space of models.",
+    help="Take a fitted valve into another program: an FMU of C sources, tables, results as CSV, Parquet, xlsx; a space of models.",
 )
 
 ModelFile = Annotated[
