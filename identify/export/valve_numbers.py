@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from thermohyd.effects.library import EFFECTS, effect_info
+from thermohyd.effects.library import DYNAMIC_EFFECTS, EFFECTS, effect_info
 from thermohyd.identify.bench.errors import BenchInputError
 from thermohyd.identify.model.model import Model
 
@@ -110,6 +110,10 @@ def expressible(model: Model, known: dict[str, "EffectInfo"]) -> dict[str, float
     """
     acting = {name: amount for name, amount in model.effects.items() if amount != 0.0}
     unknown = [name for name in acting if name not in known]
+    if unknown and unknown[0] in DYNAMIC_EFFECTS:
+        raise BenchInputError(
+            f"the model holds the effect {unknown[0]}, which only motion shows; export the servo, or take it out of model.json"
+        )
     if unknown:
         raise BenchInputError(
             f"the model holds the effect {unknown[0]}, for which there are no C sources; take it out of model.json, or export tables"

@@ -206,6 +206,7 @@ EXPORTED fmi2Status FMI(fmi2GetEventIndicators)(fmi2Component c, fmi2Real x[], s
 /* Of the first order, over the next step; then an input stays where it came to. */
 EXPORTED fmi2Status FMI(fmi2SetRealInputDerivatives)(fmi2Component c, const fmi2ValueReference vr[], size_t n,
                                                      const fmi2Integer order[], const fmi2Real value[]) {
+    if (n && !THERMOHYD_STATES) return refuse(c, "inputs are not interpolated: there is nothing to integrate");
     for (size_t i = 0; i < n; i++)
         if (order[i] != 1 || !thermohyd_set_slope(&((instance *)c)->now, vr[i], value[i]))
             return refuse(c, "fmi2SetRealInputDerivatives: of inputs, and of the first order");

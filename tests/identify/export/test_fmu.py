@@ -270,6 +270,7 @@ REFUSED = {
         model(effects={"slot_wear": 0.1}),
         "the effect slot_wear, for which there are no C sources",
     ),
+    "an effect of motion": (model(effects={"coulomb_friction": 90.0}), "coulomb_friction, which only motion shows"),
     "no null pressure": (model(effects={"null_shift_pressure": 1e-13}, null_pressure=None), "needs null_pressure"),
 }
 

@@ -180,6 +180,34 @@ def test_fmpy_runs_and_validates_it(fmi, host, tmp_path):
 
 
 @needs_compiler
+def test_a_state_is_kept_and_taken_up_again(tmp_path):
+    inside = unpacked(model_of(machine_of("backlash")), tmp_path, servo="setpoint")
+    about: Any = fmpy.read_model_description(str(inside))
+    fmu: Any = fmpy.fmi2.FMU2Slave(
+        guid=about.guid, modelIdentifier=about.coSimulation.modelIdentifier, unzipDirectory=str(inside), instanceName="servo"
+    )  # fmt: skip
+    fmu.instantiate()
+    fmu.setupExperiment()
+    fmu.enterInitializationMode()
+    fmu.exitInitializationMode()
+    fmu.setReal([1000], [1e-3])
+
+    def on(begin: int) -> list[list[float]]:
+        found = []
+        for k in range(begin, begin + 10):
+            fmu.doStep(currentCommunicationPoint=1e-3 * k, communicationStepSize=1e-3)
+            found.append(fmu.getReal([2000 + i for i in range(9)]))
+        return found
+
+    on(0)
+    kept = fmu.getFMUstate()
+    first = on(10)
+    fmu.setFMUstate(kept)
+    assert on(10) == first
+    fmu.freeInstance()
+
+
+@needs_compiler
 def test_what_no_run_can_do_ends_it_with_a_sentence(host, tmp_path):
     machine = machine_of("closed_isothermal")
     fmu = unpacked(model_of(machine), tmp_path, servo="setpoint")
