@@ -66,7 +66,7 @@ def _(diagnosis, identify, record):
 
     test = next(iter(diagnosis.where)).test
     channel = next(iter(diagnosis.where)).channel
-    bare = replace(diagnosis.model, effects={})
+    bare = replace(diagnosis.model, effects=dict.fromkeys(diagnosis.model.effects, 0.0))
     tables = {
         words: identify.predict(model, record).tables[test]
         for words, model in (("without", bare), ("with", diagnosis.model))
