@@ -4,7 +4,7 @@ No JAX: a model.json becomes C without it.
 """
 
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal
 
 from thermohyd.effects.library import DYNAMIC_EFFECTS, EFFECTS, whole_library
 from thermohyd.identify.bench.errors import BenchInputError, quoted
@@ -28,7 +28,7 @@ from .valve_numbers import (
 
 
 Command = Literal["setpoint", "current", "spool_position"]
-COMMANDS: tuple[Command, ...] = get_args(Command)
+COMMANDS: tuple[Command, ...] = ("setpoint", "current", "spool_position")
 STROKE = ("m", "Greatest position of the spool, either way")
 JACK = {
     "piston_area_a": ("m2", "Area of the piston towards chamber A"),

@@ -19,6 +19,7 @@ with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # of what petab_select imports
     import petab_select
 
+ui: Any = petab_select.ui  # its types say less than its words
 RIVALS = ("pilot_leakage", "bushing_leakage", "flowmeter_offset")
 
 
@@ -46,7 +47,7 @@ def test_petab_select_lists_every_model_once(tmp_path):
     """Of three rivals no model has two, and each stands beside every choice of the others."""
     made = model_space(content(tried=3), method="brute_force")
     problem = problem_of(made, tmp_path)
-    begun = petab_select.ui.start_iteration(problem=problem)
+    begun = ui.start_iteration(problem=problem)
     models = [chosen_by(model) for model in begun["uncalibrated_models"]]
     assert made.rivals == (RIVALS,)
     assert (len(made.effects), made.subspaces) == (6, 3)
@@ -60,19 +61,19 @@ def test_a_search_over_it_ends_at_the_best_model(tmp_path):
     problem = problem_of(made, tmp_path)
     gains, candidates, asked = {"pilot_leakage": 300.0, made.effects[3]: 40.0}, None, 0
     while True:
-        begun = petab_select.ui.start_iteration(problem=problem, candidate_space=candidates)
+        begun = ui.start_iteration(problem=problem, candidate_space=candidates)
         for model in begun["uncalibrated_models"]:
             misfit = 5000.0 - sum(gains.get(name, 0.5) for name in chosen_by(model))
             model.set_criterion(petab_select.Criterion.NLLH, 0.5 * misfit)
             model.compute_criterion(criterion=problem.criterion)
             asked += 1
-        ended = petab_select.ui.end_iteration(
+        ended = ui.end_iteration(
             problem=problem, candidate_space=begun["candidate_space"], calibrated_models=begun["uncalibrated_models"]
         )
         if ended["terminate"]:
             break
         candidates = ended["candidate_space"]
-    best = petab_select.ui.get_best(problem=problem, models=problem.state.models)
+    best = ui.get_best(problem=problem, models=problem.state.models)
     assert chosen_by(best) == set(gains)
     assert asked < 2 ** len(made.effects)
 

@@ -34,7 +34,8 @@ needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="no C com
 
 def model_of(machine: Machine) -> Model:
     """The machine of a conformance record, as model.json would hold it."""
-    v, o, j = machine.valve, machine.oil, machine.jack
+    v, j = machine.valve, machine.jack
+    o: Any = machine.oil
     given = asdict(v)
     body = ValveData(
         "servo 1", j.stroke, given.pop("slot_width"), rated_current=j.rated_current, polarity=j.polarity,
