@@ -69,7 +69,8 @@ def servo_numbers(model: Model, command: str) -> ServoNumbers:
 
     Raises BenchInputError, in one sentence, where the model holds what the C sources cannot express.
     """
-    chosen = next((kind for kind in COMMANDS if kind == command), None)
+    known: dict[str, Command] = {kind: kind for kind in COMMANDS}
+    chosen = known.get(command)
     if chosen is None:
         raise BenchInputError(f"a servo is driven by one of {', '.join(COMMANDS)}, not by {quoted(command)}")
     if model.actuator is None:
