@@ -23,6 +23,7 @@ def test_a_notebook_runs_as_a_script(notebook, tmp_path):
     if notebook.stem not in AT_ONCE and os.environ.get("THERMOHYD_TUTORIAL") != "1":
         pytest.skip("THERMOHYD_TUTORIAL=1 runs what takes minutes")
     kept = {"JAX_COMPILATION_CACHE_DIR": str(ROOT / "build" / "compiled-for-tests"), "MPLBACKEND": "Agg"}
+    kept |= {"JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.2"}  # as in conftest.py
     ran = subprocess.run(
         [sys.executable, "-P", str(notebook)], cwd=tmp_path, env=os.environ | kept, capture_output=True, text=True
     )
