@@ -133,7 +133,7 @@ hidden-logs: $(VENV)/.installed-dev
 	$(BIN)/python benchmarks/hidden_raw_logs.py fit
 	$(BIN)/python benchmarks/hidden_raw_logs.py diagnose
 
-petab-select: $(VENV)/.installed-benchmarks
+petab-select: $(VENV)/.installed-dev
 	$(BIN)/python benchmarks/petab_select_baseline.py --set $(SET) --processes $(PROCESSES)
 
 law-coverage: $(VENV)/.installed-dev
@@ -179,9 +179,3 @@ $(VENV)/.installed-dev: $(SOURCES) | $(BIN)/python
 	@rm -rf build/lib build/bdist.* *.egg-info $(VENV)/lib/python3*/site-packages/thermohyd
 	$(INSTALL) '.[dev]'
 	@rm -rf build/lib build/bdist.* *.egg-info && touch $@ $(VENV)/.installed
-
-# petab_select is for its own benchmark alone: neither the tests nor the constraints know it.
-$(VENV)/.installed-benchmarks: $(VENV)/.installed-dev
-	@echo "Installing petab_select into $(VENV), which only make petab-select needs."
-	$(INSTALL) '.[benchmarks]'
-	@rm -rf build/lib build/bdist.* *.egg-info && touch $@

@@ -13,6 +13,8 @@ from pathlib import Path
 from types import ModuleType
 from unittest.mock import patch
 
+from thermohyd.identify.export.model_space import EITHER, SpaceParameter, space_files
+
 
 METHODS = ("forward", "famos")
 CRITERIA = ("AICc", "BIC")
@@ -22,20 +24,6 @@ ARGUMENTS: dict[str, Callable[[Sequence[str]], dict[str, object]]] = {
     "forward": lambda effects: {},
     "famos": lambda effects: {"swap_parameter_sets": [list(effects)], "consecutive_laterals": True},
 }
-DUMMIES = {
-    "model.xml": '<?xml version="1.0" encoding="UTF-8"?>\n'
-    '<sbml xmlns="http://www.sbml.org/sbml/level3/version2/core" level="3" version="2">\n<model/>\n</sbml>\n',
-    "conditions.tsv": "conditionId\nbench\n",
-    "observables.tsv": "observableId\tobservableFormula\tnoiseFormula\nreading\t0\t1\n",
-}
-PROBLEM = """format_version: 1
-parameter_file: parameters.tsv
-problems:
-- condition_files: [conditions.tsv]
-  measurement_files: [measurements.tsv]
-  observable_files: [observables.tsv]
-  sbml_files: [model.xml]
-"""
 
 
 @dataclass(frozen=True)
@@ -58,13 +46,11 @@ class Choice:
 
 
 def tool() -> ModuleType:
-    """petab_select; imported by its name, because it is installed for this benchmark alone."""
+    """petab_select; imported by its name, because it is no dependency of the package."""
     try:
         return importlib.import_module("petab_select")
     except ModuleNotFoundError as missing:
-        raise SystemExit(
-            f"{missing.name} is not installed: `make petab-select` installs petab_select, or pip install 'petab-select>=0.4' into .venv."
-        ) from None
+        raise SystemExit(f"{missing.name} is not installed: pip install '.[dev]' installs petab_select.") from None
 
 
 def write_space(
@@ -78,17 +64,8 @@ def write_space(
 
     priors: {parameter: (mean, standard deviation)}, counted as data like the readings.
     """
-    rows = [
-        "parameterId\tparameterScale\tlowerBound\tupperBound\testimate\tobjectivePriorType\tobjectivePriorParameters"
-    ]
-    for name in (*always, *effects):
-        prior = "normal\t{};{}".format(*priors[name]) if name in priors else "\t"
-        rows.append(f"{name}\tlin\t-inf\tinf\t1\t{prior}")
-    measured = ["observableId\tsimulationConditionId\ttime\tmeasurement", *["reading\tbench\t0\t0"] * readings]
-    space = ["\t".join(["model_subspace_id", "model_subspace_petab_yaml", *effects])]
-    space.append("\t".join(["M", "petab.yaml", *["0;estimate"] * len(effects)]))
-    tables = {"parameters.tsv": rows, "measurements.tsv": measured, "model_space.tsv": space}
-    files = {**DUMMIES, "petab.yaml": PROBLEM, **{name: "\n".join(lines) + "\n" for name, lines in tables.items()}}
+    parameters = [SpaceParameter(name, prior=priors.get(name)) for name in (*always, *effects)]
+    files = space_files(parameters, {"M": dict.fromkeys(effects, EITHER)}, readings)
     for name, text in files.items():
         (folder / name).write_text(text, encoding="utf-8")
     return Space(folder, tuple(effects), {"n_measurements": readings, "n_priors": len(priors)})

@@ -18,6 +18,7 @@ OF_THE_RECORD = {
     "thermohyd.actuator": {"coulomb_friction", "jack_leakage"},
     "thermohyd.identify.bench.test_tables": {"coulomb_friction", "jack_leakage"},
     "thermohyd.identify.bench.valve_tables": {"pressure_viscosity"},
+    "thermohyd.identify.export.servo_numbers": {"coulomb_friction", "jack_leakage"},
     "thermohyd.identify.model.model_file": {"coulomb_friction", "jack_leakage"},
 }
 

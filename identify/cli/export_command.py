@@ -1,4 +1,4 @@
-"""`thermohyd export`: a fitted valve for other programs."""
+"""`thermohyd export`: a fitted valve or servo for other programs."""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -16,7 +16,7 @@ export_app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
-    help="Take a fitted valve into another program: an FMU of C sources, tables, results as CSV, Parquet or a spreadsheet.",
+    help="Take a fitted valve into another program: an FMU of C sources, tables, results as CSV, Parquet, xlsx; a space of models.",
 )
 
 ModelFile = Annotated[
@@ -24,6 +24,10 @@ ModelFile = Annotated[
 ]
 OutFolder = Annotated[
     str, typer.Option("--out", "-o", metavar="DIR", help="Folder for the files; made if need be.", show_default=False)
+]
+EffectsFolder = Annotated[
+    Path | None,
+    typer.Option("--effects", metavar="DIR", help="Folder with effects of your own, which are loaded as Python code."),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print what was written as JSON on stdout, and nothing else there.")]
 
@@ -38,6 +42,15 @@ def fmu_command(
             "--current/--position", help="Drive the spool by the current of [valve] rated_current, or by its position."
         ),
     ] = False,
+    servo: Annotated[
+        str | None,
+        typer.Option(
+            "--servo",
+            metavar="COMMAND",
+            help="The valve with its actuator in motion, driven by a setpoint, a current or a spool_position.",
+        ),
+    ] = None,
+    fmi: Annotated[int, typer.Option("--fmi", metavar="VERSION", help="2: FMI 2.0; 3: FMI 3.0.")] = 2,
     compiler: Annotated[
         str,
         typer.Option(
@@ -46,9 +59,10 @@ def fmu_command(
     ] = "cc",
     json: Json = False,
 ) -> None:
-    """The valve with its named effects as an FMU (FMI 2.0, model exchange and co-simulation) of C sources; no Python inside.
+    """The valve with its named effects, or the servo, as an FMU (model exchange and co-simulation) of C sources; no Python inside.
 
-    Writes DIR/<valve>.fmu. Its inputs are what the valve sees, so errors of the bench's instruments stay out, and it says which.
+    Writes DIR/<valve>.fmu, or DIR/<valve>_servo.fmu. Its inputs are what the valve sees: errors of the bench's instruments stay out, and
+    it says which.
     """
     with plain_failures():
         from thermohyd.identify.export.fmu import make_fmu
@@ -57,11 +71,13 @@ def fmu_command(
 
         folder, consoles = begin(out, json)
         assert folder is not None
-        made = make_fmu(load_model(model), current=current, compiler=None if compiler == "none" else compiler)
+        made = make_fmu(
+            load_model(model), current=current, servo=servo, fmi=fmi, compiler=None if compiler == "none" else compiler
+        )
         name = f"{made.name}.fmu"
         write_all(folder, {name: made.content}, Writer("export fmu", str(model.resolve())))
         inside = f"with a binary for {made.binary}" if made.binary else "sources alone: no compiler was used"
-        consoles.results.print(f"FMU of {made.name}, FMI 2.0, {inside}", markup=False, soft_wrap=True)
+        consoles.results.print(f"FMU of {made.name}, FMI {fmi}.0, {inside}", markup=False, soft_wrap=True)
         _say_left_out(consoles, made.left_out)
         say_where(consoles.results, folder, name)
         if json:
@@ -95,12 +111,7 @@ def tables_command(
         int, typer.Option("--positions", min=5, max=1601, help="Nodes along the spool position.")
     ] = 81,
     across: Annotated[int, typer.Option("--across", min=3, max=101, help="Nodes along the other axis.")] = 31,
-    effects: Annotated[
-        Path | None,
-        typer.Option(
-            "--effects", metavar="DIR", help="Folder with effects of your own, which are loaded as Python code."
-        ),
-    ] = None,
+    effects: EffectsFolder = None,
     json: Json = False,
 ) -> None:
     """Load flow, leakage and blocked load pressure over two axes, for Modelica (CombiTable2Ds), Simscape (.mat) and Amesim (.data).
@@ -196,6 +207,46 @@ def results_command(
         say_where(consoles.results, folder, *files)
         if json:
             print_json({"files": list(files), "tables": {name: list(table.columns) for name, table in tables.items()}})
+
+
+@export_app.command("select")
+def select_command(
+    result: Annotated[Path, typer.Argument(metavar="RESULT", help="diagnosis.json.", show_default=False)],
+    out: OutFolder,
+    criterion: Annotated[str, typer.Option("--criterion", metavar="NAME", help="AIC, AICc or BIC.")] = "AICc",
+    method: Annotated[
+        str, typer.Option("--method", metavar="NAME", help="forward, backward, brute_force or famos.")
+    ] = "forward",
+    effects: EffectsFolder = None,
+    json: Json = False,
+) -> None:
+    """Parameters and effects of a diagnosis as a model space of PEtab Select, which searches it with anybody's fits."""
+    with plain_failures():
+        from thermohyd.identify.export.model_space import model_space
+        from thermohyd.identify.export.results import load_result
+        from thermohyd.identify.report.files import Writer, write_all
+
+        from .run_command import load_users_effects
+
+        folder, consoles = begin(out, json)
+        assert folder is not None
+        load_users_effects(effects)
+        made = model_space(load_result(result), criterion=criterion, method=method)
+        write_all(folder, made.files, Writer("export select", str(result.resolve())))
+        sets = f"{made.subspaces} set{'s' if made.subspaces > 1 else ''} of models"
+        consoles.results.print(
+            f"{len(made.effects)} effects in {sets}: {', '.join(made.effects)}", markup=False, soft_wrap=True
+        )
+        for group in made.rivals:
+            consoles.results.print(f"no model has two of: {', '.join(group)}", markup=False, soft_wrap=True)
+        say_where(consoles.results, folder, *made.files)
+        if json:
+            about = {
+                "effects": list(made.effects),
+                "rivals": [list(group) for group in made.rivals],
+                "subspaces": made.subspaces,
+            }
+            print_json({"files": list(made.files), **about})
 
 
 def _curves(result: Path, bench: Path, progress: Any) -> dict[str, Any]:

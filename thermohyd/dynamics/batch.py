@@ -22,7 +22,8 @@ from jax.core import Tracer
 from jax.extend import core
 from jaxtyping import Array
 
-from .rosenbrock import DENSE, GAMMA, TABLEAU, Rodas5P
+from .rodas5p import DENSE, GAMMA, TABLEAU
+from .rosenbrock import Rodas5P
 
 
 # Where a primitive that calls another program keeps it.

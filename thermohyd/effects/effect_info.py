@@ -19,6 +19,7 @@ NEEDS = {
     "measured_spool": "in dynamic tests, the spool's position as a reading",
     "warm_chambers": "in dynamic tests, chambers that keep heat",
 }
+ELSEWHERE = ("", "sources", "valve", "play", "command", "bench")
 OF_SWEEPS = frozenset({"time", "rate", "several_rates", "both_directions"})
 
 
@@ -41,7 +42,9 @@ class EffectInfo:
     costly: its presence alone makes each step of the ports' balance longer, so that fits without it go without it.
     mirrored_in: the parameter p for which (p, amount) and (p + amount, -amount) are one valve to most readings; "" for none.
     elsewhere: where the valve goes into another program: "sources", the C sources of an FMU know the effect by its name
-    (identify/export/sources); "bench", it is the bench's and stays there; "", C knows nothing of it.
+    (identify/export/sources); "valve", those of the static valve do, no motion shows it; "play", those of a servo do, and it has a
+    state there; "command", it lies before the loop, where the other program has it; "bench", it is the bench's and stays there;
+    "", C knows nothing of it.
 
     Everything else follows from the class. Raises ValueError or TypeError, with one sentence, for an entry that is none.
     """
@@ -85,7 +88,7 @@ class EffectInfo:
             ("needs", self.needs, tuple(NEEDS)),
             ("factor_on", (self.factor_on,), ("", "viscosity")),
             ("adds_to", (self.adds_to,), ("", "heat_retention")),
-            ("elsewhere", (self.elsewhere,), ("", "sources", "bench")),
+            ("elsewhere", (self.elsewhere,), ELSEWHERE),
         ):
             unknown = [repr(name) for name in names if name not in known]
             if isinstance(names, str) or unknown:

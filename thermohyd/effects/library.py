@@ -234,7 +234,7 @@ _STATIC = (
         sentence="the oil keeps part of its throttling heat",
         shown=_PERCENT,
         adds_to="heat_retention",
-        elsewhere="sources",
+        elsewhere="valve",
     ),
     EffectInfo(
         name="pressure_viscosity",
@@ -401,7 +401,7 @@ _STATIC = (
         shows=_ALL,
         sentence="the position depends on the way it was reached",
         needs=("both_directions",),
-        elsewhere="sources",
+        elsewhere="valve",
     ),
     EffectInfo(
         name="position_lag",
@@ -454,6 +454,7 @@ _DYNAMIC = (
         scale=100.0,
         shows=_MOTION,
         sentence="dry friction brakes the piston",
+        elsewhere="sources",
     ),
     EffectInfo(
         name="stribeck_friction",
@@ -465,6 +466,7 @@ _DYNAMIC = (
         scale=100.0,
         shows=_MOTION,
         sentence="the piston sticks before it slides",
+        elsewhere="sources",
     ),
     EffectInfo(
         name="backlash",
@@ -476,6 +478,7 @@ _DYNAMIC = (
         scale=2e-6,
         shows=_STEP,
         sentence="there is play between the command and the spool",
+        elsewhere="play",
     ),
     EffectInfo(
         name="entrained_air",
@@ -488,6 +491,7 @@ _DYNAMIC = (
         shows=_MOTION,
         sentence="air bubbles soften the oil in the chambers",
         shown=_PERCENT,
+        elsewhere="sources",
     ),
     EffectInfo(
         name="jack_leakage",
@@ -499,6 +503,7 @@ _DYNAMIC = (
         scale=1e-12,
         shows=_MOTION,
         sentence="oil leaks past the piston",
+        elsewhere="sources",
     ),
     EffectInfo(
         name="flow_force",
@@ -510,6 +515,7 @@ _DYNAMIC = (
         scale=2e-7,
         shows=_MOTION,
         sentence="the jets' force closes the spool",
+        elsewhere="sources",
     ),
     EffectInfo(
         name="spool_delay",
@@ -522,6 +528,7 @@ _DYNAMIC = (
         shows=_MOTION,
         sentence="the command acts with a delay",
         shown=_MILLISECONDS,
+        elsewhere="command",
     ),
     EffectInfo(
         name="wall_heat",
@@ -534,6 +541,7 @@ _DYNAMIC = (
         shows=_MOTION,
         sentence="the chambers' oil exchanges heat with the metal",
         needs=("warm_chambers",),
+        elsewhere="sources",
     ),
 )
 

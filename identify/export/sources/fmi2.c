@@ -1,33 +1,17 @@
-/* The valve as an FMU: model exchange without states, and co-simulation whose step has nothing to integrate.
+/* The model as an FMU of FMI 2.0: model exchange, and co-simulation whose step integrates the states, where there are some.
 
-   Value references: parameters from 0, inputs from 1000, outputs from 2000, each in the order of its struct in valve.h. Outputs are
-   computed when one is asked for and something has changed since. */
+   What a value reference means is in model.h. Outputs are computed when one is asked for and something has changed since. */
 #include "fmi2.h"
-#include "valve.h"
+#include "model.h"
 
 #include <stdlib.h>
 #include <string.h>
 
-#define PARAMETERS (sizeof(thermohyd_parameters) / sizeof(double))
-#define INPUTS (sizeof(thermohyd_inputs) / sizeof(double))
-#define OUTPUTS (sizeof(thermohyd_outputs) / sizeof(double))
-#define FIRST_INPUT 1000u
-#define FIRST_OUTPUT 2000u
-
 typedef struct {
-    thermohyd_parameters parameters;
-    thermohyd_inputs inputs;
-    thermohyd_outputs outputs;
-    double time;
-    int stale; /* outputs are those of other inputs */
-    fmi2Status status; /* with which they were computed */
-} content;
-
-typedef struct {
-    content now;
+    thermohyd_model now;
     fmi2CallbackFunctions host;
     char *name;
-    int logging, settled; /* settled: initialisation is over, parameters are fixed */
+    int logging;
 } instance;
 
 static void say(const instance *it, fmi2Status status, fmi2String message) {
@@ -36,27 +20,12 @@ static void say(const instance *it, fmi2Status status, fmi2String message) {
 
 static fmi2Status refuse(const instance *it, fmi2String message) { say(it, fmi2Error, message); return fmi2Error; }
 
-static void start(content *c) {
-    const thermohyd_inputs inputs = {THERMOHYD_START_INPUTS};
-    memset(c, 0, sizeof *c);
-    thermohyd_defaults(&c->parameters);
-    c->inputs = inputs;
-    c->stale = 1;
-}
-
-static fmi2Status compute(instance *it) {
-    content *c = &it->now;
-    if (!c->stale) return c->status;
-    c->status = fmi2OK;
-    switch (thermohyd_valve(&c->parameters, &c->inputs, &c->outputs)) {
-    case THERMOHYD_BAD_INPUT:
-        c->status = refuse(it, "an input is no finite number, or the temperature is not between 150 and 700 K");
-        break;
-    case THERMOHYD_NO_SUPPLY:
-        if (it->logging) say(it, fmi2Warning, "the return pressure lies above the supply pressure: blocked ports and load flow are NaN");
-    }
-    c->stale = c->status != fmi2OK;
-    return c->status;
+/* The status of what ended with this code. */
+static fmi2Status ended(const instance *it, int code) {
+    if (code == THERMOHYD_OK) return fmi2OK;
+    if (code != THERMOHYD_NO_SUPPLY || THERMOHYD_STATES) return refuse(it, thermohyd_words(code));
+    if (it->logging) say(it, fmi2Warning, thermohyd_words(code));
+    return fmi2OK;
 }
 
 EXPORTED const char *FMI(fmi2GetTypesPlatform)(void) { return "default"; }
@@ -74,7 +43,7 @@ EXPORTED fmi2Component FMI(fmi2Instantiate)(fmi2String name, fmi2Type type, fmi2
     it->logging = logging;
     it->name = allocate(strlen(name) + 1, 1);
     if (it->name) strcpy(it->name, name);
-    start(&it->now);
+    thermohyd_start(&it->now);
     if (!it->name || !guid || strcmp(guid, THERMOHYD_GUID)) {
         if (it->name) say(it, fmi2Error, "the GUID is not that of this model");
         void (*release)(void *) = host->freeMemory ? host->freeMemory : free;
@@ -101,19 +70,21 @@ EXPORTED fmi2Status FMI(fmi2SetDebugLogging)(fmi2Component c, fmi2Boolean on, si
 
 EXPORTED fmi2Status FMI(fmi2SetupExperiment)(fmi2Component c, fmi2Boolean tolerant, fmi2Real tolerance, fmi2Real begin,
                                              fmi2Boolean ends, fmi2Real end) {
-    (void)tolerant; (void)tolerance; (void)ends; (void)end;
+    (void)ends; (void)end;
     ((instance *)c)->now.time = begin;
+    if (tolerant && tolerance > 0.0) ((instance *)c)->now.tolerance = tolerance;
     return fmi2OK;
 }
 
 EXPORTED fmi2Status FMI(fmi2EnterInitializationMode)(fmi2Component c) { (void)c; return fmi2OK; }
-EXPORTED fmi2Status FMI(fmi2ExitInitializationMode)(fmi2Component c) { ((instance *)c)->settled = 1; return fmi2OK; }
+EXPORTED fmi2Status FMI(fmi2ExitInitializationMode)(fmi2Component c) {
+    return ended(c, thermohyd_settle(&((instance *)c)->now));
+}
 EXPORTED fmi2Status FMI(fmi2Terminate)(fmi2Component c) { (void)c; return fmi2OK; }
 
 EXPORTED fmi2Status FMI(fmi2Reset)(fmi2Component c) {
     instance *it = c;
-    start(&it->now);
-    it->settled = 0;
+    thermohyd_start(&it->now);
     return fmi2OK;
 }
 
@@ -121,31 +92,22 @@ EXPORTED fmi2Status FMI(fmi2Reset)(fmi2Component c) {
 
 EXPORTED fmi2Status FMI(fmi2GetReal)(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2Real value[]) {
     instance *it = c;
-    const double *parameters = (const double *)&it->now.parameters, *inputs = (const double *)&it->now.inputs;
+    int computed = 0;
     for (size_t i = 0; i < n; i++) {
-        if (vr[i] < PARAMETERS) value[i] = parameters[vr[i]];
-        else if (vr[i] >= FIRST_INPUT && vr[i] < FIRST_INPUT + INPUTS) value[i] = inputs[vr[i] - FIRST_INPUT];
-        else if (vr[i] >= FIRST_OUTPUT && vr[i] < FIRST_OUTPUT + OUTPUTS) {
-            fmi2Status status = compute(it);
-            if (status != fmi2OK) return status;
-            value[i] = ((const double *)&it->now.outputs)[vr[i] - FIRST_OUTPUT];
-        } else return refuse(it, "fmi2GetReal: no real variable has this value reference");
+        int found = thermohyd_get(&it->now, vr[i], value + i);
+        if (!found) return refuse(it, "fmi2GetReal: no real variable has this value reference");
+        if (found < 0) return ended(it, it->now.code);
+        computed |= vr[i] >= FIRST_OUTPUT;
     }
-    return fmi2OK;
+    return computed ? ended(it, it->now.code) : fmi2OK;
 }
 
 EXPORTED fmi2Status FMI(fmi2SetReal)(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Real value[]) {
     instance *it = c;
     for (size_t i = 0; i < n; i++) {
-        double *place = NULL;
-        if (vr[i] < PARAMETERS) {
-            if (it->settled) return refuse(it, "fmi2SetReal: parameters are fixed once the model is initialised");
-            place = (double *)&it->now.parameters + vr[i];
-        } else if (vr[i] >= FIRST_INPUT && vr[i] < FIRST_INPUT + INPUTS)
-            place = (double *)&it->now.inputs + (vr[i] - FIRST_INPUT);
-        else return refuse(it, "fmi2SetReal: neither a parameter nor an input has this value reference");
-        if (*place != value[i]) it->now.stale = 1;
-        *place = value[i];
+        int done = thermohyd_set(&it->now, vr[i], value[i]);
+        if (done < 0) return refuse(it, "fmi2SetReal: parameters are fixed once the model is initialised");
+        if (!done) return refuse(it, "fmi2SetReal: neither a parameter nor an input has this value reference");
     }
     return fmi2OK;
 }
@@ -165,13 +127,13 @@ NONE_OF(String, fmi2String)
 
 EXPORTED fmi2Status FMI(fmi2GetFMUstate)(fmi2Component c, fmi2FMUstate *state) {
     instance *it = c;
-    if (!*state) *state = (it->host.allocateMemory ? it->host.allocateMemory : calloc)(1, sizeof(content));
+    if (!*state) *state = (it->host.allocateMemory ? it->host.allocateMemory : calloc)(1, sizeof(thermohyd_model));
     if (!*state) return refuse(it, "no memory");
-    memcpy(*state, &it->now, sizeof(content));
+    memcpy(*state, &it->now, sizeof(thermohyd_model));
     return fmi2OK;
 }
 EXPORTED fmi2Status FMI(fmi2SetFMUstate)(fmi2Component c, fmi2FMUstate state) {
-    memcpy(&((instance *)c)->now, state, sizeof(content));
+    memcpy(&((instance *)c)->now, state, sizeof(thermohyd_model));
     return fmi2OK;
 }
 EXPORTED fmi2Status FMI(fmi2FreeFMUstate)(fmi2Component c, fmi2FMUstate *state) {
@@ -182,18 +144,18 @@ EXPORTED fmi2Status FMI(fmi2FreeFMUstate)(fmi2Component c, fmi2FMUstate *state) 
 }
 EXPORTED fmi2Status FMI(fmi2SerializedFMUstateSize)(fmi2Component c, fmi2FMUstate state, size_t *size) {
     (void)c; (void)state;
-    *size = sizeof(content);
+    *size = sizeof(thermohyd_model);
     return fmi2OK;
 }
 EXPORTED fmi2Status FMI(fmi2SerializeFMUstate)(fmi2Component c, fmi2FMUstate state, fmi2Byte bytes[], size_t size) {
-    if (size < sizeof(content)) return refuse(c, "fmi2SerializeFMUstate: too few bytes");
-    memcpy(bytes, state, sizeof(content));
+    if (size < sizeof(thermohyd_model)) return refuse(c, "fmi2SerializeFMUstate: too few bytes");
+    memcpy(bytes, state, sizeof(thermohyd_model));
     return fmi2OK;
 }
 EXPORTED fmi2Status FMI(fmi2DeSerializeFMUstate)(fmi2Component c, const fmi2Byte bytes[], size_t size, fmi2FMUstate *state) {
-    if (size != sizeof(content)) return refuse(c, "fmi2DeSerializeFMUstate: not a state of this model");
+    if (size != sizeof(thermohyd_model)) return refuse(c, "fmi2DeSerializeFMUstate: not a state of this model");
     fmi2Status status = FMI(fmi2GetFMUstate)(c, state);
-    if (status == fmi2OK) memcpy(*state, bytes, sizeof(content));
+    if (status == fmi2OK) memcpy(*state, bytes, sizeof(thermohyd_model));
     return status;
 }
 
@@ -203,7 +165,7 @@ EXPORTED fmi2Status FMI(fmi2GetDirectionalDerivative)(fmi2Component c, const fmi
     return refuse(c, "fmi2GetDirectionalDerivative: not provided");
 }
 
-/* ---- model exchange: no states, no events ---- */
+/* ---- model exchange: no events ---- */
 
 EXPORTED fmi2Status FMI(fmi2EnterEventMode)(fmi2Component c) { (void)c; return fmi2OK; }
 EXPORTED fmi2Status FMI(fmi2NewDiscreteStates)(fmi2Component c, fmi2EventInfo *info) {
@@ -219,25 +181,36 @@ EXPORTED fmi2Status FMI(fmi2CompletedIntegratorStep)(fmi2Component c, fmi2Boolea
 }
 EXPORTED fmi2Status FMI(fmi2SetTime)(fmi2Component c, fmi2Real time) { ((instance *)c)->now.time = time; return fmi2OK; }
 EXPORTED fmi2Status FMI(fmi2SetContinuousStates)(fmi2Component c, const fmi2Real x[], size_t n) {
-    (void)x;
-    return n ? refuse(c, "the model has no continuous states") : fmi2OK;
+    if (n != THERMOHYD_STATES) return refuse(c, "fmi2SetContinuousStates: the model has another number of states");
+    if (n) thermohyd_set_states(&((instance *)c)->now, x);
+    return fmi2OK;
 }
-#define NO_STATES(name)                                                                                                       \
+#define OF_STATES(name, values)                                                                                               \
     EXPORTED fmi2Status FMI(name)(fmi2Component c, fmi2Real x[], size_t n) {                                                  \
-        (void)x;                                                                                                              \
-        return n ? refuse(c, "the model has no continuous states and no event indicators") : fmi2OK;                          \
+        thermohyd_model *m = &((instance *)c)->now;                                                                           \
+        if (n != THERMOHYD_STATES) return refuse(c, #name ": the model has another number of states");                        \
+        fmi2Status status = n ? ended(c, thermohyd_compute(m)) : fmi2OK;                                                      \
+        if (n && status == fmi2OK) memcpy(x, values, n * sizeof *x);                                                          \
+        return status;                                                                                                        \
     }
-NO_STATES(fmi2GetDerivatives)
-NO_STATES(fmi2GetEventIndicators)
-NO_STATES(fmi2GetContinuousStates)
-NO_STATES(fmi2GetNominalsOfContinuousStates)
+OF_STATES(fmi2GetDerivatives, m->rate)
+OF_STATES(fmi2GetContinuousStates, m->state)
+OF_STATES(fmi2GetNominalsOfContinuousStates, m->scale.size)
+EXPORTED fmi2Status FMI(fmi2GetEventIndicators)(fmi2Component c, fmi2Real x[], size_t n) {
+    (void)x;
+    return n ? refuse(c, "the model has no event indicators") : fmi2OK;
+}
 
 /* ---- co-simulation ---- */
 
+/* Of the first order, over the next step; then an input stays where it came to. */
 EXPORTED fmi2Status FMI(fmi2SetRealInputDerivatives)(fmi2Component c, const fmi2ValueReference vr[], size_t n,
                                                      const fmi2Integer order[], const fmi2Real value[]) {
-    (void)vr; (void)order; (void)value;
-    return n ? refuse(c, "inputs are not interpolated") : fmi2OK;
+    if (n && !THERMOHYD_STATES) return refuse(c, "inputs are not interpolated: there is nothing to integrate");
+    for (size_t i = 0; i < n; i++)
+        if (order[i] != 1 || !thermohyd_set_slope(&((instance *)c)->now, vr[i], value[i]))
+            return refuse(c, "fmi2SetRealInputDerivatives: of inputs, and of the first order");
+    return fmi2OK;
 }
 EXPORTED fmi2Status FMI(fmi2GetRealOutputDerivatives)(fmi2Component c, const fmi2ValueReference vr[], size_t n,
                                                       const fmi2Integer order[], fmi2Real value[]) {
@@ -246,8 +219,9 @@ EXPORTED fmi2Status FMI(fmi2GetRealOutputDerivatives)(fmi2Component c, const fmi
 }
 EXPORTED fmi2Status FMI(fmi2DoStep)(fmi2Component c, fmi2Real from, fmi2Real step, fmi2Boolean no_return) {
     (void)no_return;
-    ((instance *)c)->now.time = from + step;
-    return compute(c);
+    instance *it = c;
+    it->now.time = from;
+    return ended(it, thermohyd_advance(&it->now, from + step));
 }
 EXPORTED fmi2Status FMI(fmi2CancelStep)(fmi2Component c) { return refuse(c, "a step is over when fmi2DoStep returns"); }
 EXPORTED fmi2Status FMI(fmi2GetStatus)(fmi2Component c, const fmi2StatusKind kind, fmi2Status *value) {

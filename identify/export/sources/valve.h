@@ -2,14 +2,7 @@
 #ifndef THERMOHYD_VALVE_H
 #define THERMOHYD_VALVE_H
 
-#include "parameters.h"
-
-/* The valve's numbers, each under the name that model.json gives it; the list is in parameters.h. */
-typedef struct {
-#define THERMOHYD_FIELD(name, value) double name;
-    THERMOHYD_PARAMETERS(THERMOHYD_FIELD)
-#undef THERMOHYD_FIELD
-} thermohyd_parameters;
+#include "numbers.h"
 
 typedef struct {
     double spool_position;  /* m; of a valve that is driven by a current: A */
@@ -37,11 +30,7 @@ typedef struct {
     double leakage_flow;       /* m3/s, in the return */
 } thermohyd_outputs;
 
-enum { THERMOHYD_OK = 0, THERMOHYD_BAD_INPUT = 1, THERMOHYD_NO_SUPPLY = 2 };
-
-void thermohyd_defaults(thermohyd_parameters *parameters);
-/* All outputs. THERMOHYD_BAD_INPUT: an input that is no number, or no temperature, and no output is set.
-   THERMOHYD_NO_SUPPLY: the return lies above the supply; what asks for a balance of the ports is then NaN. */
+/* All outputs. THERMOHYD_NO_SUPPLY: what asks for a balance of the ports is then NaN. */
 int thermohyd_valve(const thermohyd_parameters *parameters, const thermohyd_inputs *inputs, thermohyd_outputs *outputs);
 
 #endif

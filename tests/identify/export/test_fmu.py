@@ -4,7 +4,6 @@ import shutil
 import subprocess
 import zipfile
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import fmpy
@@ -13,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from helpers.commands import command
+from helpers.fmus import run_in, table_of, unpacked
 from reference import static_tests as reference
 from reference.oil import Oil
 from reference.valve import Effects, Rows, Valve as ReferenceValve
@@ -22,8 +22,9 @@ from thermohyd.conditions import Conditions
 from thermohyd.edge import at_opening, mass_flow
 from thermohyd.effects.library import EFFECTS
 from thermohyd.identify.bench.errors import BenchInputError
-from thermohyd.identify.bench.record import ValveData
-from thermohyd.identify.export.fmu import INPUTS, OUTPUTS, identifier, make_fmu
+from thermohyd.identify.bench.record import ActuatorData, ValveData
+from thermohyd.identify.export.fmu import identifier, make_fmu
+from thermohyd.identify.export.interface import INPUTS, OUTPUTS
 from thermohyd.identify.export.valve_numbers import valve_numbers
 from thermohyd.identify.model.learned_terms import LearnedTerm
 from thermohyd.identify.model.model import Model
@@ -91,41 +92,9 @@ def points(count: int = ROWS, seed: int = 0) -> dict[str, np.ndarray]:
     }
 
 
-@pytest.fixture(scope="module")
-def host(tmp_path_factory):
-    """Compiled once: a C program that runs an FMU."""
-    folder = tmp_path_factory.mktemp("host")
-    source = shutil.copy(f"{__file__.rsplit('/identify/', 1)[0]}/helpers/fmu_host.c", folder)
-    subprocess.run(
-        ["cc", "-std=c99", "-D_GNU_SOURCE", "-Wall", "-Wextra", "-Wno-pedantic", source, "-o", folder / "host", "-ldl"],
-        check=True,
-    )
-    return folder / "host"
-
-
 def outputs(host, tmp_path, given: Model, at: dict[str, np.ndarray], **options: Any) -> dict[str, np.ndarray]:
     """What a C program reads of the FMU, at every point."""
-    fmu = unpacked(given, tmp_path, **options)
-    about = fmpy.read_model_description(str(fmu))
-    lines = "\n".join(" ".join(map(repr, map(float, row))) for row in np.stack(list(at.values()), axis=1))
-    ran = run_in(host, fmu, str(about.guid), lines, len(at))
-    assert (ran.returncode, ran.stderr) == (0, "")
-    table = np.array([[float(cell) for cell in line.split()] for line in ran.stdout.splitlines()])
-    return dict(zip(OUTPUTS, table.T, strict=True))
-
-
-def run_in(host, fmu: Path, guid: str, lines: str, inputs: int) -> subprocess.CompletedProcess[str]:
-    (binary,) = (path for path in (fmu / "binaries").rglob("*") if path.is_file())
-    call = [str(host), str(binary), guid, str(inputs), str(len(OUTPUTS))]
-    return subprocess.run(call, input=lines, capture_output=True, text=True)
-
-
-def unpacked(given: Model, folder: Path, **options: Any) -> Path:
-    made = make_fmu(given, **options)
-    (folder / "valve.fmu").write_bytes(made.content)
-    with zipfile.ZipFile(folder / "valve.fmu") as archive:
-        archive.extractall(folder / "inside")
-    return folder / "inside"
+    return table_of(host, unpacked(given, tmp_path, **options), np.stack(list(at.values()), axis=1))
 
 
 @needs_compiler
@@ -216,9 +185,10 @@ def test_imposed_pressures_meet_the_closed_ports(case, host, tmp_path):
 
 
 @needs_compiler
-def test_fmpy_runs_and_validates_it(host, tmp_path):
+@pytest.mark.parametrize("fmi", [2, 3])
+def test_fmpy_runs_and_validates_it(fmi, host, tmp_path):
     given, at = model(*CASES["everything cold"]), points(40)
-    made = make_fmu(given)
+    made = make_fmu(given, fmi=fmi)
     (tmp_path / "valve.fmu").write_bytes(made.content)
     assert fmpy.validation.validate_fmu(str(tmp_path / "valve.fmu")) == []
     direct = outputs(host, tmp_path, given, at)
@@ -240,18 +210,23 @@ def test_fmpy_runs_and_validates_it(host, tmp_path):
 
 
 @needs_compiler
-def test_a_host_rebuilds_it_from_its_sources(tmp_path):
-    inside = unpacked(model(), tmp_path, compiler=None)
+@pytest.mark.parametrize(("fmi", "servo"), [(2, None), (2, "setpoint"), (3, None), (3, "setpoint")])
+def test_a_host_rebuilds_it_from_its_sources(fmi, servo, tmp_path):
+    given = replace(
+        model(effects={"backlash": 1e-6} if servo else {}),
+        actuator=ActuatorData(amplifier_gain=0.03, sensor_gain=100.0),
+    )
+    inside = unpacked(given, tmp_path, servo=servo, fmi=fmi, compiler=None)
     assert not (inside / "binaries").exists()
     built = tmp_path / "built.so"
     strict = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror"]
-    sources = [inside / "sources" / name for name in ("fmi2.c", "valve.c")]
+    sources = sorted((inside / "sources").glob("*.c"))
     subprocess.run(["cc", *strict, "-shared", "-fPIC", "-o", built, *sources, "-lm"], check=True)
     # linked into the host itself, its functions bear the model's name
-    linked = ["-DFMI2_FUNCTION_PREFIX=valve_", "-c", "-o", tmp_path / "linked.o"]
-    subprocess.run(["cc", *strict, *linked, sources[0]], check=True)
+    linked = [f"-DFMI{fmi}_FUNCTION_PREFIX=valve_", "-c", "-o", tmp_path / "linked.o"]
+    subprocess.run(["cc", *strict, *linked, inside / "sources" / f"fmi{fmi}.c"], check=True)
     names = subprocess.run(["nm", tmp_path / "linked.o"], capture_output=True, text=True, check=True).stdout
-    assert "valve_fmi2DoStep" in names
+    assert f"valve_fmi{fmi}DoStep" in names
 
 
 @needs_compiler
@@ -276,9 +251,9 @@ def test_the_same_model_gives_the_same_bytes():
 
 
 def test_every_static_effect_is_expressed_or_left_out_or_refused():
-    assert {info.elsewhere for info in EFFECTS.values()} == {"sources", "bench"}
+    assert {info.elsewhere for info in EFFECTS.values()} == {"sources", "valve", "bench"}
     fields = {number.name for number in valve_numbers(model()).numbers}
-    assert {name for name, info in EFFECTS.items() if info.elsewhere == "sources"} <= fields
+    assert {name for name, info in EFFECTS.items() if info.elsewhere != "bench"} <= fields
     bench = valve_numbers(model(effects={"temperature_offset": 2.0, "hysteresis": 1e-6}))
     assert bench.left_out == ("temperature_offset",)
     assert bench.value("hysteresis") == 1e-6
@@ -295,6 +270,7 @@ REFUSED = {
         model(effects={"slot_wear": 0.1}),
         "the effect slot_wear, for which there are no C sources",
     ),
+    "an effect of motion": (model(effects={"coulomb_friction": 90.0}), "coulomb_friction, which only motion shows"),
     "no null pressure": (model(effects={"null_shift_pressure": 1e-13}, null_pressure=None), "needs null_pressure"),
 }
 
@@ -332,10 +308,10 @@ def test_inputs_that_are_no_numbers_end_a_step(host, tmp_path):
     about = fmpy.read_model_description(str(unpacked(model(), tmp_path)))
     line = " ".join(str(start) for _, start, _ in INPUTS.values())
     for wrong in (line.replace("313.15", "nan"), line.replace("313.15", "40")):  # 40 degC given as 40 K
-        ran = run_in(host, tmp_path / "inside", str(about.guid), wrong, 7)
+        ran = run_in(host, tmp_path / "inside", str(about.guid), wrong, 7, 10)
         assert ran.returncode == 3
         assert "an input is no finite number, or the temperature is not between 150 and 700 K" in ran.stderr
-    assert run_in(host, tmp_path / "inside", "{0}", line, 7).returncode == 2
+    assert run_in(host, tmp_path / "inside", "{0}", line, 7, 10).returncode == 2
 
 
 def test_the_command_writes_it_and_says_what_stays(monkeypatch, tmp_path):
