@@ -30,8 +30,14 @@ from .static_readings import ChannelRows, StaticData, groups_of, spread_over_row
 from .static_residuals import FitArgs, own_entries
 
 
-# Rows of a block: a call takes some 0.2 ms beside its rows, which take a microsecond or two each, and pads fill the last block.
-BLOCK = 512
+# Rows of a block, and of a test's only one where it has so few: a call takes some 0.2 ms beside its rows, which take a microsecond or
+# two each, and pads fill the last block.
+BLOCK, SMALL_BLOCK = 512, 256
+
+
+def block_size(count: int) -> int:
+    """Rows of the blocks of a test with so many."""
+    return SMALL_BLOCK if count <= SMALL_BLOCK else BLOCK
 
 
 @dataclass(frozen=True)
@@ -48,9 +54,10 @@ def blocks_of(args: LibraryArgs, test: str, count: int) -> tuple[Block, ...]:
     group, first = _place_in_group(args.data.conditions, test)
     terms = args.terms[group]
     found = []
-    for begin in range(0, count, BLOCK):
+    size = block_size(count)
+    for begin in range(0, count, size):
         # The last row's operating point is known to be sound.
-        rows = np.minimum(np.arange(begin, begin + BLOCK), count - 1)
+        rows = np.minimum(np.arange(begin, begin + size), count - 1)
         own = jax.tree.map(lambda column, rows=rows: np.asarray(column)[rows], conditions)
         there = {group: jax.tree.map(lambda values, rows=rows: np.asarray(values)[..., first + rows], terms)}
         leaves, structure = jax.tree.flatten(LibraryArgs(args.valve, StaticData({test: own}, (), {}), (), there))
@@ -197,12 +204,12 @@ class RowBlocks:
         return np.concatenate(residuals), np.concatenate(columns, axis=1), np.concatenate(by_row, axis=1), states
 
     def _joined(self, test: str, parts: list[Array], entries: list[int] | None = None) -> np.ndarray:
-        """(..., padded) of a test's blocks (..., BLOCK); entries: of the last axis but one."""
+        """(..., padded) of a test's blocks (..., block); entries: of the last axis but one."""
         first, padded = np.asarray(parts[0]), len(self.args.data.conditions[test].position)
         lead = first.shape[:-1] if entries is None else (*first.shape[:-2], len(entries))
-        whole = np.zeros((*lead, padded))
+        whole, size = np.zeros((*lead, padded)), block_size(self.rows[test])
         for number, part in enumerate(parts):
-            rows = slice(number * BLOCK, min((number + 1) * BLOCK, self.rows[test]))
+            rows = slice(number * size, min((number + 1) * size, self.rows[test]))
             own = np.asarray(part)[..., : rows.stop - rows.start]
             whole[..., rows] = own if entries is None else own[..., entries, :]
         return whole
