@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import exp, isfinite, log
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -76,14 +77,14 @@ class Boxes(eqx.Module):
             logarithmic=np.array([box.logarithmic for box in boxes], dtype=bool),
         )
 
-    def physical[Z: (Array, np.ndarray)](self, z: Z) -> Z:
-        """Physical values p (n,) [SI] of the free variables (n,)."""
+    def physical(self, z: Any) -> Any:
+        """Physical values p (n,) [SI] of the free variables (n,); NumPy of NumPy's, JAX of JAX's."""
         # exp sees zeros where it is not wanted, lest its overflow poison the derivative of the other branch.
         numpy = np if isinstance(z, np.ndarray) else jnp
         grown = numpy.exp(numpy.where(self.logarithmic, z, 0.0))
         return numpy.where(self.logarithmic, grown, z) * self.scale
 
-    def slope[Z: (Array, np.ndarray)](self, z: Z) -> Z:
+    def slope(self, z: Any) -> Any:
         """dp/dz (n,)."""
         numpy = np if isinstance(z, np.ndarray) else jnp
         return numpy.exp(numpy.where(self.logarithmic, z, 0.0)) * self.scale

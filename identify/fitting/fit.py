@@ -335,7 +335,7 @@ class StaticSearch:
         return self.search(residual, boxes, args, start, tolerance=tolerance, believe=BELIEVE_BELOW, enough=enough)
 
     def search(
-        self, residual: Residual, boxes: Sequence[Box], args: FitArgs, start: Any = None, **limits: float
+        self, residual: Residual, boxes: Sequence[Box], args: FitArgs, start: Any = None, **limits: Any
     ) -> LeastSquaresResult:
         """`solve` of this search; limits: its `tolerance`, `believe`, `enough`."""
         if self.solver is not None:

@@ -159,7 +159,9 @@ class RowBlocks:
         whole[entries] = p
         entries += range(count, count + self.behind)
         reads = {test: tuple(dict.fromkeys(c.reads for c in data.channels if c.test == test)) for test in self.blocks}
-        program = functools.partial(place_program if self.places else _program, self.shared, classes_of(self.shared))
+        program: Any = functools.partial(
+            place_program if self.places else _program, self.shared, classes_of(self.shared)
+        )
         # All are begun before any is waited for: blocks run side by side.
         begun = {
             test: [program(test, reads[test], block.structure)(whole, *block.leaves) for block in blocks]

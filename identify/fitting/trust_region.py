@@ -28,10 +28,10 @@ from jaxtyping import Array, Bool, Float, Int, PyTree, Scalar
 class Linearisation(NamedTuple):
     """The problem at a point as far as a step needs it: R of J = Q R (m, n), c = Q'r, the cost r'r, and m."""
 
-    triangle: Float[Array | np.ndarray, "n n"]
-    projection: Float[Array | np.ndarray, " n"]
-    cost: Float[Array | np.ndarray, ""]
-    rows: Float[Array | np.ndarray, ""]
+    triangle: Float[Array, "n n"]
+    projection: Float[Array, " n"]
+    cost: Float[Array, ""]
+    rows: Float[Array, ""]
 
 
 def triangular(columns: Float[Array, "n m"], residual: Float[Array, " m"]) -> tuple[Array, Array]:
@@ -131,7 +131,13 @@ def reduced_on_host(columns: np.ndarray, residual: np.ndarray, size: int) -> Lin
     if np.isfinite(cost) and np.all(np.isfinite(columns)):
         _, whole = gram_schmidt(np.vstack([columns, residual]).T)
         triangle[:n, :n], projection[:n] = whole[:n, :n], whole[:n, n]
-    return Linearisation(triangle, projection, np.asarray(cost), np.asarray(float(m)))
+    numbers: tuple[Any, ...] = (
+        triangle,
+        projection,
+        np.asarray(cost),
+        np.asarray(float(m)),
+    )  # a compiled step takes NumPy as it is
+    return Linearisation(*numbers)
 
 
 TRUSTED = 1.0  # relative offset, in standard errors, from which on the linearisation says where a search will end

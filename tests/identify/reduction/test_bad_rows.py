@@ -170,5 +170,7 @@ def test_a_gauge_that_clips_in_motion_loses_its_rows_and_one_that_comes_to_rest_
     assert len(fault.rows) > 0.8 * np.sum(own.value > limit)
     # The command is what it was: rows on which it turns stay, though the gauge is at its limit there.
     assert isinstance(kept, DynamicTest)
+    assert isinstance(test.time, np.ndarray)
+    assert isinstance(kept.time, np.ndarray)
     again = np.interp(test.time[test.run == 0], kept.time[kept.run == 0], kept.command[kept.run == 0])
     np.testing.assert_allclose(again, test.command[test.run == 0], atol=1e-3 * np.ptp(test.command))
