@@ -2,8 +2,8 @@
 
 Claimed: at least 15 times faster than scipy.optimize.least_squares with finite differences on a vectorised NumPy model
 (Newton, same start), 20 times faster than lmfit on the same, and no slower than SciPy's trust-region solver driven by
-our own jitted residual and Jacobian. Twice: with the search compiled as a whole for tests of this length, as a fleet's fits are,
-and with the programs that serve every record, as `fit` uses them for one. Two NumPy models are timed: the reference simulator as it
+our own jitted residual and Jacobian. Twice: with the search compiled as a whole for tests of this length, as `fit`
+has it, and with the programs that serve every record, as a diagnosis has it. Two NumPy models are timed: the reference simulator as it
 is written for reading, and a path tuned by hand for the ideal isothermal valve (analytic slopes, mirrored ports, all that is
 constant hoisted).
 """

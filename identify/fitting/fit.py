@@ -82,12 +82,6 @@ def fit(
     return fit_and_fitted(record, effects=effects, model_form=model_form, starts=starts, progress=progress)[0]
 
 
-def fit_as_one_program(record: BenchRecord, **options: Any) -> FitResult:
-    """`fit` with the search of static tests compiled as a whole, for tests of this length: ten seconds once, and then a third of the time
-    of each fit. Pays where many records have tests of one length."""
-    return fit_and_fitted(record, **options, solver=solve)[0]
-
-
 def fit_and_fitted(
     record: BenchRecord,
     *,
@@ -95,7 +89,7 @@ def fit_and_fitted(
     model_form: bool = False,
     starts: int = STARTS,
     progress: Progress | None = None,
-    solver: Solver | None = None,
+    solver: Solver | None = solve,
 ) -> tuple[FitResult, Fitted]:
     """What `fit` returns, and the fit as whoever looks around its optimum needs it. solver: see `StaticSearch`."""
     require_float64("fit")
@@ -136,14 +130,14 @@ def static_values(fitted: Fitted) -> dict[str, float]:
 
 
 def plain_fit(
-    record: BenchRecord, *, starts: int = STARTS, progress: Progress | None = None, solver: Solver | None = None
+    record: BenchRecord, *, starts: int = STARTS, progress: Progress | None = None, solver: Solver | None = solve
 ) -> tuple[Fitted, FitResult]:
     """The plain fit of a record of static tests, and the same in figures. solver: see `StaticSearch`."""
     return with_intervals(run_fit(record, starts=starts, progress=progress, solver=solver), progress, solver=solver)
 
 
 def run_fit(
-    record: BenchRecord, *, starts: int = STARTS, progress: Progress | None = None, solver: Solver | None = None
+    record: BenchRecord, *, starts: int = STARTS, progress: Progress | None = None, solver: Solver | None = solve
 ) -> Fitted:
     """Fit a record's static tests: reduce raw logs, search from several starts, settle the noise. `fit_result` says it in words."""
     say = progress or (lambda _: None)
@@ -222,7 +216,7 @@ def _sensors_started(
 
 
 def with_intervals(
-    fitted: Fitted, progress: Progress | None, *, settle: bool = True, solver: Solver | None = None
+    fitted: Fitted, progress: Progress | None, *, settle: bool = True, solver: Solver | None = solve
 ) -> tuple[Fitted, FitResult]:
     """The fit, and the same in figures; intervals by profiles of chi-square where the covariance at the optimum does not hold.
 
@@ -288,14 +282,16 @@ def _other_law(fitted: Fitted, own: FitResult, progress: Progress | None) -> Oth
 class StaticSearch:
     """The plain fit of static tests: only the noise changes between its solves.
 
-    solver: of whoever searches for many records at once (`batch.fit_many`). None: `solve`, with the model evaluated by blocks of rows.
+    solver: `solve`, compiled as a whole for tests of these lengths: ten seconds once, and then a third of the time of each fit. Or one
+    that searches for many records at once (`batch.fit_many`). None: the model is evaluated by blocks of rows, whose programs serve
+    every record: for a diagnosis, which needs such programs anyhow.
     """
 
     record: BenchRecord
     tests: dict[str, TestRecord]
     plans: dict[str, ParameterPlan]
     free: tuple[str, ...]
-    solver: Solver | None = None
+    solver: Solver | None = solve
 
     @property
     def boxes(self) -> list:

@@ -14,7 +14,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jax import Array
 
 from thermohyd.conditions import Conditions
 from thermohyd.effects.library import classes_of, effect_info
@@ -91,7 +91,7 @@ def _program(
     """
     del classes
 
-    def of_block(p: Float[Array, " given"], *leaves: Any) -> tuple[Array, Array]:
+    def of_block(p: Array, *leaves: Any) -> tuple[Array, Array]:
         args: LibraryArgs = jax.tree.unflatten(structure, leaves)
         (group,) = args.terms
         spread = spread_over_rows(jnp.concatenate([p, jnp.zeros(MOVES)]), args.data.conditions)

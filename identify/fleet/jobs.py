@@ -12,7 +12,7 @@ from thermohyd.identify.bench.errors import BenchInputError, quoted, suggestion
 
 JOBS = {
     "read": "thermohyd.identify.fleet.jobs:read_only",
-    "fit": "thermohyd.identify.fitting.fit:fit_as_one_program",  # a fleet has many records of few lengths
+    "fit": "thermohyd.identify.fitting.fit:fit",
     "diagnose": "thermohyd.identify.diagnosis.diagnose:diagnose",
 }
 # Jobs that take many records at once: `many(records, together=N, ended=F, **options)`, F called with (number, result or exception).

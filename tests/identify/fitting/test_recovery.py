@@ -3,7 +3,7 @@
 import numpy as np
 from helpers.records import random_valve, synthetic_record
 
-from thermohyd.identify.fitting.fit import fit_as_one_program
+from thermohyd.identify.fitting.fit import fit
 
 
 NAMES = ("edge_radius", "clearance", "underlap", "discharge_coefficient", "transition_number", "null_bias")
@@ -19,7 +19,7 @@ def test_intervals_cover_the_truth():
         covered, wrong = [], []
         for i in range(VALVES):
             valve = random_valve(rng)
-            result = fit_as_one_program(synthetic_record(valve, rng, phi=phi, declared=declared), starts=1)
+            result = fit(synthetic_record(valve, rng, phi=phi, declared=declared), starts=1)
             assert result.converged, result.message
             for name in NAMES:
                 estimate, true = result.parameters[name], getattr(valve, name)
