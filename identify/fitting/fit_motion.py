@@ -27,9 +27,8 @@ from .sensed import sensed_channels, sensor_plans, traced, with_starts
 from .trimmed import FAR
 
 
-MOST_ROUNDS = (
-    4  # of noise and fit in turn: each about squares what the last one was off, so the second or third ends it
-)
+# Of noise and fit in turn: each about squares what the last one was off, so the second or third ends it.
+MOST_ROUNDS = 4
 SETTLED = 0.02  # relative change of every channel's noise
 # Shares of each run that are fitted one after the other: a long record that swings traps a search that begins far away.
 HORIZONS = (0.3, 0.6, 1.0)

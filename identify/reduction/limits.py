@@ -33,7 +33,7 @@ def without_limits(test: TestRecord) -> TestRecord:
         if test.in_motion and "pressure" not in channel.name:
             continue
         ends = (float(np.min(channel.value)), float(np.max(channel.value)))
-        limits = ends if test.in_motion else tuple(dict.fromkeys((*ends, 0.0)))
+        limits = tuple(dict.fromkeys(ends if test.in_motion else (*ends, 0.0)))
         for limit in limits:
             rows = _standing(test, at, limit, limits)
             if len(rows) < SHARE * test.rows or test.rows - len(rows) < LEFT:
@@ -65,13 +65,12 @@ def _standing(test: TestRecord, at: int, limit: float, limits: tuple[float, ...]
         return none
     if bdtrc(int(again.sum()) - 1, int(stays.sum()), _by_rounding(test, value, moved, limit, limits)) > CHANCE:
         return none
-    standing = np.zeros(test.rows, dtype=bool)
-    for a, b in piece_bounds(np.cumsum(np.append(0, ~again))):
-        if b - a >= IN_A_ROW and (not isinstance(test, DynamicTest) or _cut_off(test, value, a, b)):
-            standing[a:b] = True
-    if isinstance(test, DynamicTest):
-        standing &= np.array([not standing[row] or command_goes_on(test, row) for row in range(test.rows)])
-    return np.flatnonzero(standing)
+    stretches = [(a, b) for a, b in piece_bounds(np.cumsum(np.append(0, ~again))) if b - a >= IN_A_ROW]
+    if not isinstance(test, DynamicTest):
+        return np.concatenate([none, *(np.arange(a, b) for a, b in stretches)])
+    least = SLOPE_OF_A_CUT * float(np.median(local_steps(value)))
+    cut = [(a, b) for a, b in stretches if _cut_off(test, value, a, b, least)]
+    return np.array([row for a, b in cut for row in range(a, b) if command_goes_on(test, row)], dtype=int)
 
 
 def _moved(test: TestRecord, at: int) -> np.ndarray:
@@ -83,12 +82,12 @@ def _moved(test: TestRecord, at: int) -> np.ndarray:
     return one_run & np.any(np.stack([np.zeros(len(one_run), dtype=bool), *others]), axis=0)
 
 
-def _cut_off(test: TestRecord, value: np.ndarray, a: int, b: int) -> bool:
-    """Whether readings in time come to rows a to b, and leave them, at a slope: a pressure that settles comes by a step of its rounding."""
-    if not 0 < a < b < test.rows or test.run[a - 1] != test.run[min(b, test.rows - 1)]:
+def _cut_off(test: TestRecord, value: np.ndarray, a: int, b: int, least: float) -> bool:
+    """Whether readings in time come to rows a to b - 1, and leave them, by more than `least` from row to row within one run: a pressure
+    that settles comes by a step of its rounding."""
+    if not 0 < a < b < test.rows or test.run[a - 1] != test.run[b]:
         return False
-    step = float(np.median(local_steps(value)))
-    return bool(min(abs(value[a - 1] - value[a]), abs(value[b] - value[b - 1])) > SLOPE_OF_A_CUT * step)
+    return bool(min(abs(value[a - 1] - value[a]), abs(value[b] - value[b - 1])) > least)
 
 
 def _by_rounding(

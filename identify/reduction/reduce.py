@@ -156,7 +156,8 @@ def _share(density: np.ndarray) -> np.ndarray:
     return density / total if total > 0 else np.zeros_like(density)
 
 
-LOG_ROWS = 2000  # of a test, from which on it is a log that is reduced: fewer are fitted as they are
+# Of a test whose sweeps go forward from row to row, as readings do that somebody took: from so many on it may be a log.
+LOG_ROWS = 2000
 # Rows of a log that gets all its points; fewer and more by the third root of the rows.
 FULL_LOG, LEAST_SHARE = 20_000, 0.3
 MEMORIES = 1.5  # rows of a bin, at least, in independent readings' worth

@@ -16,9 +16,8 @@ from .monotone_pieces import piece_bounds, sweep_ids
 Values = float | np.ndarray
 
 LATTICE_TOLERANCE = 0.1  # of a step: files print converted values with few digits
-HARMONICS = np.arange(
-    1, 9
-)  # of a rounding error's sawtooth, which fall as 1/k^2 in its power: the rest is 7 % of it, made up for below
+# Of a rounding error's sawtooth, which fall as 1/k^2 in its power: the rest is 7 % of it, made up for below.
+HARMONICS = np.arange(1, 9)
 
 
 def local_steps(values: np.ndarray) -> np.ndarray:

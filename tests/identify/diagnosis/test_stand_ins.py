@@ -15,6 +15,7 @@ from thermohyd.identify.diagnosis.left_over import LackOfFit
 from thermohyd.identify.diagnosis.rivals import Rivals
 from thermohyd.identify.diagnosis.term_fit import FittedTerm
 from thermohyd.identify.diagnosis.typed_terms import Found
+from thermohyd.identify.fitting.bench_faults import BETWEEN
 from thermohyd.identify.fitting.outcome import Fitted
 from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.fitting.problem_fit import Fit
@@ -26,6 +27,7 @@ from thermohyd.identify.report.diagnosis_report import suspect_sentences
 PROBLEM = linear_problem(NoiseCorrelation())
 ROWS = sum(len(PROBLEM.noise.std[key]) for key in PROBLEM.rows())
 NAMES = ("flow_force", "coulomb_friction")
+FAULT = f"reading_zero{BETWEEN}flow_gain"
 LEAK = TypedTerm("flow_from_a_to_b", "load", "proportional", (6e-12,), -1e6, 1e6, moving=True)
 
 
@@ -82,6 +84,17 @@ def test_one_place_that_does_better_than_two_names_takes_their_place(monkeypatch
         (NAMES[:1], 830.0, 0.04, 825.0, True, True, 1),  # one name, something left over
         (NAMES, 830.0, 0.5, 822.0, True, False, 1),  # static tests are asked too
         ((), 830.0, 1e-3, 800.0, True, True, 0),  # nothing named
+        (
+            ("port_compliance_a", "port_compliance_b"),
+            830.0,
+            0.5,
+            800.0,
+            True,
+            False,
+            0,
+        ),  # ports that store oil have no terms
+        ((FAULT,), 830.0, 0.5, 800.0, True, False, 0),  # a fault of the bench, nothing left over
+        ((FAULT,), 830.0, 0.04, 822.0, True, False, 1),  # something left over, no term does better by enough
     ],
 )
 def test_names_stay_otherwise(monkeypatch, names, chi2, p, best, holds, in_motion, times):
