@@ -53,6 +53,9 @@ def begin(prepare: Callable[[], None] | None) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))  # a crash leaves a line in the store, no file of gigabytes
+    import thermohyd.identify.bench.read
+    import thermohyd.identify.fleet.store  # noqa: F401
+
     if prepare is not None:
         prepare()
 

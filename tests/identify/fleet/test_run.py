@@ -83,7 +83,7 @@ def test_where_records_are(tmp_path):
             "crashed",
             "its process ended by signal 11; 3 processes that computed it ended so",
         ),
-        (own("hangs", serial="S1"), Care(seconds=1.5, strikes=1), "too long", "took longer than 1.5 s"),
+        (own("hangs", serial="S1"), Care(seconds=6.0, strikes=1), "too long", "took longer than 6 s"),
         (
             own("grows", serial="S1", size=400 << 20),
             Care(memory=3e8, strikes=1),
