@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -21,6 +20,7 @@ from thermohyd.conditions import Conditions, operating_points
 from thermohyd.identify.bench.shown_units import CELSIUS, UM
 from thermohyd.identify.fitting.parameters import OF_THE_EDGES
 from thermohyd.identify.report import style as look
+from thermohyd.numerics import kept
 from thermohyd.static_tests import blocked_port_readings, control_flow
 from thermohyd.valve import Valve
 
@@ -52,7 +52,7 @@ class EtaIdentifiability(NamedTuple):
     all_temperatures: np.ndarray
 
 
-@eqx.filter_jit
+@kept
 def _readings_and_slopes(
     valve: Valve, conditions: Conditions
 ) -> tuple[Float[Array, "tests rows"], Float[Array, "parameters tests rows"]]:

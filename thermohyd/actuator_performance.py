@@ -23,6 +23,7 @@ from thermohyd.effects.effect import (
 from .actuator import Actuator
 from .arguments import ArgumentValueError, Heat, share_of_heat
 from .conditions import Conditions
+from .numerics import kept
 from .oil import Oil, compressed, density, specific_heat
 from .ports import port_flows
 from .static_tests import blocked_state, return_flow
@@ -245,7 +246,7 @@ def null_conditions(
     return Conditions(jnp.zeros_like(flat), flat, return_pressure.reshape(-1), temperature.reshape(-1))
 
 
-@eqx.filter_jit
+@kept
 def _performance(valve: Valve, actuator: Actuator, conditions: Conditions, gamma: Array) -> Performance:
     return performance_at(null_state(valve, conditions), valve.stroke, actuator, conditions.supply_pressure, gamma)
 

@@ -10,10 +10,11 @@ import os
 from collections.abc import Callable
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
+
+from .kept_programs import KeptProgram
 
 
 # Without the newer emitter of fused loops, which takes half the time of compiling a program of many small ones. JAX 0.12
@@ -41,10 +42,14 @@ def known_options(options: dict[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in options.items() if f"--{name}=" not in said and _known(name, value)}
 
 
-def jitted(function: Callable, options: dict[str, Any]) -> Any:
-    """`eqx.filter_jit` with these options of XLA."""
-    filter_jit: Any = eqx.filter_jit  # its types do not know the keywords that it hands on to jax.jit
-    return filter_jit(function, compiler_options=options)
+def jitted(function: Callable, options: dict[str, Any], stands_on: tuple[Any, ...] = ()) -> KeptProgram:
+    """`eqx.filter_jit` with these options of XLA; kept on disk where the command line has named a folder (`KeptProgram`)."""
+    return KeptProgram(function, options, stands_on)
+
+
+def kept[F: Callable](function: F) -> F:
+    """`eqx.filter_jit` as it is, but kept on disk."""
+    return KeptProgram(function, {})  # pyright: ignore[reportReturnType]  # the same signature
 
 
 def quickly[F: Callable](function: F) -> F:

@@ -20,6 +20,7 @@ from .actuator_performance import (
 )
 from .arguments import Heat
 from .conditions import Conditions
+from .numerics import kept
 from .valve import Valve
 
 
@@ -94,7 +95,7 @@ def _with_named(
     return valve, replace(actuator, **of("actuator.")), replace(conditions, **{n: named[n] for n in CONDITIONS})
 
 
-@eqx.filter_jit
+@kept
 def _all(
     valve: Valve, actuator: Actuator, conditions: Conditions, gamma: Float[Array, ""]
 ) -> tuple[Performance, Performance]:

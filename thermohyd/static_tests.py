@@ -14,6 +14,7 @@ from jaxtyping import Array, Float
 
 from .conditions import Conditions
 from .coupled_ports import coupled_blocked_ports, coupled_connected_ports, coupled_loaded_ports
+from .numerics import kept
 from .oil import Oil, density
 from .port_storage import PortsBefore, StoredPorts, stored_ports
 from .ports import Ports, blocked_ports, connected_ports, loaded_ports, return_temperature
@@ -53,7 +54,7 @@ def return_flow(
     return jnp.sum(ports.outflow, axis=0) / density(oil, true.return_pressure, warm)
 
 
-@eqx.filter_jit
+@kept
 def blocked_port_readings(valve: Valve, conditions: Conditions) -> dict[str, Float[Array, " rows"]]:
     """All that the two tests with closed use ports read: leakage_flow, supply_flow [m3/s], pressure_a, pressure_b,
     load_pressure [Pa].
@@ -64,7 +65,7 @@ def blocked_port_readings(valve: Valve, conditions: Conditions) -> dict[str, Flo
     return _blocked_readings(valve, conditions)[0]
 
 
-@eqx.filter_jit
+@kept
 def blocked_port_readings_after(
     valve: Valve, conditions: Conditions, before: PortsBefore
 ) -> tuple[dict[str, Float[Array, " rows"]], Float[Array, "2"]]:
@@ -133,7 +134,7 @@ def port_pressures(valve: Valve, conditions: Conditions) -> tuple[Float[Array, "
     return readings["pressure_a"], readings["pressure_b"]
 
 
-@eqx.filter_jit
+@kept
 def control_flow(valve: Valve, conditions: Conditions) -> Float[Array, " rows"]:
     """Flow-gain test: flow from A to B with the use ports connected [m3/s], volume at the ports' pressure and temperature."""
     true = true_conditions(valve, conditions)
@@ -146,7 +147,7 @@ def control_flow(valve: Valve, conditions: Conditions) -> Float[Array, " rows"]:
     return read_out(valve, "flow", value, conditions, true, oil)
 
 
-@eqx.filter_jit
+@kept
 def load_flow(valve: Valve, conditions: Conditions) -> Float[Array, " rows"]:
     """Load-flow test: flow through the load from A to B [m3/s] under the imposed `conditions.load_pressure`.
 
@@ -168,7 +169,7 @@ def load_flow(valve: Valve, conditions: Conditions) -> Float[Array, " rows"]:
     return read_out(valve, "flow", value, conditions, true, oil)
 
 
-@eqx.filter_jit
+@kept
 def _slope(reading, valve: Valve, conditions: Conditions, field: str) -> Float[Array, " rows"]:
     """d(reading)/d(field of the conditions), row by row: one forward-mode pass, as rows do not depend on each other."""
 

@@ -12,6 +12,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from .conditions import Conditions, operating_points
 from .heat import HeatExchange, wall_state
+from .numerics import kept
 from .oil import density
 from .valve import Valve, read_out, true_conditions, true_oil
 
@@ -56,7 +57,7 @@ def _joined(valve: Valve, exchange: HeatExchange, conditions: Conditions) -> Flo
     return read_out(valve, "flow", value, conditions, true, oil)
 
 
-@eqx.filter_jit
+@kept
 def wall_readings(valve: Valve, exchange: HeatExchange, conditions: Conditions) -> WallReadings:
     """All static readings and gains with heat exchange; shape (rows,), differentiable in everything.
 

@@ -34,9 +34,13 @@ def set_up_jax() -> None:
     import jax
 
     jax.config.update("jax_enable_x64", True)
+    if os.environ["EQX_ON_ERROR"] == "off":
+        from thermohyd.kept_programs import keep_in
+
+        keep_in(compilation_cache("programs"))
     if "JAX_COMPILATION_CACHE_DIR" in os.environ:
         return  # the user's own choice
-    folder = compilation_cache()
+    folder = compilation_cache("jax")
     if folder is not None:
         always_when_interrupted(lambda: drop_unfinished(folder))
         jax.config.update("jax_compilation_cache_dir", str(folder))
@@ -45,12 +49,13 @@ def set_up_jax() -> None:
         warnings.filterwarnings("ignore", message=".*persistent compilation cache.*")
 
 
-def compilation_cache() -> Path | None:
+def compilation_cache(kind: str) -> Path | None:
     """The user's own folder for compiled programs, made if need be; None where it cannot be written.
 
-    Never a shared folder: JAX runs what it finds there.
+    kind: "jax", what XLA made of a traced program; "programs", those that need no tracing (`kept_programs`). Never a shared
+    folder: what is found there is run.
     """
-    folder = Path(user_cache_dir("thermohyd")) / "jax"
+    folder = Path(user_cache_dir("thermohyd")) / kind
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     except (OSError, RuntimeError):
@@ -77,6 +82,9 @@ def drop_programs() -> None:
     """Let JAX's compiled programs go, and give their memory back to the system."""
     import jax
 
+    from thermohyd.kept_programs import forget
+
+    forget()
     jax.clear_caches()
     _give_back()
 

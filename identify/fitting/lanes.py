@@ -16,6 +16,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from thermohyd.numerics import kept
+
 from .boxes import Box, Boxes, free_values
 from .least_squares import Residual
 from .trust_region import BoxedLevenbergMarquardt, State
@@ -84,13 +86,13 @@ def _one(residual: Residual, stride: Any, wanted: _Wanted, args: Any, z: Array, 
     return z, state
 
 
-@eqx.filter_jit
+@kept
 def _advance(residual: Residual, stride: Any, wanted: _Wanted, args: Any, z: Any, state: Any) -> Any:
     z, state = jax.vmap(lambda *lane: _one(residual, stride, *lane))(wanted, args, z, state)
     return z, state, state.done | (state.evaluations >= MOST_STEPS)
 
 
-@eqx.filter_jit
+@kept
 def _idle(residual: Residual, lanes: int, args: Any, begin: Any) -> Any:
     """Lanes with the data of one search, none of them searching."""
     spread = lambda leaf: jnp.broadcast_to(leaf, (lanes, *jnp.shape(leaf)))

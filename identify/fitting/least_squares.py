@@ -10,13 +10,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 
-from thermohyd.numerics import require_float64
+from thermohyd.numerics import kept, require_float64
 
 from .boxes import Box, Boxes, free_values
 from .trust_region import (
@@ -105,7 +104,7 @@ def candidate_starts(boxes: Sequence[Box], centre: np.ndarray, count: int) -> np
     return np.array([[box.value(z) for box, z in zip(boxes, row, strict=True)] for row in places])
 
 
-@eqx.filter_jit
+@kept
 def _costs(residual: Callable[[jax.Array, Any], jax.Array], points: Any, args: Any) -> jax.Array:
     return jax.lax.map(lambda p: jnp.sum(residual(p, args) ** 2), points)
 
@@ -154,7 +153,7 @@ class LeastSquaresResult:
     exhausted: bool = False  # the search ended by itself: no step that it could find lowers the cost
 
 
-@eqx.filter_jit
+@kept
 def _compiled(residual: Residual, boxes: Boxes, z: Any, args: Any, tolerance: Any, max_steps: int, enough: Any) -> Any:
     """The whole solve in one program; all but `residual` and `max_steps` are data."""
     solution = optx.least_squares(
@@ -176,12 +175,12 @@ def _compiled(residual: Residual, boxes: Boxes, z: Any, args: Any, tolerance: An
 VARIABLES = 8
 
 
-@eqx.filter_jit
+@kept
 def _begin(z: Any) -> State:
     return BoxedLevenbergMarquardt().init(None, z, None, None, jax.ShapeDtypeStruct((0,), z.dtype), None, None)
 
 
-@eqx.filter_jit
+@kept
 def _advance(
     boxes: Boxes, z: Any, state: State, gained: Any, finite: Any, reduced: Linearisation, tolerance: Any, enough: Any
 ) -> Any:

@@ -16,6 +16,7 @@ from jaxtyping import Array, Float
 from thermohyd.conditions import Conditions
 from thermohyd.identify.bench.record import BenchRecord, at_first_row
 from thermohyd.identify.bench.test_record import Channel, TestRecord
+from thermohyd.numerics import kept
 from thermohyd.oil import oil_from_definition
 from thermohyd.port_storage import StoredPorts
 from thermohyd.static_tests import blocked_port_readings, control_flow, load_flow, stored_port_rows
@@ -314,7 +315,7 @@ def _sensor_of(test: TestRecord, channel: Channel, size: Size) -> SensorOfRows |
     return SensorOfRows(behind.gain, behind.zeros, masks[: len(behind.zeros)], *numbers)
 
 
-@eqx.filter_jit
+@kept
 def quantities_of(valve: Valve, data: StaticData) -> list[Float[Array, " padded"]]:
     """What every channel's readings are of, before any sensor, in the order of `data.channels`, SI."""
     found = predict(valve, data.conditions)

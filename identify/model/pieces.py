@@ -22,6 +22,7 @@ from thermohyd.identify.fitting.static_readings import (
     read_by,
     with_parameters,
 )
+from thermohyd.numerics import kept
 from thermohyd.port_storage import PortsBefore
 from thermohyd.static_tests import blocked_port_readings_after
 from thermohyd.valve import Valve
@@ -69,7 +70,7 @@ def moved_by(terms: dict[str, Float[Array, " rows"]], read: Conditions) -> Condi
     return replace(read, **{field: getattr(read, field) + shift for field, shift in own.items()}) if own else read
 
 
-@eqx.filter_jit
+@kept
 def readings_and_slopes(
     valve: Valve,
     free: tuple[str, ...],

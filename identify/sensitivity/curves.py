@@ -6,14 +6,13 @@ All come from one program, which computes the three static tests with all their 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from thermohyd.conditions import Conditions
-from thermohyd.numerics import require_float64
+from thermohyd.numerics import kept, require_float64
 from thermohyd.static_tests import blocked_port_readings, control_flow
 from thermohyd.valve import Valve
 
@@ -37,7 +36,7 @@ def _blocked(valve: Valve, conditions: Conditions) -> Float[Array, "2 rows"]:
     return jnp.stack([found["leakage_flow"], found["load_pressure"]])
 
 
-@eqx.filter_jit
+@kept
 def readings_and_slopes(
     valve: Valve, conditions: Conditions, values: Float[Array, "columns rows"]
 ) -> tuple[Float[Array, "3 rows"], Float[Array, "3 columns rows"]]:

@@ -5,7 +5,6 @@ The laws are the oil's viscosity, density, stiffness and heat, and the thermal g
 
 from dataclasses import dataclass, fields
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -15,7 +14,7 @@ from thermohyd.actuator import Actuator
 from thermohyd.actuator_performance import Performance, null_conditions, null_state, performance_at, without_instruments
 from thermohyd.conditions import Conditions
 from thermohyd.effects.edges import REFERENCE_TEMPERATURE
-from thermohyd.numerics import require_float64
+from thermohyd.numerics import kept, require_float64
 from thermohyd.valve import Valve, metering_edges
 
 from .curves import COLUMNS, nominal_rows, slopes_at
@@ -141,7 +140,7 @@ _SEEN = ("temperature", *LAWS, "clearance")
 _HEATING = 3  # its place among the causes
 
 
-@eqx.filter_jit
+@kept
 def _figures(valve: Valve, actuator: Actuator, conditions: Conditions) -> tuple[Performance, Performance]:
     """Every figure, and its derivatives to what `_SEEN` names (first axis)."""
     nominal = nominal_values(valve)

@@ -3,14 +3,13 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from thermohyd.conditions import Conditions
-from thermohyd.numerics import require_float64
+from thermohyd.numerics import kept, require_float64
 from thermohyd.valve import Valve
 
 from .curves import COLUMNS, columns_of, nominal_rows, slopes_at, three_tests
@@ -51,7 +50,7 @@ OUTPUTS = (
 )
 
 
-@eqx.filter_jit
+@kept
 def _readings(
     valve: Valve, base: Float[Array, "3"], names: tuple[str, ...], values: Float[Array, "samples factors"]
 ) -> Float[Array, "samples 3 rows"]:

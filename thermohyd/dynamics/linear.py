@@ -16,7 +16,7 @@ from jaxtyping import Array, Bool, Complex, Float
 from thermohyd.actuator import Actuator
 from thermohyd.arguments import Heat, heat_of_chambers
 from thermohyd.effects.effect import AbstractEffect
-from thermohyd.numerics import require_float64
+from thermohyd.numerics import kept, require_float64
 from thermohyd.valve import Valve
 
 from .equilibrium import equilibrium, scaling_of
@@ -106,7 +106,7 @@ def _response(plant: Plant, frequency: Array, output: Output, absolute: bool) ->
     return FrequencyResponse(amplitude, jnp.rad2deg(phase), found)
 
 
-_compiled_response = eqx.filter_jit(_response)
+_compiled_response = kept(_response)
 
 
 def _reading(state: State, output: Output, valve: Valve) -> Array:

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float, Int, Real
 
 from thermohyd.actuator import Actuator
 from thermohyd.arguments import Heat, heat_of_chambers
-from thermohyd.numerics import require_float64
+from thermohyd.numerics import kept, require_float64
 from thermohyd.valve import Valve
 
 from .equilibrium import equilibrium, scaling_of
@@ -43,7 +43,7 @@ class StepReadings(eqx.Module):
     failure: Int[Array, ""]
 
 
-@eqx.filter_jit
+@kept
 def simulated(
     valve: Valve,
     actuator: Actuator,

@@ -16,7 +16,7 @@ from thermohyd.actuator import Actuator
 from thermohyd.actuator_performance import with_heat, without_instruments
 from thermohyd.arguments import Heat, heat_of_chambers
 from thermohyd.conditions import Conditions
-from thermohyd.numerics import quickly, require_float64
+from thermohyd.numerics import kept, quickly, require_float64
 from thermohyd.static_tests import control_flow
 from thermohyd.valve import Valve
 
@@ -249,6 +249,6 @@ def largest_gain_rise(
     return np.max(gain, axis=1) / gain[:, 0]
 
 
-@eqx.filter_jit
+@kept
 def _flow(valve: Valve, conditions: Conditions) -> Float[Array, " rows"]:
     return control_flow(valve, conditions)

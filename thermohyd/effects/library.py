@@ -624,6 +624,7 @@ def register_effect(info: EffectInfo) -> EffectInfo:
                 f"{info.name}: shows has {name!r}, but {effect_class.__name__} is an effect of {kind} tests"
             )
     (DYNAMIC_EFFECTS if info.dynamic else EFFECTS)[info.name] = info
+    own_effects.add(info.name)
     return info
 
 
@@ -632,9 +633,11 @@ def unregister_effect(name: str) -> None:
     if name in _BUILT_IN or find_effect(name) is None:
         raise ValueError(f"{name!r} is no effect that register_effect added")
     (EFFECTS if name in EFFECTS else DYNAMIC_EFFECTS).pop(name)
+    own_effects.discard(name)
 
 
 _BUILT_IN = frozenset(whole_library())
+own_effects: set[str] = set()  # names that `register_effect` added
 
 
 def _taken() -> set[str]:

@@ -1,0 +1,337 @@
+"""Compiled programs that outlive their process: what was compiled once is not even traced again.
+
+JAX's own cache keeps what XLA made, under a key that only tracing and lowering yield: three quarters of the time that a process
+takes whose programs are all in it. Here a program is kept under what decides it before any tracing: the function, everything in its
+arguments that is no array, the shapes of the arrays, the source of this library, the releases and the processor. Where one of
+these cannot be put into words that mean the same in another process, nothing is kept and the program is compiled as always.
+
+Off until `keep_in` names a folder: the command line does that, importing the library never. Off, too, while an effect of the user's
+own is in the library: what its code stands on is not known here.
+"""
+
+import dataclasses
+import enum
+import functools
+import hashlib
+import importlib.metadata
+import os
+import pickle
+import platform
+import sys
+import tempfile
+import types
+import zlib
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+from jax.experimental import serialize_executable
+
+from .effects.library import own_effects
+
+
+PACKAGE = __name__.partition(".")[0]
+# What a program's meaning stands on beside this library's source; their own code changes with their releases alone.
+RELEASES = ("jax", "jaxlib", "equinox", "diffrax", "optimistix", "lineax", "numpy", "jaxtyping", "blackjax")
+TRUSTED = {PACKAGE, *RELEASES, "builtins", "functools", "operator", "math", "typing", "collections", "enum", "quax"}
+SETTINGS = ("jax_enable_x64", "jax_numpy_dtype_promotion", "jax_default_matmul_precision", "jax_debug_nans")
+HOST_ONLY = {"app", "checking", "cli", "export", "fleet", "report"}  # packages that read, write and draw
+ENDING = ".program"
+
+_folder: Path | None = None
+_programs: list["KeptProgram"] = []
+
+
+class CannotKeepError(Exception):
+    """Something among a program's arguments has no words that mean the same in another process."""
+
+
+def keep_in(folder: Path | None) -> None:
+    """Keep compiled programs in a folder of the user's own, which is there; None: keep none. What lies there is run as code."""
+    global _folder
+    _folder = folder
+
+
+def forget() -> None:
+    """Let the programs of this process go; those on disk stay."""
+    for program in _programs:
+        program.loaded.clear()
+
+
+class KeptProgram:
+    """A function compiled for every set of shapes and of what is no array among its arguments, as `equinox.filter_jit` does.
+
+    options: of XLA. stands_on: classes and the like which decide what the function does and are none of its arguments. Within
+    another compiled function or a derivative, and where no folder is named, it is `equinox.filter_jit`'s.
+    """
+
+    def __init__(self, function: Callable, options: dict[str, Any], stands_on: tuple[Any, ...] = ()) -> None:
+        functools.update_wrapper(self, function)
+        filter_jit: Any = eqx.filter_jit  # its types do not know the keywords that it hands on to jax.jit
+        self.plain = filter_jit(function, compiler_options=options) if options else filter_jit(function)
+        self.function, self.options, self.stands_on = function, options, stands_on
+        self.loaded: dict[Any, Callable | None] = {}
+        _programs.append(self)
+
+    def __call__(self, *args: Any, **kwargs: Any) -> Any:
+        if _folder is None or own_effects:
+            return self.plain(*args, **kwargs)
+        leaves, tree = jax.tree_util.tree_flatten((args, kwargs))
+        arrays, others, shapes = [], [], []
+        for leaf in leaves:
+            if isinstance(leaf, jax.core.Tracer):
+                return self.plain(*args, **kwargs)
+            if eqx.is_array(leaf):
+                arrays.append(leaf)
+                shapes.append((leaf.shape, leaf.dtype, bool(getattr(leaf, "weak_type", False))))
+                others.append(None)
+            else:
+                others.append((type(leaf), leaf))
+        try:
+            key = (tree, tuple(shapes), tuple(others))
+            hash(key)
+        except TypeError:
+            return self.plain(*args, **kwargs)
+        if key not in self.loaded:
+            self.loaded[key] = self._made(tree, leaves)
+        program = self.loaded[key]
+        return self.plain(*args, **kwargs) if program is None else program(arrays)
+
+    def _made(self, tree: Any, leaves: list[Any]) -> Callable | None:
+        """The program that takes the arrays among these leaves, from disk or compiled and kept; None where it cannot be kept."""
+        assert _folder is not None
+        told = [_Shape.of(leaf) if eqx.is_array(leaf) else leaf for leaf in leaves]
+        try:
+            skeleton = jax.tree_util.tree_unflatten(tree, told)
+            words = "\n".join((surroundings(), *said((self.function, self.options, self.stands_on, skeleton))))
+        except CannotKeepError:
+            return None
+        file = _folder / f"{_name_of(self.function)}-{hashlib.sha256(words.encode()).hexdigest()}{ENDING}"
+        _ready_for_what_lowering_readies()
+        with suppress(Exception):  # nothing there, cut short, or of a release that the words do not tell apart
+            return _callable(*_read(file))
+        return _compiled_and_kept(self.function, self.options, tree, leaves, file)
+
+
+def _name_of(function: Any) -> str:
+    while isinstance(function, functools.partial):
+        function = function.func
+    return getattr(function, "__name__", "program")
+
+
+@dataclasses.dataclass(frozen=True)
+class _Shape:
+    shape: tuple[int, ...]
+    dtype: str
+    weak: bool
+
+    @staticmethod
+    def of(array: Any) -> "_Shape":
+        return _Shape(array.shape, str(array.dtype), bool(getattr(array, "weak_type", False)))
+
+
+def _compiled_and_kept(
+    function: Callable, options: dict[str, Any], tree: Any, leaves: list[Any], file: Path
+) -> Callable | None:
+    there = [eqx.is_array(leaf) for leaf in leaves]
+    fixed = [None if array else leaf for array, leaf in zip(there, leaves, strict=True)]
+    made: dict[str, Any] = {}
+
+    def flat(arrays: list[Any]) -> list[Any]:
+        given = iter(arrays)
+        args, kwargs = jax.tree_util.tree_unflatten(
+            tree, [next(given) if array else leaf for array, leaf in zip(there, fixed, strict=True)]
+        )
+        out, out_tree = jax.tree_util.tree_flatten(function(*args, **kwargs))
+        # What stands where in the answer: an array's place, or a value that is no array.
+        arrays_out = [value for value in out if eqx.is_array(value)]
+        places = iter(range(len(arrays_out)))
+        spoken = [_Place(next(places)) if eqx.is_array(value) else value for value in out]
+        made["answer"] = jax.tree_util.tree_unflatten(out_tree, spoken)
+        # No other program has this number: what JAX reads from its own cache, XLA writes without its functions.
+        return [*arrays_out, np.int64(int(file.stem[-15:], 16))]
+
+    flat.__name__ = flat.__qualname__ = _name_of(function)
+    arrays = [leaf for leaf in leaves if eqx.is_array(leaf)]
+    compiled = jax.jit(flat, compiler_options=options or None).lower(arrays).compile()
+    with suppress(
+        Exception
+    ):  # a host callback, an answer that cannot be written: this process has the program all the same
+        kept = (serialize_executable.serialize(compiled)[0], len(arrays), pickle.dumps(made["answer"]))
+        _callable(*kept)  # what cannot be read again is not kept
+        _write(file, kept)
+    return _with_answer(compiled, made["answer"])
+
+
+@dataclasses.dataclass(frozen=True)
+class _Place:
+    number: int
+
+
+def _callable(executable: bytes, count: int, answer: bytes) -> Callable:
+    told = pickle.loads(answer)
+    return _with_answer(_executable(executable, count, told), told)
+
+
+def _executable(executable: bytes, count: int, answer: Any) -> Callable:
+    """What takes a list of so many arrays and gives a list of those that the answer has places for."""
+    takes = jax.tree_util.tree_structure((([0] * count,), {}))
+    places = sum(isinstance(leaf, _Place) for leaf in jax.tree_util.tree_leaves(answer))
+    return serialize_executable.deserialize_and_load(
+        executable, takes, jax.tree_util.tree_structure([0] * (places + 1))
+    )
+
+
+def _with_answer(compiled: Any, answer: Any) -> Callable:
+    leaves, tree = jax.tree_util.tree_flatten(answer)
+
+    def call(arrays: list[Any]) -> Any:
+        found = compiled(arrays)
+        return jax.tree_util.tree_unflatten(
+            tree, [found[leaf.number] if isinstance(leaf, _Place) else leaf for leaf in leaves]
+        )
+
+    return call
+
+
+@functools.cache
+def _ready_for_what_lowering_readies() -> None:
+    """JAX finds LAPACK when it first lowers a call of it; a program that was not lowered here would call what is not there."""
+    jax.jit(jax.numpy.linalg.cholesky).lower(jax.ShapeDtypeStruct((2, 2), float))
+
+
+def _read(file: Path) -> tuple[bytes, int, bytes]:
+    kept = pickle.loads(zlib.decompress(file.read_bytes()))
+    with suppress(OSError):
+        os.utime(file)  # the oldest go first
+    return kept
+
+
+def _write(file: Path, kept: tuple[bytes, int, bytes]) -> None:
+    """Whole or not at all; another process may write the same."""
+    handle, name = tempfile.mkstemp(dir=file.parent, prefix=file.name)
+    try:
+        with os.fdopen(handle, "wb") as out:
+            out.write(zlib.compress(pickle.dumps(kept), 1))
+        os.replace(name, file)
+    except BaseException:
+        with suppress(OSError):
+            os.unlink(name)
+        raise
+
+
+# ---------------------------------------------------------------------------------------------------------------- words
+
+
+@functools.cache
+def _source(folder: Path) -> str:
+    """Of all modules of this library that can have a part in a program."""
+    digest = hashlib.sha256()
+    for file in sorted(folder.rglob("*.py")):
+        if set(file.relative_to(folder).parts) & HOST_ONLY:
+            continue
+        digest.update(str(file.relative_to(folder)).encode() + b"\0" + file.read_bytes() + b"\0")
+    return digest.hexdigest()
+
+
+@functools.cache
+def _of_this_machine() -> str:
+    """This library, the releases that it stands on, and the processor for which XLA compiles."""
+    releases = []
+    for name in RELEASES:
+        with suppress(importlib.metadata.PackageNotFoundError):
+            releases.append(f"{name} {importlib.metadata.version(name)}")
+    processor = f"{platform.machine()} {os.cpu_count()}"
+    with suppress(OSError):
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        processor += next((line for line in lines if line.startswith(("flags", "Features"))), "")
+        processor += next((line for line in lines if line.startswith("model name")), "")
+    package = sys.modules[PACKAGE].__file__
+    assert package is not None
+    return "\n".join((_source(Path(package).parent), platform.python_version(), *releases, processor))
+
+
+def surroundings() -> str:
+    """What decides every program beside its own function and arguments."""
+    settings = [f"{name} {getattr(jax.config, name)}" for name in SETTINGS]
+    named = [f"{name} {os.environ.get(name, '')}" for name in ("XLA_FLAGS", "EQX_ON_ERROR")]
+    device = jax.devices()[0]
+    return "\n".join(
+        (_of_this_machine(), *settings, *named, device.platform, device.device_kind, str(jax.device_count()))
+    )
+
+
+def said(thing: Any) -> Iterator[str]:
+    """Words that decide what a thing does in a program, the same in every process. Raises CannotKeepError where there are none."""
+    if thing is None or (
+        isinstance(thing, (bool, int, float, complex, str, bytes)) and type(thing).__module__ == "builtins"
+    ):
+        yield f"{type(thing).__name__} {thing!r}"
+    elif isinstance(thing, (np.ndarray, np.generic, jax.Array)):
+        value = np.asarray(thing)
+        yield f"array {value.dtype} {value.shape} {hashlib.sha256(value.tobytes()).hexdigest()}"
+    elif isinstance(thing, np.dtype):
+        yield f"dtype {thing}"
+    elif isinstance(thing, enum.Enum):
+        yield from _named(type(thing))
+        yield thing.name
+    elif isinstance(thing, (set, frozenset)):
+        yield f"{type(thing).__name__} {len(thing)}"
+        yield from sorted("\n".join(said(item)) for item in thing)
+    elif isinstance(thing, (dict, types.MappingProxyType)):
+        yield f"{type(thing).__name__} {len(thing)}"
+        for name, value in thing.items():
+            yield from said(name)
+            yield from said(value)
+    elif isinstance(thing, (tuple, list)):
+        yield f"{type(thing).__module__}.{type(thing).__qualname__} {len(thing)}"
+        for item in thing:
+            yield from said(item)
+    elif isinstance(thing, type):
+        yield from _named(thing)
+    elif isinstance(thing, functools.partial):  # jax.tree_util.Partial, too
+        yield type(thing).__qualname__
+        yield from said((thing.func, thing.args, thing.keywords))
+    elif isinstance(thing, types.MethodType):
+        yield "method"
+        yield from said((thing.__self__, thing.__func__))
+    elif isinstance(thing, types.FunctionType):
+        yield from _said_of_function(thing)
+    elif isinstance(thing, (types.BuiltinFunctionType, np.ufunc)):
+        yield f"{getattr(thing, '__module__', 'numpy')}.{thing.__name__}"
+    elif dataclasses.is_dataclass(thing):
+        yield from _named(type(thing))
+        for field in dataclasses.fields(thing):
+            yield field.name
+            yield from said(getattr(thing, field.name, None))
+    elif callable(getattr(thing, "__wrapped__", None)):  # compiled, cached, with derivatives of its own
+        yield f"{type(thing).__module__}.{type(thing).__qualname__}"
+        yield from said(thing.__wrapped__)
+    else:
+        raise CannotKeepError(f"{type(thing)}")
+
+
+def _said_of_function(function: types.FunctionType) -> Iterator[str]:
+    yield from _named(function)
+    code = function.__code__
+    yield f"line {code.co_firstlineno} {hashlib.sha256(code.co_code).hexdigest()}"
+    yield from said((function.__defaults__, function.__kwdefaults__))
+    for cell in function.__closure__ or ():
+        try:
+            inside = cell.cell_contents
+        except ValueError:
+            raise CannotKeepError(f"{function.__qualname__} is closed over what is not there yet") from None
+        if inside is function:
+            raise CannotKeepError(f"{function.__qualname__} is closed over itself")
+        yield from said(inside)
+
+
+def _named(thing: Any) -> Iterator[str]:
+    """A class or a function by name, whose source the digest of this library or a release stands for."""
+    if thing.__module__.partition(".")[0] not in TRUSTED:
+        raise CannotKeepError(f"{thing.__module__}.{thing.__qualname__} is none of ours")
+    yield f"{thing.__module__}.{thing.__qualname__}"
