@@ -18,8 +18,9 @@ from thermohyd.identify.interruption import always_when_interrupted
 LARGEST_CACHE = 512 * 1024**2  # bytes
 # An entry this young may still be in the writing when the process is interrupted.
 UNFINISHED = 2.0  # s
-# A process that holds more drops its compiled programs before the next record: each shape of a record has its own. The programs
-# of one diagnosis with its other law are 0.5 GB beside 0.6 of libraries; what compiling them took is given back before.
+# A process that holds more drops its compiled programs before the next record. Blocks of rows take 20 to 60 MB for each kind of test
+# and reading, and there are three or four of each (plain, usual effects, lines, heat), whatever the records; what ties rows together, and
+# runs in motion, have programs for each length. What compiling them took is given back before.
 MOST_MEMORY = 1.5e9  # bytes
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import exp, isfinite, log
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -76,15 +77,17 @@ class Boxes(eqx.Module):
             logarithmic=np.array([box.logarithmic for box in boxes], dtype=bool),
         )
 
-    def physical(self, z: Float[Array, " n"]) -> Float[Array, " n"]:
-        """Physical values p [SI] of the free variables."""
+    def physical(self, z: Any) -> Any:
+        """Physical values p (n,) [SI] of the free variables (n,); NumPy of NumPy's, JAX of JAX's."""
         # exp sees zeros where it is not wanted, lest its overflow poison the derivative of the other branch.
-        grown = jnp.exp(jnp.where(self.logarithmic, z, 0.0))
-        return jnp.where(self.logarithmic, grown, z) * self.scale
+        numpy = np if isinstance(z, np.ndarray) else jnp
+        grown = numpy.exp(numpy.where(self.logarithmic, z, 0.0))
+        return numpy.where(self.logarithmic, grown, z) * self.scale
 
-    def slope(self, z: Float[Array, " n"]) -> Float[Array, " n"]:
-        """dp/dz."""
-        return jnp.exp(jnp.where(self.logarithmic, z, 0.0)) * self.scale
+    def slope(self, z: Any) -> Any:
+        """dp/dz (n,)."""
+        numpy = np if isinstance(z, np.ndarray) else jnp
+        return numpy.exp(numpy.where(self.logarithmic, z, 0.0)) * self.scale
 
 
 def free_values(boxes: Sequence[Box], values: Sequence[float] | np.ndarray) -> np.ndarray:

@@ -1,8 +1,10 @@
 """Fit the parameters of a record's valve and actuator to all its tests, with error bars that allow for correlated noise."""
 
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -15,8 +17,9 @@ from thermohyd.identify.reduction.limits import without_limits
 from thermohyd.identify.reduction.reduce import reduce_test
 from thermohyd.numerics import require_float64
 
+from .boxes import Box
 from .fit_effects import fit_with, known_effects
-from .least_squares import LeastSquaresResult, Solver, multi_start, solve
+from .least_squares import LeastSquaresResult, Residual, Solver, multi_start, solve
 from .library import library_for
 from .model_form import evidence_of_fits, fitted_with, other_law, plans_with_other_law, refit, with_model_form
 from .outcome import Fitted, Key, fit_result, uncertainty_of
@@ -27,6 +30,7 @@ from .readings import white_noise
 from .relative import with_relatives
 from .result import FitResult, OtherLaw, StartOutcome
 from .reversed_signs import reversed_channels, warning_of, with_signs_turned
+from .row_blocks import plain_by_rows
 from .sensed import sensed_channels, sensor_plans, with_starts
 from .starts import basin_hopping, null_position
 from .static_readings import base_valve, channel_slices, quantities_of, static_data
@@ -85,15 +89,17 @@ def fit_and_fitted(
     model_form: bool = False,
     starts: int = STARTS,
     progress: Progress | None = None,
+    solver: Solver | None = solve,
 ) -> tuple[FitResult, Fitted]:
-    """What `fit` returns, and the fit as whoever looks around its optimum needs it."""
+    """What `fit` returns, and the fit as whoever looks around its optimum needs it. solver: see `StaticSearch`."""
     require_float64("fit")
     began = time.perf_counter()
     moving = bool(record.dynamic_tests)
     freed_effects = known_effects(record, effects)
     if freed_effects and moving:
         raise BenchInputError("effects are freed by name in records of static tests only", file=record.folder)
-    static = run_fit(record, starts=starts, progress=progress) if record.static_tests or not moving else None
+    still = record.static_tests or not moving
+    static = run_fit(record, starts=starts, progress=progress, solver=solver) if still else None
     asked = lambda fitted, own: _other_law(fitted, own, progress) if model_form else None
     if not moving:
         assert static is not None
@@ -101,7 +107,7 @@ def fit_and_fitted(
             static = fit_with(static, freed_effects, progress, rounds=MOST_ROUNDS, enough=SETTLED)
             result = fit_result(static)
         else:
-            static, result = with_intervals(static, progress)
+            static, result = with_intervals(static, progress, solver=solver)
         fitted = static
         result = with_model_form(result, asked(static, result))
     else:
@@ -124,14 +130,14 @@ def static_values(fitted: Fitted) -> dict[str, float]:
 
 
 def plain_fit(
-    record: BenchRecord, *, starts: int = STARTS, progress: Progress | None = None, solver: Solver = solve
+    record: BenchRecord, *, starts: int = STARTS, progress: Progress | None = None, solver: Solver | None = solve
 ) -> tuple[Fitted, FitResult]:
-    """The plain fit of a record of static tests, and the same in figures. solver: `batch.fit_many` has one that serves many records."""
+    """The plain fit of a record of static tests, and the same in figures. solver: see `StaticSearch`."""
     return with_intervals(run_fit(record, starts=starts, progress=progress, solver=solver), progress, solver=solver)
 
 
 def run_fit(
-    record: BenchRecord, *, starts: int = STARTS, progress: Progress | None = None, solver: Solver = solve
+    record: BenchRecord, *, starts: int = STARTS, progress: Progress | None = None, solver: Solver | None = solve
 ) -> Fitted:
     """Fit a record's static tests: reduce raw logs, search from several starts, settle the noise. `fit_result` says it in words."""
     say = progress or (lambda _: None)
@@ -163,7 +169,7 @@ def run_fit(
         tolerance=CLOSE_ENOUGH,
         believe=BELIEVE_BELOW,
         progress=say,
-        solver=solver,
+        solver=problem.search,
     )
     say("restarts beside the best of them")
     solution = problem.basin_hopping(outcomes[0], noise)
@@ -210,7 +216,7 @@ def _sensors_started(
 
 
 def with_intervals(
-    fitted: Fitted, progress: Progress | None, *, settle: bool = True, solver: Solver = solve
+    fitted: Fitted, progress: Progress | None, *, settle: bool = True, solver: Solver | None = solve
 ) -> tuple[Fitted, FitResult]:
     """The fit, and the same in figures; intervals by profiles of chi-square where the covariance at the optimum does not hold.
 
@@ -274,13 +280,18 @@ def _other_law(fitted: Fitted, own: FitResult, progress: Progress | None) -> Oth
 
 @dataclass(frozen=True)
 class StaticSearch:
-    """The plain fit of static tests, compiled as a whole: only the noise changes between its solves."""
+    """The plain fit of static tests: only the noise changes between its solves.
+
+    solver: `solve`, compiled as a whole for tests of these lengths: ten seconds once, and then a third of the time of each fit. Or one
+    that searches for many records at once (`batch.fit_many`). None: the model is evaluated by blocks of rows, whose programs serve
+    every record: for a diagnosis, which needs such programs anyhow.
+    """
 
     record: BenchRecord
     tests: dict[str, TestRecord]
     plans: dict[str, ParameterPlan]
     free: tuple[str, ...]
-    solver: Solver = solve
+    solver: Solver | None = solve
 
     @property
     def boxes(self) -> list:
@@ -317,7 +328,22 @@ class StaticSearch:
             boxes[i] = boxes[i].held_at(value)
         tolerance = PROFILE_CLOSE_ENOUGH if held else CLOSE_ENOUGH
         residual = residual_of(self.free)
-        return self.solver(residual, boxes, args, start, tolerance=tolerance, believe=BELIEVE_BELOW, enough=enough)
+        return self.search(residual, boxes, args, start, tolerance=tolerance, believe=BELIEVE_BELOW, enough=enough)
+
+    def search(
+        self, residual: Residual, boxes: Sequence[Box], args: FitArgs, start: Any = None, **limits: Any
+    ) -> LeastSquaresResult:
+        """`solve` of this search; limits: its `tolerance`, `believe`, `enough`."""
+        if self.solver is not None:
+            return self.solver(residual, boxes, args, start, **limits)
+        if self._laid_out.get("args") is not args:
+            self._laid_out.update(args=args, both=plain_by_rows(self.free, args))
+        return solve(None, boxes, None, start, both=self._laid_out["both"], **limits)
+
+    @cached_property
+    def _laid_out(self) -> dict[str, Any]:
+        """The blocks of the last data that were searched."""
+        return {}
 
     def basin_hopping(self, best: LeastSquaresResult, noise: dict[Key, ChannelNoise]) -> LeastSquaresResult:
         args = self.args(noise)

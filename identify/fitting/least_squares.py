@@ -124,8 +124,8 @@ def screened_starts(
 # residual(p, args) -> (m,) whitened residuals; p (n,) physical values in the boxes' order, args a pytree of arrays.
 Residual = Callable[[jax.Array, Any], jax.Array]
 
-# both(p, args) -> residual (m,) and its columns (n, m) to p, compiled.
-Both = Callable[[jax.Array, Any], tuple[jax.Array, jax.Array]]
+# both(p, args) -> residual (m,) and its columns (n, m) to p (n,), NumPy.
+Both = Callable[[np.ndarray, Any], tuple[Any, Any]]
 
 # Relative offset at which a solve stops; BELIEVE_BELOW is what the verdict demands.
 STOP_AT = 1e-7
@@ -201,12 +201,12 @@ def _step_by_step(
     idle = Box("", 0.0, 1.0, 0.0, 0.0, held=True)
     own = Boxes.of([*(boxes[i] for i in moving), *[idle] * (size - n)])
     everything = Boxes.of(boxes)
-    free = jnp.asarray(np.append(np.asarray(z, dtype=float)[moving], np.zeros(size - n)))
-    p, slope = np.array(everything.physical(jnp.asarray(z))), np.asarray(own.slope(free))
+    free: Any = np.append(np.asarray(z, dtype=float)[moving], np.zeros(size - n))
+    p, slope = everything.physical(np.asarray(z, dtype=float)), own.slope(free)
     state: State = _begin(free)
     kept: tuple[np.ndarray, np.ndarray] | None = None
     for _ in range(max_steps):
-        residual, columns = (np.asarray(part) for part in both(jnp.asarray(p), args))
+        residual, columns = (np.asarray(part) for part in both(p.copy(), args))
         gained = np.asarray(0.0 if kept is None else fall_of_cost(kept[0], residual))
         reduced = reduced_on_host(columns[moving] * slope[:n, None], residual, size)
         finite = np.asarray(np.all(np.isfinite(residual)) and np.all(np.isfinite(columns[moving])))
@@ -221,11 +221,10 @@ def _step_by_step(
     end = np.array(z, dtype=float)
     end[moving] = np.asarray(free)[:n]
     residual, columns = kept
-    columns = columns * np.asarray(everything.slope(jnp.asarray(end)))[:, None]
+    columns = columns * everything.slope(end)[:, None]
     lengths = np.sqrt(np.sum(columns**2, axis=1))
     lengths[moving] = np.asarray(state.size)[:n]
-    whole = jnp.asarray(end)
-    small = np.stack([end, np.asarray(everything.physical(whole)), np.asarray(everything.slope(whole)), lengths])
+    small = np.stack([end, everything.physical(end), everything.slope(end), lengths])
     return small, residual, columns, state.evaluations, state.done
 
 

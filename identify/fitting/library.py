@@ -62,6 +62,17 @@ def _needs(names: Iterable[str], heat: bool = False) -> frozenset[str]:
     return frozenset(need for need in asked if asked[need])
 
 
+def same_program(names: Iterable[str], heat: bool) -> tuple[str, ...]:
+    """Effects of the whole library, whatever a record can show, that act row by row in a program no dearer than that of `names`.
+
+    heat: computed there. No effect among them stores oil.
+    """
+    needs = _needs(names, heat)
+    return tuple(
+        name for name, info in EFFECTS.items() if info.rowwise and not info.stores and _needs((name,)) <= needs
+    )
+
+
 def coupled(name: str) -> bool:
     """Whether an effect ties the balances together (lines, flow between the ports)."""
     return info_of(name).coupled

@@ -11,6 +11,7 @@ from typing import Any, Protocol, runtime_checkable
 import jax.numpy as jnp
 import numpy as np
 
+from thermohyd.conditions import Conditions
 from thermohyd.identify.bench.record import BenchRecord
 from thermohyd.identify.bench.test_record import TestRecord
 from thermohyd.identify.model.learned_terms import ABSOLUTE, LearnedTerm, term_values
@@ -26,7 +27,7 @@ from .bench_faults import BenchFault, corrected
 from .library import Library, stores, with_heat
 from .library_program import ENTRIES, LibraryArgs, RowTerms, library_program, library_residual, order_of
 from .parameters import PARAMETERS, ParameterPlan
-from .place_program import place_program
+from .row_blocks import RowBlocks
 from .row_sizes import coarse_size
 from .static_readings import (
     FIELDS,
@@ -109,6 +110,11 @@ class Readings(Protocol):
         ...
 
 
+def with_conditions(args: LibraryArgs, conditions: Mapping[str, Conditions]) -> LibraryArgs:
+    """The same with other operating points of some tests."""
+    return replace(args, data=replace(args.data, conditions={**args.data.conditions, **conditions}))
+
+
 @dataclass(frozen=True)
 class StaticReadings:
     """Static tests: one compiled program for any set of effects, whose columns come row by row (`library_program`)."""
@@ -138,12 +144,9 @@ class StaticReadings:
         return coarse_size(rows)
 
     def evaluation(self, program: tuple[str, ...], faults: tuple[BenchFault, ...] = ()) -> Evaluation:
-        args = self.arguments(program)
-        both = library_program(program) if self.states is None else lambda p, args: place_program(program)(p, args)[:3]
+        tied = any(stores(name) for name in program)  # a row's readings are of the rows before it, too
         if not faults:
-            return lambda p: (
-                both(jnp.asarray(p), args)[:2] if self.states is None else self._with_places(program, p)[:2]
-            )
+            return self._tied(program) if tied else lambda p: self._evaluated(program, p)[:2]
         place = {column: i for i, column in enumerate(FIELDS)}
         steps = np.diag([STEP * fault.info.scale for fault in faults])
         white = {
@@ -153,18 +156,34 @@ class StaticReadings:
         }
 
         def evaluate(p: np.ndarray) -> tuple[Any, Any]:
-            own, amounts = jnp.asarray(p[: -len(faults)]), p[-len(faults) :]
-            moved = lambda by: self._moved(args, dict(zip(faults, (amounts + by).tolist(), strict=True)))
-            residual, columns, by_row = both(own, moved(0.0))
-            if any(stores(name) for name in program):  # a row's readings are of the rows before it, too
-                alone = library_residual(program)
-                slopes = [(alone(own, moved(step)) - residual) / step.sum() for step in steps]
+            own, amounts = p[: -len(faults)], p[-len(faults) :]
+            moved = lambda by: self._moved(dict(zip(faults, (amounts + by).tolist(), strict=True)))
+            if tied:
+                args, alone = self.arguments(program), library_residual(program)
+                there = lambda by: with_conditions(args, moved(by))
+                residual, columns, _ = library_program(program)(jnp.asarray(own), there(0.0))
+                slopes = [(alone(jnp.asarray(own), there(step)) - residual) / step.sum() for step in steps]
             else:
-                by_row = np.asarray(by_row)
+                residual, columns, by_row, _ = self._blocks(program).moved(moved(0.0)).evaluate(own)
                 slopes = [self._of_rows(fault, by_row[place[fault.info.moves]], white) for fault in faults]
             return residual, jnp.concatenate([columns, np.stack(slopes)])
 
         return evaluate
+
+    def _tied(self, program: tuple[str, ...]) -> Evaluation:
+        args, both = self.arguments(program), library_program(program)
+        return lambda p: both(jnp.asarray(p), args)[:2]
+
+    def _blocks(self, program: tuple[str, ...]) -> RowBlocks:
+        """The readings by blocks of rows, with a program's effects; laid out once."""
+        if program not in self._laid_out:
+            rows = {name: test.rows for name, test in self.tests.items()}
+            self._laid_out[program] = RowBlocks.of(program, self.arguments(program), rows)
+        return self._laid_out[program]
+
+    @cached_property
+    def _laid_out(self) -> dict[tuple[str, ...], RowBlocks]:
+        return {}
 
     def with_terms(self, terms: tuple[LearnedTerm | TypedTerm, ...], states: States | None) -> "StaticReadings":
         """The same readings with other terms; what does not depend on them is not laid out again."""
@@ -177,19 +196,19 @@ class StaticReadings:
     def with_places(self, program: tuple[str, ...], p: np.ndarray) -> tuple[np.ndarray, States]:
         """(entries, padded rows): what a shift of each of `ENTRIES` at a reading's own row does to its weighted residual, and what
         the model's rows could read at that point, SI. The readings must have states, and no effect may store oil."""
-        _, _, slopes, found = self._with_places(program, p)
+        _, _, slopes, found = self._evaluated(program, p)
         states = {
-            test: {name: np.asarray(value)[: self.tests[test].rows] for name, value in own.items()}
+            test: {name: value[: self.tests[test].rows] for name, value in own.items()}
             | {THINNING: thinning(self.record.oil, self.tests[test].temperature)}
             for test, own in found.items()
         }
-        return np.asarray(slopes), states
+        return slopes, states
 
-    def _with_places(self, program: tuple[str, ...], p: np.ndarray) -> Any:
-        """What `place_program` gives at a point; asked again for the same one, it is not computed again."""
+    def _evaluated(self, program: tuple[str, ...], p: np.ndarray) -> Any:
+        """What `RowBlocks.evaluate` gives at a point; asked again for the same one, it is not computed again."""
         key = (program, np.asarray(p, dtype=float).tobytes())
         if self._last.get("key") != key:
-            self._last.update(key=key, found=place_program(program)(jnp.asarray(p), self.arguments(program)))
+            self._last.update(key=key, found=self._blocks(program).evaluate(np.asarray(p, dtype=float)))
         return self._last["found"]
 
     @cached_property
@@ -204,18 +223,17 @@ class StaticReadings:
                 found[place] = whiten_on_host(white[key], -slope[place] * fault.shapes[key[0]])
         return found
 
-    def _moved(self, args: LibraryArgs, amounts: Mapping[BenchFault, float]) -> LibraryArgs:
-        """The data with positions and labels as they would have been read without these faults."""
+    def _moved(self, amounts: Mapping[BenchFault, float]) -> dict[str, Conditions]:
+        """The operating points of tests with these faults as they would have been read without them."""
         touched: dict[str, set[str]] = {}
         for fault in amounts:
             for test in fault.shapes:
                 touched.setdefault(test, set()).add(fault.info.moves)
         tests = corrected({name: self.tests[name] for name in touched}, amounts)
-        before = args.data.conditions
-        moved = {
+        before = self._with_heat.data.conditions
+        return {
             name: with_columns(before[name], tests[name], columns, coarse_size) for name, columns in touched.items()
         }
-        return replace(args, data=replace(args.data, conditions=before | moved))
 
     def storage(
         self, vector: Callable[[tuple[str, ...]], np.ndarray], present: tuple[str, ...], amounts: Mapping[str, float]

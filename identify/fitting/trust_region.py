@@ -131,7 +131,13 @@ def reduced_on_host(columns: np.ndarray, residual: np.ndarray, size: int) -> Lin
     if np.isfinite(cost) and np.all(np.isfinite(columns)):
         _, whole = gram_schmidt(np.vstack([columns, residual]).T)
         triangle[:n, :n], projection[:n] = whole[:n, :n], whole[:n, n]
-    return Linearisation(jnp.asarray(triangle), jnp.asarray(projection), jnp.asarray(cost), jnp.asarray(float(m)))
+    numbers: tuple[Any, ...] = (
+        triangle,
+        projection,
+        np.asarray(cost),
+        np.asarray(float(m)),
+    )  # a compiled step takes NumPy as it is
+    return Linearisation(*numbers)
 
 
 TRUSTED = 1.0  # relative offset, in standard errors, from which on the linearisation says where a search will end

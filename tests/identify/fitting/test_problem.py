@@ -15,6 +15,7 @@ from thermohyd.identify.bench.record import BenchRecord, StartValue
 from thermohyd.identify.bench.test_record import Channel
 from thermohyd.identify.fitting.fit import fit
 from thermohyd.identify.fitting.parameters import plan_parameters
+from thermohyd.identify.fitting.row_blocks import plain_by_rows
 from thermohyd.identify.fitting.row_sizes import padded_size
 from thermohyd.identify.fitting.static_readings import base_valve, static_data
 from thermohyd.identify.fitting.static_residuals import (
@@ -68,6 +69,9 @@ def test_columns_are_those_of_forward_mode():
     np.testing.assert_allclose(np.asarray(out), np.asarray(plain_residual(free, p, args)), atol=1e-9)
     np.testing.assert_allclose(np.asarray(columns.T) / size, np.asarray(forward) / size, atol=1e-11)
     np.testing.assert_allclose(np.asarray(through) / size, np.asarray(forward) / size, atol=1e-11)
+    by_rows = plain_by_rows(free, args)(np.asarray(p), None)
+    np.testing.assert_allclose(by_rows[0], np.asarray(out), atol=1e-9)
+    np.testing.assert_allclose(by_rows[1].T / size, np.asarray(forward) / size, atol=1e-11)
 
 
 def test_all_tests_and_gauges_together_give_the_valve_back():

@@ -17,6 +17,7 @@ from thermohyd.identify.fitting.parameters import Relative, plan_parameters
 from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.fitting.readings import Noise
 from thermohyd.identify.fitting.relative import with_relatives
+from thermohyd.identify.fitting.row_blocks import plain_by_rows
 from thermohyd.identify.fitting.sensed import sensed_channels, sensor_plans, with_starts
 from thermohyd.identify.fitting.static_readings import base_valve, static_data
 from thermohyd.identify.fitting.static_residuals import FitArgs, plain_residual, prior_rows, residual_and_columns
@@ -134,6 +135,9 @@ def test_columns_are_those_of_forward_mode(record):
     forward = jax.jit(jax.jacfwd(lambda p: plain_residual(free, p, args)))(p)
     np.testing.assert_allclose(np.asarray(columns).T, np.asarray(forward), rtol=1e-7, atol=1e-6 * np.abs(forward).max())
     assert np.isfinite(np.asarray(out)).all()
+    by_rows = plain_by_rows(free, args)(np.asarray(p), None)
+    np.testing.assert_allclose(by_rows[0], np.asarray(out), rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(by_rows[1], np.asarray(columns), rtol=1e-9, atol=1e-9 * np.abs(forward).max())
 
 
 def test_a_problem_puts_sensors_behind_whitened_residuals(record):

@@ -1,0 +1,290 @@
+"""Readings of static tests and their derivatives, some hundred rows at a time: one compiled program for the rows of any record.
+
+A row of a static test is a balance of its own unless ports store oil, so that a program of a fixed number of rows serves every test of
+its kind, however long it is, and whatever other tests stand beside it: it is compiled once, not once for each record. It holds every
+effect of the library that costs no more than those asked for, whether or not the record can show it; what a record lacks (a time,
+a rate) is 0 there. What ties rows together (a meter's lag, means over bins, the noise's memory) follows on the host.
+"""
+
+import functools
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from thermohyd.conditions import Conditions
+from thermohyd.effects.library import classes_of, effect_info
+from thermohyd.identify.noise.whitening import whiten_on_host
+from thermohyd.numerics import OPTIONS, jitted, known_options
+
+from .least_squares import Both
+from .library import same_program
+from .library_program import ENTRIES, MOVES, LibraryArgs, RowTerms, filtered, readings_of_rows, split
+from .parameters import PARAMETERS
+from .place_program import place_program
+from .static_readings import ChannelRows, StaticData, groups_of, spread_over_rows, stacked
+from .static_residuals import FitArgs, own_entries
+
+
+# Rows of a block, and of a test's only one where it has so few: a call takes some 0.2 ms beside its rows, which take a microsecond or
+# two each, and pads fill the last block.
+BLOCK, SMALL_BLOCK = 512, 256
+
+
+def block_size(count: int) -> int:
+    """Rows of the blocks of a test with so many."""
+    return SMALL_BLOCK if count <= SMALL_BLOCK else BLOCK
+
+
+@dataclass(frozen=True)
+class Block:
+    """Rows of one test as its program takes them: a flattened `LibraryArgs`."""
+
+    leaves: tuple[Any, ...]
+    structure: Any
+
+
+def blocks_of(args: LibraryArgs, test: str, count: int) -> tuple[Block, ...]:
+    """A test's operating points and learned terms in blocks; count: its rows (or nodes) without pads."""
+    conditions = _complete(args.data.conditions[test])
+    group, first = _place_in_group(args.data.conditions, test)
+    terms = args.terms[group]
+    found = []
+    size = block_size(count)
+    for begin in range(0, count, size):
+        # The last row's operating point is known to be sound.
+        rows = np.minimum(np.arange(begin, begin + size), count - 1)
+        own = jax.tree.map(lambda column, rows=rows: np.asarray(column)[rows], conditions)
+        there = {group: jax.tree.map(lambda values, rows=rows: np.asarray(values)[..., first + rows], terms)}
+        leaves, structure = jax.tree.flatten(LibraryArgs(args.valve, StaticData({test: own}, (), {}), (), there))
+        found.append(Block(tuple(map(jnp.asarray, leaves)), structure))
+    return tuple(found)
+
+
+def _complete(conditions: Conditions) -> Conditions:
+    """The same with every column that an effect may ask for: a test without time is one at rest."""
+    none = jnp.zeros(len(conditions.position))
+    lacks = {name: none for name in ("time", "rate", "direction", "run") if getattr(conditions, name) is None}
+    return replace(conditions, **lacks) if lacks else conditions
+
+
+def _place_in_group(conditions: Mapping[str, Conditions], test: str) -> tuple[str, int]:
+    """(the group that a test is solved with, the first of its rows there)."""
+    for group, tests in groups_of(dict(conditions)).items():
+        if test in tests:
+            return group, sum(len(conditions[one].position) for one in tests[: tests.index(test)])
+    raise KeyError(test)
+
+
+@functools.cache
+def _program(
+    effects: tuple[str, ...], classes: tuple[type, ...], test: str, reads: tuple[str, ...], structure: Any
+) -> Callable[..., tuple[Array, Array]]:
+    """Compiled (p, *leaves of a block) -> (readings (reads, rows), their slopes (reads, entries, rows)).
+
+    Entries: parameters, amounts of `effects`, changes of what was read of the operating point in the order of FIELDS. classes: what
+    stands behind the names; a user may put another effect under a name.
+    """
+    del classes
+
+    def of_block(p: Array, *leaves: Any) -> tuple[Array, Array]:
+        args: LibraryArgs = jax.tree.unflatten(structure, leaves)
+        (group,) = args.terms
+        spread = spread_over_rows(jnp.concatenate([p, jnp.zeros(MOVES)]), args.data.conditions)
+
+        def of_rows(spread: dict[str, Any]) -> tuple[Array, ...]:
+            found, _ = readings_of_rows(effects, spread, args)
+            return tuple(found[test][name] for name in reads)
+
+        readings, push = jax.linearize(of_rows, spread)
+        slopes = []
+        for i in range(len(reads)):
+            pull = jax.linear_transpose(lambda moved, i=i: push(moved)[i], spread)
+            slopes.append(stacked(pull(jnp.ones_like(readings[i]))[0])[group])
+        return jnp.stack(readings), jnp.stack(slopes)
+
+    return jax.jit(of_block, compiler_options=known_options(OPTIONS))
+
+
+@dataclass(frozen=True)
+class RowBlocks:
+    """The static tests of a record, evaluated by blocks, with the effects of a program; none of them may store oil.
+
+    program: the effects that the vector holds. shared: those in the compiled programs, the row-wise ones of `program` among them.
+    rows: of each test, or nodes, without pads. places: whether every place of the circuit can be shifted (`place_program`).
+    """
+
+    program: tuple[str, ...]
+    shared: tuple[str, ...]
+    args: LibraryArgs
+    rows: Mapping[str, int]
+    blocks: Mapping[str, tuple[Block, ...]]
+    places: bool = False
+
+    @classmethod
+    def of(cls, program: tuple[str, ...], args: LibraryArgs, rows: Mapping[str, int]) -> "RowBlocks":
+        """rows: of each test, without pads."""
+        places = all(terms.places is not None for terms in args.terms.values())
+        shared = split(program)[0] if places else same_program(program, args.valve.heat_retention is not None)
+        nodes = {test: rows[test] * _nodes(args.data, test) for test in args.data.conditions}
+        blocks = {test: blocks_of(args, test, count) for test, count in nodes.items()}
+        return cls(program, shared, args, nodes, blocks, places)
+
+    def moved(self, conditions: Mapping[str, Conditions]) -> "RowBlocks":
+        """The same with other operating points of some tests."""
+        args = replace(self.args, data=replace(self.args.data, conditions={**self.args.data.conditions, **conditions}))
+        blocks = {test: blocks_of(args, test, self.rows[test]) for test in conditions}
+        return replace(self, args=args, blocks={**self.blocks, **blocks})
+
+    @property
+    def behind(self) -> int:
+        """Entries of a row behind parameters and amounts."""
+        return len(ENTRIES) if self.places else MOVES
+
+    def readings(self, p: np.ndarray) -> tuple[list[tuple[np.ndarray, np.ndarray]], dict[str, dict[str, np.ndarray]]]:
+        """Of each channel (reading (padded,), slopes (entries, padded)) before any filter and any mean, pads, which weigh nothing, being
+        0; and with places what the rows could read: {test: {reading: (padded,)}}.
+
+        p: parameters, then amounts of the row-wise effects of the program. entries: these, and what was read in the order of FIELDS,
+        or the shifts of `ENTRIES`.
+        """
+        rowwise, _ = split(self.program)
+        data, count = self.args.data, len(PARAMETERS) + len(self.shared)
+        entries = [*range(len(PARAMETERS)), *(len(PARAMETERS) + self.shared.index(name) for name in rowwise)]
+        whole = np.zeros(count)
+        whole[entries] = p
+        entries += range(count, count + self.behind)
+        reads = {test: tuple(dict.fromkeys(c.reads for c in data.channels if c.test == test)) for test in self.blocks}
+        program: Any = functools.partial(
+            place_program if self.places else _program, self.shared, classes_of(self.shared)
+        )
+        # All are begun before any is waited for: blocks run side by side.
+        begun = {
+            test: [program(test, reads[test], block.structure)(whole, *block.leaves) for block in blocks]
+            for test, blocks in self.blocks.items()
+        }
+        found = {
+            test: (
+                self._joined(test, [part[0] for part in parts]),
+                self._joined(test, [part[1] for part in parts], entries),
+            )
+            for test, parts in begun.items()
+        }
+        states = {
+            test: {name: self._joined(test, [part[2][name] for part in parts]) for name in parts[0][2]}
+            for test, parts in (begun.items() if self.places else ())
+        }
+        at = [(found[c.test], reads[c.test].index(c.reads)) for c in data.channels]
+        return [(values[i], slopes[i]) for (values, slopes), i in at], states
+
+    def evaluate(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, dict[str, dict[str, np.ndarray]]]:
+        """(residuals, columns (entries, rows), by_row (fields, rows), states) of p in the order of `order_of(program)`.
+
+        by_row: what a change of a row's own operating point, in the order of FIELDS, or a shift of each of `ENTRIES`, does to its residual
+        before whitening. states: with places what the model's readings could be of: {test: {reading: (padded,)}}, SI.
+        """
+        rowwise, filters = split(self.program)
+        given = len(PARAMETERS) + len(rowwise)
+        own = slice(given, given + self.behind)
+        residuals, columns, by_row = [], [], []
+        readings, states = self.readings(p[:given])
+        for i, (reading, column) in enumerate(readings):
+            channel, white = self.args.data.channels[i], self.args.whitening[i]
+            for name, amount in zip(filters, p[given:], strict=True):
+                reading, column = _filtered(name, float(amount), channel, reading, column, self.args)
+            weight = np.asarray(channel.weight)
+            column = self.means(channel.test, column) * weight
+            residual = (self.means(channel.test, reading) - np.asarray(channel.value)) * weight
+            residuals.append(whiten_on_host(white, residual))
+            columns.append(whiten_on_host(white, np.delete(column, own, axis=0).T).T)
+            by_row.append(column[own])
+        states = {test: {n: self.means(test, v) for n, v in found.items()} for test, found in states.items()}
+        return np.concatenate(residuals), np.concatenate(columns, axis=1), np.concatenate(by_row, axis=1), states
+
+    def _joined(self, test: str, parts: list[Array], entries: list[int] | None = None) -> np.ndarray:
+        """(..., padded) of a test's blocks (..., block); entries: of the last axis but one."""
+        first, padded = np.asarray(parts[0]), len(self.args.data.conditions[test].position)
+        lead = first.shape[:-1] if entries is None else (*first.shape[:-2], len(entries))
+        whole, size = np.zeros((*lead, padded)), block_size(self.rows[test])
+        for number, part in enumerate(parts):
+            rows = slice(number * size, min((number + 1) * size, self.rows[test]))
+            own = np.asarray(part)[..., : rows.stop - rows.start]
+            whole[..., rows] = own if entries is None else own[..., entries, :]
+        return whole
+
+    def means(self, test: str, values: np.ndarray) -> np.ndarray:
+        """See `StaticData.means`."""
+        weight = self.args.data.weights.get(test)
+        if weight is None:
+            return values
+        weight = np.asarray(weight)
+        return np.sum(values.reshape(*values.shape[:-1], *weight.shape) * weight, axis=-1)
+
+
+def plain_by_rows(names: tuple[str, ...], args: FitArgs) -> Both:
+    """(p, unused) -> residuals and columns of a plain fit of these parameters, as `static_residuals.residual_and_columns` gives them."""
+    data, own = args.data, own_entries(names)
+    places = [PARAMETERS.index(names[i]) for i in own]
+    held = [getattr(args.valve, name) for name in PARAMETERS]
+    begin = np.array([0.0 if value is None else float(value) for value in held])
+    counts = {test: len(conditions.position) for test, conditions in data.conditions.items()}
+    terms = {}
+    for group, tests in groups_of(data.conditions).items():
+        ones = np.ones((len(PARAMETERS), sum(counts[test] for test in tests)))
+        terms[group] = RowTerms(ones, 0.0 * ones, ones[0])
+    blocks = {test: blocks_of(LibraryArgs(args.valve, data, (), terms), test, count) for test, count in counts.items()}
+    rows = RowBlocks((), (), LibraryArgs(args.valve, data, (), terms), counts, blocks)
+    prior_value, prior_weight = np.asarray(args.prior_value), np.asarray(args.prior_weight)
+
+    def both(values: Any, _: Any) -> tuple[np.ndarray, np.ndarray]:
+        values = np.asarray(values, dtype=float)
+        given, p = dict(zip(names, values, strict=True)), begin.copy()
+        p[places] = values[own]
+        residuals, columns = [], []
+        for channel, (reading, slopes) in zip(data.channels, rows.readings(p)[0], strict=True):
+            reading, slopes = rows.means(channel.test, reading), rows.means(channel.test, slopes[places])
+            column = np.zeros((len(names), len(reading)))
+            if (sensor := channel.sensor) is not None:
+                reading, more = sensor.readings(
+                    {name: jnp.asarray(value) for name, value in given.items()}, jnp.asarray(reading)
+                )
+                slopes = slopes * (float(sensor.reference) / given[sensor.gain] if sensor.gain else 1.0)
+                for name, slope in more.items():
+                    column[names.index(name)] = np.asarray(slope)
+            column[own] = slopes
+            weight = np.asarray(channel.weight)
+            residuals.append((np.asarray(reading) - np.asarray(channel.value)) * weight)
+            columns.append(column * weight)
+        residuals.append((values - prior_value) * prior_weight)
+        columns.append(np.diag(prior_weight))
+        return np.concatenate(residuals), np.concatenate(columns, axis=1)
+
+    return both
+
+
+def _nodes(data: StaticData, test: str) -> int:
+    """Rows of the model for each reading of a test."""
+    return 1 if test not in data.weights else data.weights[test].shape[1]
+
+
+def _filtered(
+    name: str, amount: float, channel: ChannelRows, reading: np.ndarray, columns: np.ndarray, args: LibraryArgs
+) -> tuple[np.ndarray, np.ndarray]:
+    """See `filtered`: compiled for the length of one test alone."""
+    if channel.test not in effect_info(name).shows:
+        return reading, np.concatenate([columns, np.zeros_like(reading)[None]])
+    none = jnp.zeros(0)
+    alone = replace(channel, value=none, weight=none, sensor=None)
+    own = LibraryArgs(args.valve, StaticData({channel.test: args.data.conditions[channel.test]}, (), {}), (), {})
+    behind, along = _filter(name, classes_of((name,)))(jnp.asarray(amount), alone, reading, columns, own)
+    return np.asarray(behind), np.asarray(along)
+
+
+@functools.cache
+def _filter(name: str, classes: tuple[type, ...]) -> Callable[..., tuple[Array, Array]]:
+    del classes
+    return jitted(functools.partial(filtered, name), known_options(OPTIONS))

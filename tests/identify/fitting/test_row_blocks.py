@@ -1,0 +1,82 @@
+"""Blocks of rows give what one program of the whole record gives, whatever the record has and lacks, and share programs."""
+
+from dataclasses import replace
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from helpers.small_bench import small_record
+
+from thermohyd.identify.bench.test_record import Nodes, TestRecord
+from thermohyd.identify.fitting import row_blocks
+from thermohyd.identify.fitting.library import library_for
+from thermohyd.identify.fitting.library_program import library_program
+from thermohyd.identify.fitting.parameters import PARAMETERS, plan_parameters
+from thermohyd.identify.fitting.readings import Noise, StaticReadings
+from thermohyd.identify.noise.correlation import NoiseCorrelation
+
+
+RECORD = small_record(seed=3)
+
+
+def without_time(test: TestRecord) -> TestRecord:
+    return replace(test, time=None, rate=None)
+
+
+def reduced(test: TestRecord) -> TestRecord:
+    """As if each row were a mean over two nodes."""
+    half = np.array([[-0.5, 0.5]])
+    weight = np.full((test.rows, 2), 0.5)
+    return replace(
+        test, nodes=Nodes(half * 1e-7 + np.zeros((test.rows, 1)), 0.01 * half + np.zeros((test.rows, 1)), weight)
+    )
+
+
+def longer(test: TestRecord) -> TestRecord:
+    """Three times the rows: more than one block."""
+    thrice = lambda column: np.concatenate([column] * 3)
+    channels = tuple(replace(c, value=thrice(c.value), std=thrice(c.std)) for c in test.channels)
+    names = ("spool_position", "supply_pressure", "return_pressure", "temperature", "run", "direction", "time", "rate")
+    columns = {name: thrice(getattr(test, name)) for name in names}
+    return replace(test, channels=channels, **columns)
+
+
+CHANGES = {"as it is": lambda test: test, "without time": without_time, "reduced": reduced, "longer": longer}
+
+
+def readings_of(change) -> StaticReadings:
+    tests = {name: change(test) for name, test in RECORD.tests.items()}
+    std = {(t.name, c.name): c.std for t in tests.values() for c in t.channels}
+    used = {key: np.arange(len(value)) % 5 > 0 for key, value in std.items()}
+    noise = Noise(std, {key: NoiseCorrelation(share=0.6, phi=0.5) for key in std})
+    plans = plan_parameters(RECORD.valve, RECORD.start)
+    return StaticReadings(RECORD, tests, plans, library_for(tests.values()), noise, used, ())
+
+
+def point(readings: StaticReadings, program: tuple[str, ...], amounts: dict[str, float]) -> np.ndarray:
+    order = readings.order(program)
+    return np.array([readings.plans[n].start if n in PARAMETERS else amounts.get(n, 0.0) for n in order])
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_residuals_and_columns_are_those_of_one_program(change):
+    readings = readings_of(CHANGES[change])
+    program = readings.program(())
+    amounts = {"position_scale": 0.01, "flowmeter_lag": 0.2, "thermal_clearance": 1e-9}
+    p = point(readings, program, amounts)
+    residual, columns = readings.evaluation(program)(p)
+    whole, whole_columns, _ = library_program(program)(jnp.asarray(p), readings.arguments(program))
+    size = np.abs(np.asarray(whole_columns)).max(axis=1, keepdims=True) + 1e-300
+    np.testing.assert_allclose(residual, np.asarray(whole), rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(columns / size, np.asarray(whole_columns) / size, atol=1e-9)
+
+
+def test_records_share_their_programs():
+    readings = readings_of(CHANGES["as it is"])
+    readings.evaluation(readings.program(()))(point(readings, readings.program(()), {}))
+    before = row_blocks._program.cache_info().misses
+    for change in ("without time", "longer", "reduced"):
+        other = readings_of(CHANGES[change])
+        program = other.program(())
+        other.evaluation(program)(point(other, program, {}))
+    assert row_blocks._program.cache_info().misses == before
