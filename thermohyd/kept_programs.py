@@ -22,7 +22,7 @@ import tempfile
 import types
 import zlib
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -60,6 +60,7 @@ def forget() -> None:
     """Let the programs of this process go; those on disk stay."""
     for program in _programs:
         program.loaded.clear()
+        program.unkept.clear()
 
 
 class KeptProgram:
@@ -75,34 +76,48 @@ class KeptProgram:
         self.plain = filter_jit(function, compiler_options=options) if options else filter_jit(function)
         self.function, self.options, self.stands_on = function, options, stands_on
         self.loaded: dict[Any, Callable | None] = {}
+        self.unkept: dict[Any, Callable] = {}
         _programs.append(self)
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
         if _folder is None or own_effects:
             return self.plain(*args, **kwargs)
         leaves, tree = jax.tree_util.tree_flatten((args, kwargs))
-        arrays, others, shapes = [], [], []
-        for leaf in leaves:
-            if isinstance(leaf, jax.core.Tracer):
-                return self.plain(*args, **kwargs)
-            if eqx.is_array(leaf):
-                arrays.append(leaf)
-                shapes.append((leaf.shape, leaf.dtype, bool(getattr(leaf, "weak_type", False))))
-                others.append(None)
-            else:
-                others.append((type(leaf), leaf))
+        if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
+            return self.plain(*args, **kwargs)
+        program = self._program(tree, leaves)
+        return self.plain(*args, **kwargs) if program is None else program(list(filter(eqx.is_array, leaves)))
+
+    def bound(self, first: Any, *others: Any) -> Callable[[Any], Any]:
+        """What the function gives of another array like `first` beside the same other arguments, which are not looked at again."""
+        leaves, tree = jax.tree_util.tree_flatten(((first, *others), {}))
+        program = self._program(tree, leaves) if _folder is not None and not own_effects else None
+        if program is None:
+            key = _key(tree, leaves)
+            if key not in self.unkept:
+                self.unkept[key] = self._jitted(tree, leaves)
+            program = self.unkept[key]
+        rest = [jax.numpy.asarray(leaf) for leaf in leaves[1:] if eqx.is_array(leaf)]
+        return lambda value: program([value, *rest])
+
+    def _jitted(self, tree: Any, leaves: list[Any]) -> Callable:
+        flat, made = _flat(self.function, tree, leaves, 0)
+        jitted = jax.jit(flat, compiler_options=self.options or None)
+        return lambda arrays: _answered(jitted(arrays), made["answer"])
+
+    def _program(self, tree: Any, leaves: list[Any]) -> Callable | None:
+        """What takes the arrays among these leaves; None where it cannot be kept."""
         try:
-            key = (tree, tuple(shapes), tuple(others))
+            key = _key(tree, leaves)
             hash(key)
         except TypeError:
-            return self.plain(*args, **kwargs)
+            return None
         if key not in self.loaded:
             self.loaded[key] = self._made(tree, leaves)
-        program = self.loaded[key]
-        return self.plain(*args, **kwargs) if program is None else program(arrays)
+        return self.loaded[key]
 
     def _made(self, tree: Any, leaves: list[Any]) -> Callable | None:
-        """The program that takes the arrays among these leaves, from disk or compiled and kept; None where it cannot be kept."""
+        """From disk, or compiled and kept."""
         assert _folder is not None
         told = [_Shape.of(leaf) if eqx.is_array(leaf) else leaf for leaf in leaves]
         try:
@@ -134,9 +149,14 @@ class _Shape:
         return _Shape(array.shape, str(array.dtype), bool(getattr(array, "weak_type", False)))
 
 
-def _compiled_and_kept(
-    function: Callable, options: dict[str, Any], tree: Any, leaves: list[Any], file: Path
-) -> Callable | None:
+def _key(tree: Any, leaves: list[Any]) -> Any:
+    """Of a program in this process."""
+    return tree, tuple(_Shape.of(leaf) if eqx.is_array(leaf) else (type(leaf), leaf) for leaf in leaves)
+
+
+def _flat(function: Callable, tree: Any, leaves: list[Any], number: int) -> tuple[Callable, dict[str, Any]]:
+    """The function of the arrays among these leaves, which gives a list of arrays with this number behind them, and what says under
+    "answer", once it was traced, where they stand."""
     there = [eqx.is_array(leaf) for leaf in leaves]
     fixed = [None if array else leaf for array, leaf in zip(there, leaves, strict=True)]
     made: dict[str, Any] = {}
@@ -147,24 +167,47 @@ def _compiled_and_kept(
             tree, [next(given) if array else leaf for array, leaf in zip(there, fixed, strict=True)]
         )
         out, out_tree = jax.tree_util.tree_flatten(function(*args, **kwargs))
-        # What stands where in the answer: an array's place, or a value that is no array.
         arrays_out = [value for value in out if eqx.is_array(value)]
         places = iter(range(len(arrays_out)))
         spoken = [_Place(next(places)) if eqx.is_array(value) else value for value in out]
         made["answer"] = jax.tree_util.tree_unflatten(out_tree, spoken)
-        # No other program has this number: what JAX reads from its own cache, XLA writes without its functions.
-        return [*arrays_out, np.int64(int(file.stem[-15:], 16))]
+        return [*arrays_out, np.int64(number)]
 
     flat.__name__ = flat.__qualname__ = _name_of(function)
+    return flat, made
+
+
+def _compiled_and_kept(
+    function: Callable, options: dict[str, Any], tree: Any, leaves: list[Any], file: Path
+) -> Callable:
+    # No other program has this number: what JAX reads from its own cache, XLA writes without its functions.
+    flat, made = _flat(function, tree, leaves, int(file.stem[-15:], 16))
     arrays = [leaf for leaf in leaves if eqx.is_array(leaf)]
-    compiled = jax.jit(flat, compiler_options=options or None).lower(arrays).compile()
-    with suppress(
-        Exception
-    ):  # a host callback, an answer that cannot be written: this process has the program all the same
+    with _out_of_jax_cache():
+        compiled = jax.jit(flat, compiler_options=options or None).lower(arrays).compile()
+    # A host callback, an answer that cannot be written: this process has the program all the same.
+    with suppress(Exception):
         kept = (serialize_executable.serialize(compiled)[0], len(arrays), pickle.dumps(made["answer"]))
-        _callable(*kept)  # what cannot be read again is not kept
-        _write(file, kept)
-    return _with_answer(compiled, made["answer"])
+        again = _executable(kept[0], len(arrays), made["answer"])(arrays)
+        if all(map(_same, again, compiled(arrays))):  # what cannot be read again is not kept
+            _write(file, kept)
+    return lambda arrays: _answered(compiled(arrays), made["answer"])
+
+
+@contextmanager
+def _out_of_jax_cache() -> Iterator[None]:
+    """JAX keeps nothing of what is compiled within: it is kept here."""
+    name = "jax_persistent_cache_min_compile_time_secs"
+    before = getattr(jax.config, name)
+    jax.config.update(name, float("inf"))
+    try:
+        yield
+    finally:
+        jax.config.update(name, before)
+
+
+def _same(one: Any, other: Any) -> bool:
+    return np.asarray(one).tobytes() == np.asarray(other).tobytes()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -174,7 +217,8 @@ class _Place:
 
 def _callable(executable: bytes, count: int, answer: bytes) -> Callable:
     told = pickle.loads(answer)
-    return _with_answer(_executable(executable, count, told), told)
+    program = _executable(executable, count, told)
+    return lambda arrays: _answered(program(arrays), told)
 
 
 def _executable(executable: bytes, count: int, answer: Any) -> Callable:
@@ -186,16 +230,12 @@ def _executable(executable: bytes, count: int, answer: Any) -> Callable:
     )
 
 
-def _with_answer(compiled: Any, answer: Any) -> Callable:
+def _answered(found: list[Any], answer: Any) -> Any:
+    """The answer with the arrays that were found in their places."""
     leaves, tree = jax.tree_util.tree_flatten(answer)
-
-    def call(arrays: list[Any]) -> Any:
-        found = compiled(arrays)
-        return jax.tree_util.tree_unflatten(
-            tree, [found[leaf.number] if isinstance(leaf, _Place) else leaf for leaf in leaves]
-        )
-
-    return call
+    return jax.tree_util.tree_unflatten(
+        tree, [found[leaf.number] if isinstance(leaf, _Place) else leaf for leaf in leaves]
+    )
 
 
 @functools.cache

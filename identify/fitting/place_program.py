@@ -6,14 +6,13 @@ takes, and runs half as fast.
 """
 
 import functools
-from collections.abc import Callable
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from thermohyd.numerics import OPTIONS, known_options
+from thermohyd.kept_programs import KeptProgram
+from thermohyd.numerics import OPTIONS, jitted, known_options
 
 from .library_program import LibraryArgs, behind, readings_of_rows
 from .static_readings import spread_over_rows
@@ -21,24 +20,25 @@ from .static_readings import spread_over_rows
 
 @functools.cache
 def place_program(
-    effects: tuple[str, ...], classes: tuple[type, ...], test: str, reads: tuple[str, ...], structure: Any
-) -> Callable[..., tuple[Array, Array, dict[str, Array]]]:
-    """Compiled (p, *leaves of a block) -> (readings (reads, rows), their slopes (reads, entries, rows), all that the rows could read).
+    effects: tuple[str, ...], classes: tuple[type, ...], test: str, reads: tuple[str, ...]
+) -> KeptProgram:
+    """`readings_and_places`, compiled; classes: what stands behind the names of the effects."""
+    return jitted(functools.partial(readings_and_places, effects, test, reads), known_options(OPTIONS), classes)
 
-    Entries: parameters, amounts of `effects`, and a shift of each of `ENTRIES`. classes: what stands behind the names of the effects.
+
+def readings_and_places(
+    effects: tuple[str, ...], test: str, reads: tuple[str, ...], p: Float[Array, " given"], args: LibraryArgs
+) -> tuple[Float[Array, "reads rows"], Float[Array, "reads entries rows"], dict[str, Float[Array, " rows"]]]:
+    """Of the rows of a block: readings, their slopes, and all that the rows could read.
+
+    Entries: parameters, amounts of `effects`, and a shift of each of `ENTRIES`.
     """
-    del classes
+    whole = jnp.concatenate([p, jnp.zeros(behind(effects, args))])
 
-    def of_block(p: Float[Array, " given"], *leaves: Any) -> tuple[Array, Array, dict[str, Array]]:
-        args: LibraryArgs = jax.tree.unflatten(structure, leaves)
-        whole = jnp.concatenate([p, jnp.zeros(behind(effects, args))])
+    def of(whole: Float[Array, " entries"]) -> dict[str, Array]:
+        return readings_of_rows(effects, spread_over_rows(whole, args.data.conditions), args)[0][test]
 
-        def of(whole: Float[Array, " entries"]) -> dict[str, Array]:
-            return readings_of_rows(effects, spread_over_rows(whole, args.data.conditions), args)[0][test]
-
-        found, push = jax.linearize(of, whole)
-        # A row depends on its own entries alone, so a change of an entry at all rows shows at each what the row's own change does.
-        moved = jax.vmap(push)(jnp.eye(len(whole)))
-        return jnp.stack([found[name] for name in reads]), jnp.stack([moved[name] for name in reads]), found
-
-    return jax.jit(of_block, compiler_options=known_options(OPTIONS))
+    found, push = jax.linearize(of, whole)
+    # A row depends on its own entries alone, so a change of an entry at all rows shows at each what the row's own change does.
+    moved = jax.vmap(push)(jnp.eye(len(whole)))
+    return jnp.stack([found[name] for name in reads]), jnp.stack([moved[name] for name in reads]), found

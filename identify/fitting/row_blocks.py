@@ -9,16 +9,18 @@ a rate) is 0 there. What ties rows together (a meter's lag, means over bins, the
 import functools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import Array
+from jaxtyping import Array, Float
 
 from thermohyd.conditions import Conditions
 from thermohyd.effects.library import classes_of, effect_info
 from thermohyd.identify.noise.whitening import whiten_on_host
+from thermohyd.kept_programs import KeptProgram
 from thermohyd.numerics import OPTIONS, jitted, known_options
 
 from .least_squares import Both
@@ -40,15 +42,7 @@ def block_size(count: int) -> int:
     return SMALL_BLOCK if count <= SMALL_BLOCK else BLOCK
 
 
-@dataclass(frozen=True)
-class Block:
-    """Rows of one test as its program takes them: a flattened `LibraryArgs`."""
-
-    leaves: tuple[Any, ...]
-    structure: Any
-
-
-def blocks_of(args: LibraryArgs, test: str, count: int) -> tuple[Block, ...]:
+def blocks_of(args: LibraryArgs, test: str, count: int) -> tuple[LibraryArgs, ...]:
     """A test's operating points and learned terms in blocks; count: its rows (or nodes) without pads."""
     conditions = _complete(args.data.conditions[test])
     group, first = _place_in_group(args.data.conditions, test)
@@ -60,8 +54,7 @@ def blocks_of(args: LibraryArgs, test: str, count: int) -> tuple[Block, ...]:
         rows = np.minimum(np.arange(begin, begin + size), count - 1)
         own = jax.tree.map(lambda column, rows=rows: np.asarray(column)[rows], conditions)
         there = {group: jax.tree.map(lambda values, rows=rows: np.asarray(values)[..., first + rows], terms)}
-        leaves, structure = jax.tree.flatten(LibraryArgs(args.valve, StaticData({test: own}, (), {}), (), there))
-        found.append(Block(tuple(map(jnp.asarray, leaves)), structure))
+        found.append(LibraryArgs(args.valve, StaticData({test: own}, (), {}), (), there))
     return tuple(found)
 
 
@@ -81,33 +74,29 @@ def _place_in_group(conditions: Mapping[str, Conditions], test: str) -> tuple[st
 
 
 @functools.cache
-def _program(
-    effects: tuple[str, ...], classes: tuple[type, ...], test: str, reads: tuple[str, ...], structure: Any
-) -> Callable[..., tuple[Array, Array]]:
-    """Compiled (p, *leaves of a block) -> (readings (reads, rows), their slopes (reads, entries, rows)).
+def _program(effects: tuple[str, ...], classes: tuple[type, ...], test: str, reads: tuple[str, ...]) -> KeptProgram:
+    """`readings_and_slopes`, compiled; classes: what stands behind the names; a user may put another effect under a name."""
+    return jitted(functools.partial(readings_and_slopes, effects, test, reads), known_options(OPTIONS), classes)
 
-    Entries: parameters, amounts of `effects`, changes of what was read of the operating point in the order of FIELDS. classes: what
-    stands behind the names; a user may put another effect under a name.
-    """
-    del classes
 
-    def of_block(p: Array, *leaves: Any) -> tuple[Array, Array]:
-        args: LibraryArgs = jax.tree.unflatten(structure, leaves)
-        (group,) = args.terms
-        spread = spread_over_rows(jnp.concatenate([p, jnp.zeros(MOVES)]), args.data.conditions)
+def readings_and_slopes(
+    effects: tuple[str, ...], test: str, reads: tuple[str, ...], p: Float[Array, " given"], args: LibraryArgs
+) -> tuple[Float[Array, "reads rows"], Float[Array, "reads entries rows"]]:
+    """Of the rows of a block. Entries: parameters, amounts of `effects`, changes of what was read of the operating point in the
+    order of FIELDS."""
+    (group,) = args.terms
+    spread = spread_over_rows(jnp.concatenate([p, jnp.zeros(MOVES)]), args.data.conditions)
 
-        def of_rows(spread: dict[str, Any]) -> tuple[Array, ...]:
-            found, _ = readings_of_rows(effects, spread, args)
-            return tuple(found[test][name] for name in reads)
+    def of_rows(spread: dict[str, Any]) -> tuple[Array, ...]:
+        found, _ = readings_of_rows(effects, spread, args)
+        return tuple(found[test][name] for name in reads)
 
-        readings, push = jax.linearize(of_rows, spread)
-        slopes = []
-        for i in range(len(reads)):
-            pull = jax.linear_transpose(lambda moved, i=i: push(moved)[i], spread)
-            slopes.append(stacked(pull(jnp.ones_like(readings[i]))[0])[group])
-        return jnp.stack(readings), jnp.stack(slopes)
-
-    return jax.jit(of_block, compiler_options=known_options(OPTIONS))
+    readings, push = jax.linearize(of_rows, spread)
+    slopes = []
+    for i in range(len(reads)):
+        pull = jax.linear_transpose(lambda moved, i=i: push(moved)[i], spread)
+        slopes.append(stacked(pull(jnp.ones_like(readings[i]))[0])[group])
+    return jnp.stack(readings), jnp.stack(slopes)
 
 
 @dataclass(frozen=True)
@@ -122,7 +111,7 @@ class RowBlocks:
     shared: tuple[str, ...]
     args: LibraryArgs
     rows: Mapping[str, int]
-    blocks: Mapping[str, tuple[Block, ...]]
+    blocks: Mapping[str, tuple[LibraryArgs, ...]]
     places: bool = False
 
     @classmethod
@@ -145,6 +134,25 @@ class RowBlocks:
         """Entries of a row behind parameters and amounts."""
         return len(ENTRIES) if self.places else MOVES
 
+    @cached_property
+    def reads(self) -> dict[str, tuple[str, ...]]:
+        """What the channels of each test read, each once."""
+        channels = self.args.data.channels
+        return {test: tuple(dict.fromkeys(c.reads for c in channels if c.test == test)) for test in self.blocks}
+
+    @cached_property
+    def programs(self) -> dict[str, list[Callable[[np.ndarray], Any]]]:
+        """Of each test's blocks what gives its readings and slopes, of parameters and amounts."""
+        kind = place_program if self.places else _program
+        start = np.zeros(len(PARAMETERS) + len(self.shared))
+        return {
+            test: [
+                kind(self.shared, classes_of(self.shared), test, self.reads[test]).bound(start, block)
+                for block in blocks
+            ]
+            for test, blocks in self.blocks.items()
+        }
+
     def readings(self, p: np.ndarray) -> tuple[list[tuple[np.ndarray, np.ndarray]], dict[str, dict[str, np.ndarray]]]:
         """Of each channel (reading (padded,), slopes (entries, padded)) before any filter and any mean, pads, which weigh nothing, being
         0; and with places what the rows could read: {test: {reading: (padded,)}}.
@@ -158,15 +166,9 @@ class RowBlocks:
         whole = np.zeros(count)
         whole[entries] = p
         entries += range(count, count + self.behind)
-        reads = {test: tuple(dict.fromkeys(c.reads for c in data.channels if c.test == test)) for test in self.blocks}
-        program: Any = functools.partial(
-            place_program if self.places else _program, self.shared, classes_of(self.shared)
-        )
+        reads = self.reads
         # All are begun before any is waited for: blocks run side by side.
-        begun = {
-            test: [program(test, reads[test], block.structure)(whole, *block.leaves) for block in blocks]
-            for test, blocks in self.blocks.items()
-        }
+        begun = {test: [program(whole) for program in programs] for test, programs in self.programs.items()}
         found = {
             test: (
                 self._joined(test, [part[0] for part in parts]),
