@@ -319,7 +319,7 @@ def test_cache_does_not_grow_for_ever(monkeypatch, tmp_path):
     for age, name in enumerate(("newest", "middle", "oldest")):
         (folder / name).write_bytes(b"x" * 100)
         os.utime(folder / name, (1e9 - age, 1e9 - age))
-    assert jax_setup.compilation_cache() == folder
+    assert jax_setup.compilation_cache("jax") == folder
     assert sorted(file.name for file in folder.iterdir()) == ["middle", "newest"]
 
 
