@@ -62,15 +62,15 @@ def _needs(names: Iterable[str], heat: bool = False) -> frozenset[str]:
     return frozenset(need for need in asked if asked[need])
 
 
-def same_program(names: Iterable[str], heat: bool) -> tuple[str, ...]:
-    """Effects of the whole library, whatever a record can show, that act row by row in a program no dearer than that of `names`.
-
-    heat: computed there. No effect among them stores oil.
-    """
+def program_of_all(names: Iterable[str], heat: bool) -> tuple[str, ...]:
+    """Effects of the whole library, whatever a record can show, in a program no dearer than that of `names`; heat: computed there."""
     needs = _needs(names, heat)
-    return tuple(
-        name for name, info in EFFECTS.items() if info.rowwise and not info.stores and _needs((name,)) <= needs
-    )
+    return tuple(name for name in EFFECTS if _needs((name,)) <= needs)
+
+
+def same_program(names: Iterable[str], heat: bool) -> tuple[str, ...]:
+    """Those of `program_of_all` that act row by row. No effect among them stores oil."""
+    return tuple(name for name in program_of_all(names, heat) if EFFECTS[name].rowwise and not EFFECTS[name].stores)
 
 
 def coupled(name: str) -> bool:

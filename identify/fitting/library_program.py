@@ -35,6 +35,7 @@ from thermohyd.identify.fitting.static_readings import (
 )
 from thermohyd.identify.fitting.static_residuals import channel_layers, rows_of_test
 from thermohyd.identify.noise.whitening import Whitening, whiten
+from thermohyd.kept_programs import KeptProgram
 from thermohyd.numerics import OPTIONS, jitted, known_options
 from thermohyd.port_storage import StoredPorts
 from thermohyd.valve import Valve
@@ -80,10 +81,7 @@ def split(effects: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     )
 
 
-Program = Callable[[Any, Any], tuple[Array, Array, Array]]
-
-
-def library_program(effects: tuple[str, ...]) -> Program:
+def library_program(effects: tuple[str, ...]) -> KeptProgram:
     """Compiled (p, args) -> `residual_and_columns`; p in the order of `order_of(effects)`.
 
     With XLA's default options it takes 1.4 to 2 times as long to compile, and runs no faster.
@@ -92,11 +90,9 @@ def library_program(effects: tuple[str, ...]) -> Program:
 
 
 @functools.cache
-def _program(effects: tuple[str, ...], classes: tuple[type, ...]) -> Program:
+def _program(effects: tuple[str, ...], classes: tuple[type, ...]) -> KeptProgram:
     """classes: what stands behind the names; a user may put another effect under a name."""
-    del classes
-    options = known_options(OPTIONS)
-    return jitted(functools.partial(residual_and_columns, effects), options)
+    return jitted(functools.partial(residual_and_columns, effects), known_options(OPTIONS), classes)
 
 
 def library_residual(effects: tuple[str, ...]) -> Callable[[Any, Any], Array]:
@@ -106,9 +102,7 @@ def library_residual(effects: tuple[str, ...]) -> Callable[[Any, Any], Array]:
 
 @functools.cache
 def _residual(effects: tuple[str, ...], classes: tuple[type, ...]) -> Callable[[Any, Any], Array]:
-    del classes
-    options = known_options(OPTIONS)
-    return jitted(functools.partial(residual_alone, effects), options)
+    return jitted(functools.partial(residual_alone, effects), known_options(OPTIONS), classes)
 
 
 def with_amounts(valve: Valve, names: tuple[str, ...], amounts: Sequence[Float[Array, "..."]]) -> Valve:

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Protocol, runtime_checkable
 
-import jax.numpy as jnp
 import numpy as np
 
 from thermohyd.conditions import Conditions
@@ -25,7 +24,7 @@ from thermohyd.identify.reduction.monotone_pieces import run_ids
 
 from .bench_faults import BenchFault, corrected
 from .library import Library, stores, with_heat
-from .library_program import ENTRIES, LibraryArgs, RowTerms, library_program, library_residual, order_of
+from .library_program import ENTRIES, LibraryArgs, RowTerms, order_of
 from .parameters import PARAMETERS, ParameterPlan
 from .row_blocks import RowBlocks
 from .row_sizes import coarse_size
@@ -39,7 +38,7 @@ from .static_readings import (
     static_data,
     with_columns,
 )
-from .storage_columns import storage_columns
+from .tied_rows import TiedRows, blocked_tests, stored_beside
 from .uncertainty import Key
 
 
@@ -110,11 +109,6 @@ class Readings(Protocol):
         ...
 
 
-def with_conditions(args: LibraryArgs, conditions: Mapping[str, Conditions]) -> LibraryArgs:
-    """The same with other operating points of some tests."""
-    return replace(args, data=replace(args.data, conditions={**args.data.conditions, **conditions}))
-
-
 @dataclass(frozen=True)
 class StaticReadings:
     """Static tests: one compiled program for any set of effects, whose columns come row by row (`library_program`)."""
@@ -144,9 +138,8 @@ class StaticReadings:
         return coarse_size(rows)
 
     def evaluation(self, program: tuple[str, ...], faults: tuple[BenchFault, ...] = ()) -> Evaluation:
-        tied = any(stores(name) for name in program)  # a row's readings are of the rows before it, too
         if not faults:
-            return self._tied(program) if tied else lambda p: self._evaluated(program, p)[:2]
+            return lambda p: self._evaluated(program, p)[:2]
         place = {column: i for i, column in enumerate(FIELDS)}
         steps = np.diag([STEP * fault.info.scale for fault in faults])
         white = {
@@ -158,31 +151,38 @@ class StaticReadings:
         def evaluate(p: np.ndarray) -> tuple[Any, Any]:
             own, amounts = p[: -len(faults)], p[-len(faults) :]
             moved = lambda by: self._moved(dict(zip(faults, (amounts + by).tolist(), strict=True)))
-            if tied:
-                args, alone = self.arguments(program), library_residual(program)
-                there = lambda by: with_conditions(args, moved(by))
-                residual, columns, _ = library_program(program)(jnp.asarray(own), there(0.0))
-                slopes = [(alone(jnp.asarray(own), there(step)) - residual) / step.sum() for step in steps]
-            else:
-                residual, columns, by_row, _ = self._blocks(program).moved(moved(0.0)).evaluate(own)
-                slopes = [self._of_rows(fault, by_row[place[fault.info.moves]], white) for fault in faults]
-            return residual, jnp.concatenate([columns, np.stack(slopes)])
+            rows = self._blocks(program).moved(moved(0.0))
+            residual, columns, by_row = rows.evaluate(own)[:3]
+            slopes = [self._of_rows(fault, by_row[place[fault.info.moves]], white) for fault in faults]
+            for fault, slope, step in zip(faults, slopes, steps, strict=True):
+                if isinstance(rows, TiedRows):
+                    self._of_stored(fault, slope, residual, rows.moved(moved(step)), own, step.sum())
+            return residual, np.concatenate([columns, np.stack(slopes)])
 
         return evaluate
 
-    def _tied(self, program: tuple[str, ...]) -> Evaluation:
-        args, both = self.arguments(program), library_program(program)
-        return lambda p: both(jnp.asarray(p), args)[:2]
+    def _of_stored(
+        self, fault: BenchFault, slope: np.ndarray, residual: np.ndarray, moved: TiedRows, p: np.ndarray, step: float
+    ) -> None:
+        """Put into a fault's column that of the tests whose ports store oil: where a row's readings are of the rows before it, too, by
+        a difference. moved: with the fault larger by a step."""
+        places = channel_slices(self.tests, coarse_size)
+        tests = tuple(test for test in blocked_tests(moved.args) if test in fault.shapes)
+        for test, there in moved.residual(p, tests).items():
+            first = min(place.start for key, place in places.items() if key[0] == test)
+            rows = slice(first, first + len(there))
+            slope[rows] = (there - residual[rows]) / step
 
-    def _blocks(self, program: tuple[str, ...]) -> RowBlocks:
-        """The readings by blocks of rows, with a program's effects; laid out once."""
+    def _blocks(self, program: tuple[str, ...]) -> RowBlocks | TiedRows:
+        """The readings with a program's effects, laid out once: by blocks of rows, blocked tests whole where ports store oil."""
         if program not in self._laid_out:
-            rows = {name: test.rows for name, test in self.tests.items()}
-            self._laid_out[program] = RowBlocks.of(program, self.arguments(program), rows)
+            rows, args = {name: test.rows for name, test in self.tests.items()}, self.arguments(program)
+            tied = any(stores(name) for name in program)  # a row's readings are of the rows before it, too
+            self._laid_out[program] = TiedRows(program, args, rows) if tied else RowBlocks.of(program, args, rows)
         return self._laid_out[program]
 
     @cached_property
-    def _laid_out(self) -> dict[tuple[str, ...], RowBlocks]:
+    def _laid_out(self) -> dict[tuple[str, ...], RowBlocks | TiedRows]:
         return {}
 
     def with_terms(self, terms: tuple[LearnedTerm | TypedTerm, ...], states: States | None) -> "StaticReadings":
@@ -240,9 +240,7 @@ class StaticReadings:
     ) -> tuple[np.ndarray, np.ndarray]:
         """What `storage_columns` gives beside the effects `present`; vector: the values of named entries."""
         program = tuple(name for name in self.program((*present, *amounts)) if not stores(name))
-        p, c = vector(self.order(program)), np.array([*amounts.values()])
-        found = storage_columns(program, tuple(amounts), p, c, self.arguments(program))
-        return np.asarray(found[0]), np.asarray(found[1])
+        return stored_beside(program, amounts, vector(self.order(program)), self.arguments(program))
 
     @property
     def _heat_asked(self) -> bool:

@@ -44,8 +44,8 @@ def block_size(count: int) -> int:
 
 def blocks_of(args: LibraryArgs, test: str, count: int) -> tuple[LibraryArgs, ...]:
     """A test's operating points and learned terms in blocks; count: its rows (or nodes) without pads."""
-    conditions = _complete(args.data.conditions[test])
-    group, first = _place_in_group(args.data.conditions, test)
+    conditions = complete(args.data.conditions[test])
+    group, first = place_in_group(args.data.conditions, test)
     terms = args.terms[group]
     found = []
     size = block_size(count)
@@ -58,14 +58,14 @@ def blocks_of(args: LibraryArgs, test: str, count: int) -> tuple[LibraryArgs, ..
     return tuple(found)
 
 
-def _complete(conditions: Conditions) -> Conditions:
+def complete(conditions: Conditions) -> Conditions:
     """The same with every column that an effect may ask for: a test without time is one at rest."""
     none = jnp.zeros(len(conditions.position))
     lacks = {name: none for name in ("time", "rate", "direction", "run") if getattr(conditions, name) is None}
     return replace(conditions, **lacks) if lacks else conditions
 
 
-def _place_in_group(conditions: Mapping[str, Conditions], test: str) -> tuple[str, int]:
+def place_in_group(conditions: Mapping[str, Conditions], test: str) -> tuple[str, int]:
     """(the group that a test is solved with, the first of its rows there)."""
     for group, tests in groups_of(dict(conditions)).items():
         if test in tests:
@@ -288,5 +288,4 @@ def _filtered(
 
 @functools.cache
 def _filter(name: str, classes: tuple[type, ...]) -> Callable[..., tuple[Array, Array]]:
-    del classes
-    return jitted(functools.partial(filtered, name), known_options(OPTIONS))
+    return jitted(functools.partial(filtered, name), known_options(OPTIONS), classes)

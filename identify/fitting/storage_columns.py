@@ -37,9 +37,7 @@ def storage_columns(
 
 @functools.cache
 def _compiled(effects: tuple[str, ...], stored: tuple[str, ...], classes: tuple[type, ...]) -> Any:
-    del classes
-    options = known_options(OPTIONS)
-    return jitted(functools.partial(columns_of_stored, effects, stored), options)
+    return jitted(functools.partial(columns_of_stored, effects, stored), known_options(OPTIONS), classes)
 
 
 def columns_of_stored(

@@ -13,6 +13,8 @@ from thermohyd.identify.fitting.library import library_for
 from thermohyd.identify.fitting.library_program import library_program
 from thermohyd.identify.fitting.parameters import PARAMETERS, plan_parameters
 from thermohyd.identify.fitting.readings import Noise, StaticReadings
+from thermohyd.identify.fitting.storage_columns import storage_columns
+from thermohyd.identify.fitting.tied_rows import blocked_tests, of_tests
 from thermohyd.identify.noise.correlation import NoiseCorrelation
 
 
@@ -80,3 +82,47 @@ def test_records_share_their_programs():
         program = other.program(())
         other.evaluation(program)(point(other, program, {}))
     assert row_blocks._program.cache_info().misses == before
+
+
+# The steps between rows are given out among the rows of a program: among a test's own, or among those of all blocked tests.
+OF_THE_STEPS = 1e-3
+
+
+@pytest.mark.parametrize("change", ["as it is", "reduced"])
+def test_stored_oil_test_by_test_is_that_of_one_program(change):
+    readings = readings_of(CHANGES[change])
+    program = readings.program(("port_compliance_a",))
+    amounts = {"port_compliance_a": 2e-12, "position_scale": 0.01, "flowmeter_lag": 0.2}
+    p = point(readings, program, amounts)
+    residual, columns = readings.evaluation(program)(p)
+    args = readings.arguments(program)
+    whole, _, _ = library_program(program)(jnp.asarray(p), args)
+    np.testing.assert_allclose(
+        residual, np.asarray(whole), rtol=0.0, atol=OF_THE_STEPS * np.abs(np.asarray(whole)).max()
+    )
+    first = 0
+    for test in args.data.conditions:  # one channel each
+        own, own_columns, _ = library_program(program)(jnp.asarray(p), of_tests(args, (test,)))
+        rows = slice(first, first := first + len(own))
+        size = np.abs(np.asarray(own_columns)).max(axis=1, keepdims=True) + 1e-300
+        np.testing.assert_allclose(residual[rows], np.asarray(own), rtol=1e-8, atol=1e-8)
+        np.testing.assert_allclose(columns[:, rows] / size, np.asarray(own_columns) / size, atol=1e-7)
+    assert first == len(residual)
+
+
+def test_what_oil_would_store_is_found_test_by_test():
+    readings = readings_of(CHANGES["as it is"])
+    amounts = {"port_compliance_a": 1e-12, "port_compliance_b": 0.0}
+    program = tuple(name for name in readings.program(tuple(amounts)) if name not in amounts)
+    p = point(readings, program, {"thermal_clearance": 1e-9})
+    found = readings.storage(lambda order: point(readings, program, {"thermal_clearance": 1e-9}), (), amounts)
+    args = readings.arguments(program)
+    first = 0
+    for test in args.data.conditions:  # one channel each
+        rows = slice(first, first := first + len(args.data.conditions[test].position))
+        if test not in blocked_tests(args):
+            assert not np.any(found[0][rows])
+            continue
+        whole = storage_columns(program, tuple(amounts), p, np.array([*amounts.values()]), of_tests(args, (test,)))
+        for own, other in zip(found, map(np.asarray, whole), strict=True):
+            np.testing.assert_allclose(own[..., rows], other, rtol=1e-7, atol=1e-7 * np.abs(other).max())
