@@ -340,7 +340,7 @@ def said(thing: Any) -> Iterator[str]:
         yield "method"
         yield from said((thing.__self__, thing.__func__))
     elif isinstance(thing, types.FunctionType):
-        yield from _said_of_function(thing)
+        yield from _said_of_function(_unchecked(thing))
     elif isinstance(thing, (types.BuiltinFunctionType, np.ufunc)):
         yield f"{getattr(thing, '__module__', 'numpy')}.{thing.__name__}"
     elif dataclasses.is_dataclass(thing):
@@ -353,6 +353,14 @@ def said(thing: Any) -> Iterator[str]:
         yield from said(thing.__wrapped__)
     else:
         raise CannotKeepError(f"{type(thing)}")
+
+
+def _unchecked(function: Any) -> Any:
+    """The function without the checks of types that a suite of tests puts around it."""
+    checks = ("<@beartype", os.path.join("jaxtyping", "_decorator.py"))
+    while hasattr(function, "__wrapped__") and any(part in function.__code__.co_filename for part in checks):
+        function = function.__wrapped__
+    return function
 
 
 def _said_of_function(function: types.FunctionType) -> Iterator[str]:

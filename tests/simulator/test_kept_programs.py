@@ -1,0 +1,112 @@
+"""Programs on disk: another process takes them without tracing, and whatever decides a program is part of what it is kept under."""
+
+import os
+import subprocess
+import sys
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from helpers.valves import seed_valve
+
+from thermohyd import kept_programs
+from thermohyd.effects.library import own_effects
+from thermohyd.kept_programs import CannotKeepError, KeptProgram, said
+from thermohyd.numerics import linear_recursion
+
+
+KEEP, SOURCE = np.array([0.5, 0.25, 0.5]), np.array([1.0, 2.0, 3.0])
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.setattr(kept_programs, "_folder", tmp_path)
+    return tmp_path
+
+
+def programs(folder):
+    return sorted(file.name for file in folder.iterdir())
+
+
+def words(thing) -> list[str]:
+    return list(said(thing))
+
+
+def test_what_was_compiled_once_is_read(folder, monkeypatch):
+    want = np.asarray(linear_recursion(jnp.asarray(KEEP), jnp.asarray(SOURCE)))
+    assert np.array_equal(KeptProgram(linear_recursion, {})(KEEP, SOURCE), want)
+    (file,) = programs(folder)
+    assert file.startswith("linear_recursion-")
+    with monkeypatch.context() as within:
+        within.setattr(kept_programs, "_compiled_and_kept", None)  # would raise
+        again = KeptProgram(linear_recursion, {})
+        assert np.array_equal(again(KEEP, SOURCE), want)
+        assert np.array_equal(
+            again.bound(KEEP, SOURCE)(2.0 * KEEP), linear_recursion(2.0 * jnp.asarray(KEEP), jnp.asarray(SOURCE))
+        )
+    (folder / file).write_bytes((folder / file).read_bytes()[:500])
+    assert np.array_equal(KeptProgram(linear_recursion, {})(KEEP, SOURCE), want)
+    assert programs(folder) == [file]
+    assert (folder / file).stat().st_size > 500
+
+
+def test_what_decides_a_program_decides_its_name(folder):
+    KeptProgram(linear_recursion, {})(KEEP, SOURCE)
+    KeptProgram(linear_recursion, {})(KEEP[:2], SOURCE[:2])
+    KeptProgram(linear_recursion, {"xla_llvm_disable_expensive_passes": True})(KEEP, SOURCE)
+    KeptProgram(linear_recursion, {}, (int,))(KEEP, SOURCE)
+    assert len(programs(folder)) == 4
+    assert len({tuple(words(thing)) for thing in (1, True, 1.0, "1", b"1", 0.0, -0.0, (1,), [1])}) == 9
+    assert words({2, 1}) == words({1, 2})
+    valve = seed_valve()
+    assert words(valve) == words(seed_valve()) != words(replace(valve, underlap=2.0 * valve.underlap))
+
+
+def test_within_a_derivative_it_is_an_ordinary_function(folder):
+    program = KeptProgram(linear_recursion, {})
+    slope = jax.grad(lambda source: program(jnp.asarray(KEEP), source)[-1])(jnp.asarray(SOURCE))
+    np.testing.assert_allclose(slope, [0.125, 0.5, 1.0])
+    assert programs(folder) == []
+
+
+def test_what_has_no_words_is_compiled_and_not_kept(folder):
+    program = KeptProgram(lambda a, b: a + b, {})  # no function of ours: its source may change while its name stays
+    assert np.array_equal(program(KEEP, SOURCE), KEEP + SOURCE)
+    assert np.array_equal(program.bound(KEEP, SOURCE)(SOURCE), 2.0 * SOURCE)
+    with pytest.raises(CannotKeepError):
+        words(object())
+    assert programs(folder) == []
+
+
+def test_nothing_is_kept_beside_effects_of_the_users_own(folder):
+    own_effects.add("mine")
+    try:
+        KeptProgram(linear_recursion, {})(KEEP, SOURCE)
+        KeptProgram(linear_recursion, {}).bound(KEEP, SOURCE)(KEEP)
+    finally:
+        own_effects.discard("mine")
+    assert programs(folder) == []
+
+
+def test_another_process_takes_it_and_finds_lapack(tmp_path):
+    """Names hash otherwise there, and nothing has been lowered that calls LAPACK."""
+    code = (
+        "import sys, pathlib, jax, numpy as np\n"
+        "jax.config.update('jax_enable_x64', True)\n"
+        "from thermohyd.kept_programs import KeptProgram, keep_in\n"
+        "keep_in(pathlib.Path(sys.argv[1]))\n"
+        "solve = KeptProgram(jax.numpy.linalg.solve, {})\n"
+        "print(solve(np.array([[2.0, 1.0], [1.0, 3.0]]), np.array([3.0, 4.0])).tolist())"
+    )
+    for seed in ("1", "2"):
+        ran = subprocess.run(
+            [sys.executable, "-P", "-c", code, str(tmp_path)],
+            check=True,
+            capture_output=True,
+            text=True,
+            env={**os.environ, "PYTHONHASHSEED": seed},
+        )
+        np.testing.assert_allclose(eval(ran.stdout), [1.0, 1.0])
+        assert len(programs(tmp_path)) == 1
