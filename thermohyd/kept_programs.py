@@ -127,9 +127,32 @@ class KeptProgram:
             return None
         file = _folder / f"{_name_of(self.function)}-{hashlib.sha256(words.encode()).hexdigest()}{ENDING}"
         _ready_for_what_lowering_readies()
-        with suppress(Exception):  # nothing there, cut short, or of a release that the words do not tell apart
-            return _callable(*_read(file))
-        return _compiled_and_kept(self.function, self.options, tree, leaves, file)
+        make = lambda: _compiled_and_kept(self.function, self.options, tree, leaves, file)
+        try:
+            program = _callable(*_read(file))
+        except Exception:  # nothing there, cut short, or of a release that the words do not tell apart
+            return make()
+        return _tried(program, file, make)
+
+
+def _tried(program: Callable, file: Path, make: Callable[[], Callable]) -> Callable:
+    """The program from disk; should it fail when it first runs, it is made anew, and its file goes."""
+    proven = False
+
+    def call(arrays: list[Any]) -> Any:
+        nonlocal program, proven
+        if proven:
+            return program(arrays)
+        try:
+            found = jax.block_until_ready(program(arrays))
+        except Exception:  # whatever XLA calls what it cannot run
+            file.unlink(missing_ok=True)
+            program = make()
+            found = program(arrays)
+        proven = True
+        return found
+
+    return call
 
 
 def _name_of(function: Any) -> str:
@@ -187,10 +210,7 @@ def _compiled_and_kept(
         compiled = jax.jit(flat, compiler_options=options or None).lower(arrays).compile()
     # A host callback, an answer that cannot be written: this process has the program all the same.
     with suppress(Exception):
-        kept = (serialize_executable.serialize(compiled)[0], len(arrays), pickle.dumps(made["answer"]))
-        again = _executable(kept[0], len(arrays), made["answer"])(arrays)
-        if all(map(_same, again, compiled(arrays))):  # what cannot be read again is not kept
-            _write(file, kept)
+        _write(file, (serialize_executable.serialize(compiled)[0], len(arrays), pickle.dumps(made["answer"])))
     return lambda arrays: _answered(compiled(arrays), made["answer"])
 
 
@@ -204,10 +224,6 @@ def _out_of_jax_cache() -> Iterator[None]:
         yield
     finally:
         jax.config.update(name, before)
-
-
-def _same(one: Any, other: Any) -> bool:
-    return np.asarray(one).tobytes() == np.asarray(other).tobytes()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -351,6 +367,7 @@ def said(thing: Any) -> Iterator[str]:
     elif callable(getattr(thing, "__wrapped__", None)):  # compiled, cached, with derivatives of its own
         yield f"{type(thing).__module__}.{type(thing).__qualname__}"
         yield from said(thing.__wrapped__)
+        yield from said([getattr(thing, rule, None) for rule in ("jvp", "fwd", "bwd")])
     else:
         raise CannotKeepError(f"{type(thing)}")
 

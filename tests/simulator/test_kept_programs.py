@@ -52,6 +52,25 @@ def test_what_was_compiled_once_is_read(folder, monkeypatch):
     assert (folder / file).stat().st_size > 500
 
 
+def test_what_is_on_disk_and_does_not_run_is_made_anew(folder, monkeypatch):
+    want = np.asarray(KeptProgram(linear_recursion, {})(KEEP, SOURCE))
+    (file,) = programs(folder)
+    before = (folder / file).read_bytes()
+
+    def unsound(*_):
+        def run(arrays):
+            raise RuntimeError("NOT_FOUND: Function fusion not found")
+
+        return run
+
+    monkeypatch.setattr(kept_programs, "_callable", unsound)
+    program = KeptProgram(linear_recursion, {})
+    (folder / file).write_bytes(before)
+    assert np.array_equal(program(KEEP, SOURCE), want)
+    assert np.array_equal(program(KEEP, SOURCE), want)
+    assert programs(folder) == [file]
+
+
 def test_what_decides_a_program_decides_its_name(folder):
     KeptProgram(linear_recursion, {})(KEEP, SOURCE)
     KeptProgram(linear_recursion, {})(KEEP[:2], SOURCE[:2])
