@@ -174,7 +174,10 @@ class _Shape:
 
 def _key(tree: Any, leaves: list[Any]) -> Any:
     """Of a program in this process."""
-    return tree, tuple(_Shape.of(leaf) if eqx.is_array(leaf) else (type(leaf), leaf) for leaf in leaves)
+    return tree, tuple(
+        (leaf.shape, leaf.dtype, getattr(leaf, "weak_type", False)) if eqx.is_array(leaf) else (type(leaf), leaf)
+        for leaf in leaves
+    )
 
 
 def _flat(function: Callable, tree: Any, leaves: list[Any], number: int) -> tuple[Callable, dict[str, Any]]:

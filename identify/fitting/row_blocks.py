@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -44,18 +45,26 @@ def block_size(count: int) -> int:
 
 def blocks_of(args: LibraryArgs, test: str, count: int) -> tuple[LibraryArgs, ...]:
     """A test's operating points and learned terms in blocks; count: its rows (or nodes) without pads."""
-    conditions = complete(args.data.conditions[test])
     group, first = place_in_group(args.data.conditions, test)
-    terms = args.terms[group]
+    valve = jax.tree.map(lambda leaf: jnp.asarray(leaf) if eqx.is_array(leaf) else leaf, args.valve)
     found = []
-    size = block_size(count)
-    for begin in range(0, count, size):
-        # The last row's operating point is known to be sound.
-        rows = np.minimum(np.arange(begin, begin + size), count - 1)
-        own = jax.tree.map(lambda column, rows=rows: np.asarray(column)[rows], conditions)
-        there = {group: jax.tree.map(lambda values, rows=rows: np.asarray(values)[..., first + rows], terms)}
-        found.append(LibraryArgs(args.valve, StaticData({test: own}, (), {}), (), there))
+    for rows, own in zip(_rows_of_blocks(count), _in_blocks(args.data.conditions[test], count), strict=True):
+        terms = jax.tree.map(
+            lambda values, rows=rows: jnp.asarray(np.asarray(values)[..., first + rows]), args.terms[group]
+        )
+        found.append(LibraryArgs(valve, StaticData({test: own}, (), {}), (), {group: terms}))
     return tuple(found)
+
+
+def _rows_of_blocks(count: int) -> list[np.ndarray]:
+    """The last row fills the last block: its operating point is known to be sound."""
+    size = block_size(count)
+    return [np.minimum(np.arange(begin, begin + size), count - 1) for begin in range(0, count, size)]
+
+
+def _in_blocks(conditions: Conditions, count: int) -> list[Conditions]:
+    whole = jax.tree.map(np.asarray, complete(conditions))
+    return [jax.tree.map(lambda column, rows=rows: jnp.asarray(column[rows]), whole) for rows in _rows_of_blocks(count)]
 
 
 def complete(conditions: Conditions) -> Conditions:
@@ -126,8 +135,11 @@ class RowBlocks:
     def moved(self, conditions: Mapping[str, Conditions]) -> "RowBlocks":
         """The same with other operating points of some tests."""
         args = replace(self.args, data=replace(self.args.data, conditions={**self.args.data.conditions, **conditions}))
-        blocks = {test: blocks_of(args, test, self.rows[test]) for test in conditions}
-        return replace(self, args=args, blocks={**self.blocks, **blocks})
+        blocks = dict(self.blocks)
+        for test, read in conditions.items():
+            there = zip(self.blocks[test], _in_blocks(read, self.rows[test]), strict=True)
+            blocks[test] = tuple(replace(block, data=StaticData({test: own}, (), {})) for block, own in there)
+        return replace(self, args=args, blocks=blocks)
 
     @property
     def behind(self) -> int:
@@ -279,10 +291,10 @@ def _filtered(
     """See `filtered`: compiled for the length of one test alone."""
     if channel.test not in effect_info(name).shows:
         return reading, np.concatenate([columns, np.zeros_like(reading)[None]])
-    none = jnp.zeros(0)
+    none = np.zeros(0)
     alone = replace(channel, value=none, weight=none, sensor=None)
     own = LibraryArgs(args.valve, StaticData({channel.test: args.data.conditions[channel.test]}, (), {}), (), {})
-    behind, along = _filter(name, classes_of((name,)))(jnp.asarray(amount), alone, reading, columns, own)
+    behind, along = _filter(name, classes_of((name,)))(np.asarray(amount), alone, reading, columns, own)
     return np.asarray(behind), np.asarray(along)
 
 
