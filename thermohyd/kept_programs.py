@@ -31,7 +31,7 @@ import jax
 import numpy as np
 from jax.experimental import serialize_executable
 
-from .effects.library import own_effects
+from .own_effects import own_effects
 
 
 PACKAGE = __name__.partition(".")[0]

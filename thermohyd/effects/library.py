@@ -12,6 +12,8 @@ from dataclasses import fields, replace
 from importlib import import_module
 from typing import Any, TypeVar
 
+from thermohyd.own_effects import own_effects
+
 from .effect_info import EffectInfo
 
 
@@ -637,7 +639,6 @@ def unregister_effect(name: str) -> None:
 
 
 _BUILT_IN = frozenset(whole_library())
-own_effects: set[str] = set()  # names that `register_effect` added
 
 
 def _taken() -> set[str]:
