@@ -132,7 +132,7 @@ def test_the_chain_is_connected():
 
 
 def test_the_library_of_effects_is_plain_data():
-    assert reachable(EFFECTS) == {"thermohyd.effects.effect_info"}
+    assert reachable(EFFECTS) == {"thermohyd.effects.effect_info", "thermohyd.own_effects"}
 
 
 def test_nothing_in_the_simulator_stands_on_effects():

@@ -291,7 +291,7 @@ def _filtered(
     """See `filtered`: compiled for the length of one test alone."""
     if channel.test not in effect_info(name).shows:
         return reading, np.concatenate([columns, np.zeros_like(reading)[None]])
-    none = np.zeros(0)
+    none = jnp.zeros(0)
     alone = replace(channel, value=none, weight=none, sensor=None)
     own = LibraryArgs(args.valve, StaticData({channel.test: args.data.conditions[channel.test]}, (), {}), (), {})
     behind, along = _filter(name, classes_of((name,)))(np.asarray(amount), alone, reading, columns, own)

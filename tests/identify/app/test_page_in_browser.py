@@ -23,6 +23,8 @@ command_run.PROGRAM = ({sys.executable!r}, "-P", {str(Path(__file__).parents[2] 
 closing._WATCH.grace, closing.EVERY = 0.5, 0.2
 page()
 """
+# What is typed while the page is still being drawn anew goes out beside the old choices, which Streamlit takes for new ones.
+SETTLED = "document.querySelector('[data-test-script-state=notRunning]') !== null"
 SHOWN = "document.body.innerText.includes({!r})"
 REPORT = "document.querySelector('iframe').contentDocument"
 TOML = """[valve]
@@ -57,6 +59,7 @@ def test_from_a_folder_to_a_report(tmp_path):
             assert len(left()) == 1
             chromium.click("Take the proposals")
             chromium.wait(SHOWN.format("temperature is missing"))
+            chromium.wait(SETTLED)
             chromium.write("input[aria-label^='Oil temperature']", "40 degC")
             chromium.wait(SHOWN.format("valve 7: 1 test, 11 rows can be read."))
             chromium.click("Fit")
