@@ -29,6 +29,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import numpy as np
+from jax.core import Tracer
 from jax.experimental import serialize_executable
 
 from .own_effects import own_effects
@@ -83,7 +84,7 @@ class KeptProgram:
         if _folder is None or own_effects:
             return self.plain(*args, **kwargs)
         leaves, tree = jax.tree_util.tree_flatten((args, kwargs))
-        if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
+        if any(isinstance(leaf, Tracer) for leaf in leaves):
             return self.plain(*args, **kwargs)
         program = self._program(tree, leaves)
         return self.plain(*args, **kwargs) if program is None else program(list(filter(eqx.is_array, leaves)))
@@ -369,7 +370,7 @@ def said(thing: Any) -> Iterator[str]:
             yield from said(getattr(thing, field.name, None))
     elif callable(getattr(thing, "__wrapped__", None)):  # compiled, cached, with derivatives of its own
         yield f"{type(thing).__module__}.{type(thing).__qualname__}"
-        yield from said(thing.__wrapped__)
+        yield from said(getattr(thing, "__wrapped__", None))
         yield from said([getattr(thing, rule, None) for rule in ("jvp", "fwd", "bwd")])
     else:
         raise CannotKeepError(f"{type(thing)}")
