@@ -20,6 +20,7 @@ import platform
 import sys
 import tempfile
 import types
+import weakref
 import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -38,13 +39,13 @@ from .own_effects import own_effects
 PACKAGE = __name__.partition(".")[0]
 # What a program's meaning stands on beside this library's source; their own code changes with their releases alone.
 RELEASES = ("jax", "jaxlib", "equinox", "diffrax", "optimistix", "lineax", "numpy", "jaxtyping", "blackjax")
-TRUSTED = {PACKAGE, *RELEASES, "builtins", "functools", "operator", "math", "typing", "collections", "enum", "quax"}
+TRUSTED = {PACKAGE, *RELEASES, "builtins", "functools", "operator", "math", "typing", "collections", "enum"}
 SETTINGS = ("jax_enable_x64", "jax_numpy_dtype_promotion", "jax_default_matmul_precision", "jax_debug_nans")
 HOST_ONLY = {"app", "checking", "cli", "export", "fleet", "report"}  # packages that read, write and draw
 ENDING = ".program"
 
 _folder: Path | None = None
-_programs: list["KeptProgram"] = []
+_programs: "weakref.WeakSet[KeptProgram]" = weakref.WeakSet()
 
 
 class CannotKeepError(Exception):
@@ -78,7 +79,7 @@ class KeptProgram:
         self.function, self.options, self.stands_on = function, options, stands_on
         self.loaded: dict[Any, Callable | None] = {}
         self.unkept: dict[Any, Callable] = {}
-        _programs.append(self)
+        _programs.add(self)
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
         if _folder is None or own_effects:
@@ -127,7 +128,6 @@ class KeptProgram:
         except CannotKeepError:
             return None
         file = _folder / f"{_name_of(self.function)}-{hashlib.sha256(words.encode()).hexdigest()}{ENDING}"
-        _ready_for_what_lowering_readies()
         make = lambda: _compiled_and_kept(self.function, self.options, tree, leaves, file)
         try:
             program = _callable(*_read(file))
@@ -236,18 +236,14 @@ class _Place:
 
 
 def _callable(executable: bytes, count: int, answer: bytes) -> Callable:
+    """What takes a list of so many arrays and gives the answer with those that it has places for."""
+    _ready_for_what_lowering_readies()
     told = pickle.loads(answer)
-    program = _executable(executable, count, told)
-    return lambda arrays: _answered(program(arrays), told)
-
-
-def _executable(executable: bytes, count: int, answer: Any) -> Callable:
-    """What takes a list of so many arrays and gives a list of those that the answer has places for."""
     takes = jax.tree_util.tree_structure((([0] * count,), {}))
-    places = sum(isinstance(leaf, _Place) for leaf in jax.tree_util.tree_leaves(answer))
-    return serialize_executable.deserialize_and_load(
-        executable, takes, jax.tree_util.tree_structure([0] * (places + 1))
-    )
+    places = sum(isinstance(leaf, _Place) for leaf in jax.tree_util.tree_leaves(told))
+    gives = jax.tree_util.tree_structure([0] * (places + 1))
+    program = serialize_executable.deserialize_and_load(executable, takes, gives)
+    return lambda arrays: _answered(program(arrays), told)
 
 
 def _answered(found: list[Any], answer: Any) -> Any:
@@ -348,7 +344,8 @@ def said(thing: Any) -> Iterator[str]:
             yield from said(name)
             yield from said(value)
     elif isinstance(thing, (tuple, list)):
-        yield f"{type(thing).__module__}.{type(thing).__qualname__} {len(thing)}"
+        yield from _named(type(thing))
+        yield f"{len(thing)}"
         for item in thing:
             yield from said(item)
     elif isinstance(thing, type):
@@ -401,6 +398,7 @@ def _said_of_function(function: types.FunctionType) -> Iterator[str]:
 
 def _named(thing: Any) -> Iterator[str]:
     """A class or a function by name, whose source the digest of this library or a release stands for."""
-    if thing.__module__.partition(".")[0] not in TRUSTED:
+    whose, *packages = thing.__module__.split(".")
+    if whose not in TRUSTED or (whose == PACKAGE and HOST_ONLY & set(packages)):
         raise CannotKeepError(f"{thing.__module__}.{thing.__qualname__} is none of ours")
     yield f"{thing.__module__}.{thing.__qualname__}"

@@ -19,8 +19,8 @@ LARGEST_CACHE = 512 * 1024**2  # bytes
 # An entry this young may still be in the writing when the process is interrupted.
 UNFINISHED = 2.0  # s
 # A process that holds more drops its compiled programs before the next record. Blocks of rows take 20 to 60 MB for each kind of test
-# and reading, and there are three or four of each (plain, usual effects, lines, heat), whatever the records; what ties rows together, and
-# runs in motion, have programs for each length. What compiling them took is given back before.
+# and reading, and there are three or four of each (plain, usual effects, lines, heat), whatever the records; what ties rows together
+# has programs for each of a few lengths, and so have runs in motion. What compiling them took is given back before.
 MOST_MEMORY = 1.5e9  # bytes
 
 
@@ -70,7 +70,7 @@ def compilation_cache(kind: str) -> Path | None:
 def keep_memory_flat() -> None:
     """Between records: let the compiled programs go once they are many, so that records of one shape share theirs.
 
-    What is needed again is in the cache on disk, but for its tracing, which takes a third of a record's time.
+    What is needed again is on disk (`kept_programs`), and read in a fraction of a second each.
     """
     if "jax" not in sys.modules:
         return

@@ -1,7 +1,8 @@
 """Residuals and derivatives of a record's static tests with every effect of a library present: one program for any set of effects.
 
 A fit of some effects holds the others at 0 (an effect at its neutral value changes nothing), so that all refits of a
-search share one compiled solve, and every solve returns the derivatives to all effects, the absent ones included.
+search share one compiled solve, and every solve returns the derivatives to all effects, the absent ones included. Where no port
+stores oil, `row_blocks` evaluates the same readings some hundred rows at a time; where one does, `tied_rows` asks here for a test.
 """
 
 import functools

@@ -38,7 +38,7 @@ from .static_readings import (
     static_data,
     with_columns,
 )
-from .tied_rows import TiedRows, blocked_tests, stored_beside
+from .tied_rows import TiedRows, blocked_tests, rows_of_tests, stored_beside
 from .uncertainty import Key
 
 
@@ -111,7 +111,7 @@ class Readings(Protocol):
 
 @dataclass(frozen=True)
 class StaticReadings:
-    """Static tests: one compiled program for any set of effects, whose columns come row by row (`library_program`)."""
+    """Static tests: compiled programs for any set of effects and any record, whose columns come row by row (`row_blocks`, `tied_rows`)."""
 
     record: BenchRecord
     tests: dict[str, TestRecord]
@@ -166,12 +166,10 @@ class StaticReadings:
     ) -> None:
         """Put into a fault's column that of the tests whose ports store oil: where a row's readings are of the rows before it, too, by
         a difference. moved: with the fault larger by a step."""
-        places = channel_slices(self.tests, coarse_size)
+        places = rows_of_tests(moved.args.data.channels)
         tests = tuple(test for test in blocked_tests(moved.args) if test in fault.shapes)
         for test, there in moved.residual(p, tests).items():
-            first = min(place.start for key, place in places.items() if key[0] == test)
-            rows = slice(first, first + len(there))
-            slope[rows] = (there - residual[rows]) / step
+            slope[places[test]] = (there - residual[places[test]]) / step
 
     def _blocks(self, program: tuple[str, ...]) -> RowBlocks | TiedRows:
         """The readings with a program's effects, laid out once: by blocks of rows, blocked tests whole where ports store oil."""

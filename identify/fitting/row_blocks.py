@@ -178,7 +178,6 @@ class RowBlocks:
         whole = np.zeros(count)
         whole[entries] = p
         entries += range(count, count + self.behind)
-        reads = self.reads
         # All are begun before any is waited for: blocks run side by side.
         begun = {test: [program(whole) for program in programs] for test, programs in self.programs.items()}
         found = {
@@ -192,7 +191,7 @@ class RowBlocks:
             test: {name: self._joined(test, [part[2][name] for part in parts]) for name in parts[0][2]}
             for test, parts in (begun.items() if self.places else ())
         }
-        at = [(found[c.test], reads[c.test].index(c.reads)) for c in data.channels]
+        at = [(found[c.test], self.reads[c.test].index(c.reads)) for c in data.channels]
         return [(values[i], slopes[i]) for (values, slopes), i in at], states
 
     def evaluate(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, dict[str, dict[str, np.ndarray]]]:

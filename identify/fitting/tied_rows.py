@@ -17,7 +17,7 @@ from thermohyd.conditions import Conditions
 from .library import program_of_all, stores
 from .library_program import MOVES, LibraryArgs, library_program, library_residual, order_of
 from .row_blocks import RowBlocks, complete, place_in_group
-from .static_readings import GROUPS, STORED_GROUP, StaticData
+from .static_readings import GROUPS, STORED_GROUP, ChannelRows, StaticData, groups_of
 from .storage_columns import storage_columns
 
 
@@ -25,23 +25,31 @@ def of_tests(args: LibraryArgs, tests: tuple[str, ...]) -> LibraryArgs:
     """The data of these tests alone, with every column that an effect may ask for."""
     data = args.data
     own = [i for i, channel in enumerate(data.channels) if channel.test in tests]
-    terms: dict[str, Any] = {}
-    for test in tests:
-        group, first = place_in_group(data.conditions, test)
-        rows = slice(first, first + len(data.conditions[test].position))
-        part = jax.tree.map(lambda values, rows=rows: np.asarray(values)[..., rows], args.terms[group])
-        before = terms.get(group)
-        terms[group] = part if before is None else jax.tree.map(_behind, before, part)
+    terms = {}
+    for group, members in groups_of(data.conditions).items():
+        begins = {test: place_in_group(data.conditions, test)[1] for test in members if test in tests}
+        if begins:
+            rows = np.concatenate(
+                [first + np.arange(len(data.conditions[test].position)) for test, first in begins.items()]
+            )
+            terms[group] = jax.tree.map(lambda values, rows=rows: np.asarray(values)[..., rows], args.terms[group])
     alone = StaticData(
-        {test: complete(data.conditions[test]) for test in data.conditions if test in tests},
+        {test: complete(conditions) for test, conditions in data.conditions.items() if test in tests},
         tuple(data.channels[i] for i in own),
         {test: weight for test, weight in data.weights.items() if test in tests},
     )
     return LibraryArgs(args.valve, alone, tuple(args.whitening[i] for i in own), terms)
 
 
-def _behind(before: np.ndarray, part: np.ndarray) -> np.ndarray:
-    return np.concatenate([before, part], axis=-1)
+def rows_of_tests(channels: tuple[ChannelRows, ...]) -> dict[str, slice]:
+    """Where each test's residuals stand, those of its channels behind one another."""
+    found: dict[str, slice] = {}
+    first = 0
+    for channel in channels:
+        stop = first + len(channel.value)
+        found[channel.test] = slice(found[channel.test].start if channel.test in found else first, stop)
+        first = stop
+    return found
 
 
 def blocked_tests(args: LibraryArgs) -> tuple[str, ...]:
@@ -98,19 +106,17 @@ class TiedRows:
         order = order_of(self.program)
         whole, places = _placed(order, p, order_of(self._all))
         begun = {test: program(whole) for test, program in self._blocked.items()}
-        found: dict[str, list[tuple[np.ndarray, np.ndarray, np.ndarray]]] = {}
+        found: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
         if self._others is not None:
-            apart = order_of(self._others.program)
-            own = [order.index(name) for name in apart]
+            own = [order.index(name) for name in order_of(self._others.program)]
             residual, columns, by_row, _ = self._others.evaluate(p[own])
             every = np.zeros((len(order), columns.shape[1]))
             every[own] = columns
-            self._cut(self._others.args, (residual, every, by_row[:MOVES]), found)
+            for test, rows in rows_of_tests(self._others.args.data.channels).items():
+                found[test] = residual[rows], every[:, rows], by_row[:MOVES, rows]
         for test, (residual, columns, by_row) in begun.items():
-            parts = (np.asarray(residual), np.asarray(columns)[places], np.asarray(by_row)[:MOVES])
-            self._cut(of_tests(self.args, (test,)), parts, found)
-        ordered = [part for test in self._order for part in found[test]]
-        residuals, columns, by_row = ([part[i] for part in ordered] for i in range(3))
+            found[test] = np.asarray(residual), np.asarray(columns)[places], np.asarray(by_row)[:MOVES]
+        residuals, columns, by_row = zip(*(found[test] for test in rows_of_tests(self.args.data.channels)), strict=True)
         return np.concatenate(residuals), np.concatenate(columns, axis=1), np.concatenate(by_row, axis=1)
 
     def residual(self, p: np.ndarray, tests: tuple[str, ...]) -> dict[str, np.ndarray]:
@@ -118,20 +124,6 @@ class TiedRows:
         whole, _ = _placed(order_of(self.program), p, order_of(self._all))
         alone = library_residual(self._all)
         return {test: np.asarray(alone(whole, of_tests(self.args, (test,)))) for test in tests}
-
-    @property
-    def _order(self) -> list[str]:
-        """Tests in the order of their channels."""
-        return list(dict.fromkeys(channel.test for channel in self.args.data.channels))
-
-    @staticmethod
-    def _cut(args: LibraryArgs, parts: tuple[np.ndarray, np.ndarray, np.ndarray], found: dict[str, list]) -> None:
-        """Channel by channel, each beside its test."""
-        first = 0
-        for channel in args.data.channels:
-            own = slice(first, first + len(channel.value))
-            found.setdefault(channel.test, []).append((parts[0][own], parts[1][:, own], parts[2][:, own]))
-            first = own.stop
 
 
 def stored_beside(
@@ -142,18 +134,10 @@ def stored_beside(
     every = tuple(name for name in program_of_all((*program, *amounts), heat) if not stores(name))
     whole, _ = _placed(order_of(program), p, order_of(every))
     values = np.array([*amounts.values()])
-    found = {}
+    places = rows_of_tests(args.data.channels)
+    residual = np.zeros(max(rows.stop for rows in places.values()))
+    columns = np.zeros((len(amounts), len(residual)))
     for test in blocked_tests(args):
-        found[test] = storage_columns(every, tuple(amounts), whole, values, of_tests(args, (test,)))
-    residuals, columns, taken = [], [], dict.fromkeys(found, 0)
-    for channel in args.data.channels:
-        count = len(channel.value)
-        if channel.test not in found:
-            residuals.append(np.zeros(count))
-            columns.append(np.zeros((len(amounts), count)))
-            continue
-        own = slice(taken[channel.test], taken[channel.test] + count)
-        residuals.append(np.asarray(found[channel.test][0])[own])
-        columns.append(np.asarray(found[channel.test][1])[:, own])
-        taken[channel.test] = own.stop
-    return np.concatenate(residuals), np.concatenate(columns, axis=1)
+        found = storage_columns(every, tuple(amounts), whole, values, of_tests(args, (test,)))
+        residual[places[test]], columns[:, places[test]] = map(np.asarray, found)
+    return residual, columns

@@ -632,13 +632,10 @@ def register_effect(info: EffectInfo) -> EffectInfo:
 
 def unregister_effect(name: str) -> None:
     """Take an effect out of the library that `register_effect` added. Raises ValueError for any other name."""
-    if name in _BUILT_IN or find_effect(name) is None:
+    if name not in own_effects:
         raise ValueError(f"{name!r} is no effect that register_effect added")
     (EFFECTS if name in EFFECTS else DYNAMIC_EFFECTS).pop(name)
     own_effects.discard(name)
-
-
-_BUILT_IN = frozenset(whole_library())
 
 
 def _taken() -> set[str]:
