@@ -50,10 +50,22 @@ def blocks_of(args: LibraryArgs, test: str, count: int) -> tuple[LibraryArgs, ..
     found = []
     for rows, own in zip(_rows_of_blocks(count), _in_blocks(args.data.conditions[test], count), strict=True):
         terms = jax.tree.map(
-            lambda values, rows=rows: jnp.asarray(np.asarray(values)[..., first + rows]), args.terms[group]
+            lambda values, rows=rows: _on_device(np.asarray(values)[..., first + rows]), args.terms[group]
         )
         found.append(LibraryArgs(valve, StaticData({test: own}, (), {}), (), {group: terms}))
     return tuple(found)
+
+
+def _on_device(values: np.ndarray) -> Array:
+    """What terms do to rows: where a model has none, which is usual, ones and zeros that all blocks share; they are nine tenths of a
+    block, and a search lays out hundreds of them."""
+    first = float(values.flat[0])
+    return _constant(values.shape, first) if np.all(values == first) else jnp.asarray(values)
+
+
+@functools.cache
+def _constant(shape: tuple[int, ...], value: float) -> Array:
+    return jnp.full(shape, value)
 
 
 def _rows_of_blocks(count: int) -> list[np.ndarray]:
