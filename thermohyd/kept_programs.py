@@ -9,6 +9,7 @@ Off until `keep_in` names a folder: the command line does that, importing the li
 own is in the library: what its code stands on is not known here.
 """
 
+import ctypes
 import dataclasses
 import enum
 import functools
@@ -43,6 +44,12 @@ TRUSTED = {PACKAGE, *RELEASES, "builtins", "functools", "operator", "math", "typ
 SETTINGS = ("jax_enable_x64", "jax_numpy_dtype_promotion", "jax_default_matmul_precision", "jax_debug_nans")
 HOST_ONLY = {"app", "checking", "cli", "export", "fleet", "report"}  # packages that read, write and draw
 ENDING = ".program"
+# A process has no more than this of them loaded at a time; what is longest unused is read again when it is needed, in a tenth of a
+# second for each megabyte. Loaded, XLA's structures take 10 to 35 times what the file holds before it is compressed (measured with
+# jaxlib 0.10). A diagnosis of four static tests goes round in 24 MB of them, of 43 MB that it needs in all.
+MOST_LOADED = 24 * 1000**2  # bytes
+# What is read more often is part of a larger round: from then on there is room for it beside the others.
+MOST_READS = 3
 
 _folder: Path | None = None
 _programs: "weakref.WeakSet[KeptProgram]" = weakref.WeakSet()
@@ -60,9 +67,17 @@ def keep_in(folder: Path | None) -> None:
 
 def forget() -> None:
     """Let the programs of this process go; those on disk stay."""
+    global _loaded
     for program in _programs:
-        program.loaded.clear()
+        program.kept.clear()
         program.unkept.clear()
+    _loaded = _Loaded()
+
+
+def give_memory_back() -> None:
+    """Return memory that is not in use to the system: compiling and loading leave hundreds of megabytes behind."""
+    with suppress(OSError, AttributeError):  # another C library than glibc
+        ctypes.CDLL("libc.so.6").malloc_trim(0)
 
 
 class KeptProgram:
@@ -77,7 +92,7 @@ class KeptProgram:
         filter_jit: Any = eqx.filter_jit  # its types do not know the keywords that it hands on to jax.jit
         self.plain = filter_jit(function, compiler_options=options) if options else filter_jit(function)
         self.function, self.options, self.stands_on = function, options, stands_on
-        self.loaded: dict[Any, Callable | None] = {}
+        self.kept: dict[Any, Callable | None] = {}
         self.unkept: dict[Any, Callable] = {}
         _programs.add(self)
 
@@ -114,12 +129,11 @@ class KeptProgram:
             hash(key)
         except TypeError:
             return None
-        if key not in self.loaded:
-            self.loaded[key] = self._made(tree, leaves)
-        return self.loaded[key]
+        if key not in self.kept:
+            self.kept[key] = self._of_disk(tree, leaves)
+        return self.kept[key]
 
-    def _made(self, tree: Any, leaves: list[Any]) -> Callable | None:
-        """From disk, or compiled and kept."""
+    def _of_disk(self, tree: Any, leaves: list[Any]) -> "_Program | None":
         assert _folder is not None
         told = [_Shape.of(leaf) if eqx.is_array(leaf) else leaf for leaf in leaves]
         try:
@@ -128,32 +142,75 @@ class KeptProgram:
         except CannotKeepError:
             return None
         file = _folder / f"{_name_of(self.function)}-{hashlib.sha256(words.encode()).hexdigest()}{ENDING}"
-        make = lambda: _compiled_and_kept(self.function, self.options, tree, leaves, file)
+        return _Program(self.function, self.options, tree, told, file)
+
+
+class _Program:
+    """One program of this process, of a list of arrays: read from disk when it is needed, compiled and written there where it is not,
+    and let go of when others were used since (`MOST_LOADED`)."""
+
+    def __init__(self, function: Callable, options: dict[str, Any], tree: Any, told: list[Any], file: Path) -> None:
+        self.function, self.options, self.tree, self.told, self.file = function, options, tree, told, file
+        self.run: Callable | None = None
+        self.size = 0  # bytes of it as it is written; 0: it is not to be had from disk
+        self.proven = False
+        self.reads = 0
+
+    def __call__(self, arrays: list[Any]) -> Any:
+        run = self._ready()
+        if self.proven:
+            return run(arrays)
         try:
-            program = _callable(*_read(file))
-        except Exception:  # nothing there, cut short, or of a release that the words do not tell apart
-            return make()
-        return _tried(program, file, make)
-
-
-def _tried(program: Callable, file: Path, make: Callable[[], Callable]) -> Callable:
-    """The program from disk; should it fail when it first runs, it is made anew, and its file goes."""
-    proven = False
-
-    def call(arrays: list[Any]) -> Any:
-        nonlocal program, proven
-        if proven:
-            return program(arrays)
-        try:
-            found = jax.block_until_ready(program(arrays))
+            found = jax.block_until_ready(run(arrays))
         except Exception:  # whatever XLA calls what it cannot run
-            file.unlink(missing_ok=True)
-            program = make()
-            found = program(arrays)
-        proven = True
+            self.file.unlink(missing_ok=True)
+            found = self._compiled()(arrays)
+        self.proven = True
         return found
 
-    return call
+    def _ready(self) -> Callable:
+        """What runs, which makes it the last of those that go."""
+        run = self.run
+        if run is None:
+            try:
+                executable, *others = _read(self.file)
+                run = self.run = _callable(executable, *others)
+                self.size = len(executable)
+                self.reads += 1
+                if self.reads > MOST_READS:
+                    _loaded.room += self.size
+            except Exception:  # nothing there, cut short, or of a release that the words do not tell apart
+                run = self._compiled()
+        _loaded.use(self)
+        return run
+
+    def _compiled(self) -> Callable:
+        run, self.size = _compiled_and_kept(self.function, self.options, self.tree, self.told, self.file)
+        self.run, self.proven = run, True
+        return run
+
+
+class _Loaded:
+    """The programs of this process that could be read again, the longest unused first."""
+
+    def __init__(self) -> None:
+        self.programs: dict[_Program, None] = {}
+        self.room = MOST_LOADED
+
+    def use(self, program: _Program) -> None:
+        """It is the last to go; the longest unused go while there are more than there is room for."""
+        if not program.size:
+            return
+        self.programs.pop(program, None)
+        self.programs[program] = None
+        while sum(each.size for each in self.programs) > self.room and len(self.programs) > 1:
+            longest_unused = next(iter(self.programs))
+            del self.programs[longest_unused]
+            longest_unused.run = None
+            give_memory_back()
+
+
+_loaded = _Loaded()
 
 
 def _name_of(function: Any) -> str:
@@ -165,12 +222,16 @@ def _name_of(function: Any) -> str:
 @dataclasses.dataclass(frozen=True)
 class _Shape:
     shape: tuple[int, ...]
-    dtype: str
+    dtype: Any
     weak: bool
 
     @staticmethod
     def of(array: Any) -> "_Shape":
-        return _Shape(array.shape, str(array.dtype), bool(getattr(array, "weak_type", False)))
+        return _Shape(array.shape, array.dtype, bool(getattr(array, "weak_type", False)))
+
+    @property
+    def traced(self) -> jax.ShapeDtypeStruct:
+        return jax.ShapeDtypeStruct(self.shape, self.dtype, weak_type=self.weak)
 
 
 def _key(tree: Any, leaves: list[Any]) -> Any:
@@ -182,9 +243,9 @@ def _key(tree: Any, leaves: list[Any]) -> Any:
 
 
 def _flat(function: Callable, tree: Any, leaves: list[Any], number: int) -> tuple[Callable, dict[str, Any]]:
-    """The function of the arrays among these leaves, which gives a list of arrays with this number behind them, and what says under
-    "answer", once it was traced, where they stand."""
-    there = [eqx.is_array(leaf) for leaf in leaves]
+    """The function of the arrays (or their shapes) among these leaves, which gives a list of arrays with this number behind them, and
+    what says under "answer", once it was traced, where they stand."""
+    there = [eqx.is_array(leaf) or isinstance(leaf, _Shape) for leaf in leaves]
     fixed = [None if array else leaf for array, leaf in zip(there, leaves, strict=True)]
     made: dict[str, Any] = {}
 
@@ -205,17 +266,21 @@ def _flat(function: Callable, tree: Any, leaves: list[Any], number: int) -> tupl
 
 
 def _compiled_and_kept(
-    function: Callable, options: dict[str, Any], tree: Any, leaves: list[Any], file: Path
-) -> Callable:
+    function: Callable, options: dict[str, Any], tree: Any, told: list[Any], file: Path
+) -> tuple[Callable, int]:
+    """What runs, and how large it is as it was written, 0 where it could not be. told: leaves, shapes where there are arrays."""
     # No other program has this number: what JAX reads from its own cache, XLA writes without its functions.
-    flat, made = _flat(function, tree, leaves, int(file.stem[-15:], 16))
-    arrays = [leaf for leaf in leaves if eqx.is_array(leaf)]
+    flat, made = _flat(function, tree, told, int(file.stem[-15:], 16))
+    arrays = [leaf.traced for leaf in told if isinstance(leaf, _Shape)]
     with _out_of_jax_cache():
         compiled = jax.jit(flat, compiler_options=options or None).lower(arrays).compile()
+    size = 0
     # A host callback, an answer that cannot be written: this process has the program all the same.
     with suppress(Exception):
-        _write(file, (serialize_executable.serialize(compiled)[0], len(arrays), pickle.dumps(made["answer"])))
-    return lambda arrays: _answered(compiled(arrays), made["answer"])
+        executable = serialize_executable.serialize(compiled)[0]
+        _write(file, (executable, len(arrays), pickle.dumps(made["answer"])))
+        size = len(executable)
+    return lambda arrays: _answered(compiled(arrays), made["answer"]), size
 
 
 @contextmanager

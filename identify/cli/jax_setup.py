@@ -1,7 +1,6 @@
 """How the command line sets JAX up: double precision, quiet, with the user's own compilation cache. Never at import."""
 
 import contextlib
-import ctypes
 import gc
 import os
 import sys
@@ -74,7 +73,10 @@ def keep_memory_flat() -> None:
     """
     if "jax" not in sys.modules:
         return
-    _give_back()
+    from thermohyd.kept_programs import give_memory_back
+
+    gc.collect()
+    give_memory_back()
     if resident_memory() > MOST_MEMORY:
         drop_programs()
 
@@ -83,18 +85,12 @@ def drop_programs() -> None:
     """Let JAX's compiled programs go, and give their memory back to the system."""
     import jax
 
-    from thermohyd.kept_programs import forget
+    from thermohyd.kept_programs import forget, give_memory_back
 
     forget()
     jax.clear_caches()
-    _give_back()
-
-
-def _give_back() -> None:
-    """Return memory that is not in use to the system: compiling leaves hundreds of megabytes behind."""
     gc.collect()
-    with contextlib.suppress(OSError, AttributeError):  # another C library than glibc
-        ctypes.CDLL("libc.so.6").malloc_trim(0)
+    give_memory_back()
 
 
 def resident_memory() -> float:

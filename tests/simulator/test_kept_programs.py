@@ -71,6 +71,36 @@ def test_what_is_on_disk_and_does_not_run_is_made_anew(folder, monkeypatch):
     assert programs(folder) == [file]
 
 
+def test_what_is_longest_unused_goes_and_is_read_again(folder, monkeypatch):
+    """However many programs a process needs, it has no more loaded than there is room for."""
+    loaded = kept_programs._Loaded()
+    monkeypatch.setattr(kept_programs, "_loaded", loaded)
+    program = KeptProgram(linear_recursion, {})
+    bound = program.bound(KEEP[:2], SOURCE[:2])
+    want = [np.asarray(program(KEEP[:n], SOURCE[:n])) for n in (1, 2, 3)]
+    assert len(loaded.programs) == 3
+    loaded.room = sum(each.size for each in loaded.programs) - 1
+    program(KEEP[:1], SOURCE[:1])
+    assert len(loaded.programs) == 2
+    loaded.room = 0
+    with monkeypatch.context() as within:
+        within.setattr(kept_programs, "_compiled_and_kept", None)  # would raise
+        for n in (3, 2, 1):
+            assert np.array_equal(program(KEEP[:n], SOURCE[:n]), want[n - 1])
+            assert len(loaded.programs) == 1
+        assert np.array_equal(bound(KEEP[:2]), want[1])
+        while not loaded.room:  # read again and again: there must be room for it
+            for n in (1, 2, 3):
+                program(KEEP[:n], SOURCE[:n])
+        assert max(each.reads for each in program.kept.values()) == kept_programs.MOST_READS + 1
+    for file in folder.iterdir():
+        file.unlink()
+    for each in program.kept.values():
+        each.run = None
+    assert np.array_equal(program(KEEP, SOURCE), want[2])
+    assert len(programs(folder)) == 1
+
+
 def test_what_decides_a_program_decides_its_name(folder):
     KeptProgram(linear_recursion, {})(KEEP, SOURCE)
     KeptProgram(linear_recursion, {})(KEEP[:2], SOURCE[:2])
