@@ -5,7 +5,7 @@ bars by generalised least squares.
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -52,7 +52,7 @@ from .result import (
     Variation,
     Verdict,
 )
-from .rivals import Rivals, with_mirrors
+from .rivals import Rival, Rivals, mirrors
 from .screening import Screen, candidates, screen
 from .screening_faults import screen_of_faults
 from .search import LEVEL, Selection
@@ -102,11 +102,11 @@ def _covariance(
 
 
 def _spread(
-    problem: Problem, rivals: Mapping[str, Rivals], scale: float, remaining: Remaining | None
+    problem: Problem, tried: Sequence[Rival], scale: float, remaining: Remaining | None
 ) -> dict[int, dict[str, float]]:
     """{id of a rival's fit: {entry: standard error}} of all rivals that the data allow."""
     found = {}
-    for rival in (r for own in rivals.values() for r in own.alike):
+    for rival in tried:
         known = _covariance(problem, rival.fit, scale, remaining)
         std = np.sqrt(np.maximum(np.diag(known.matrix), 0.0))
         found[id(rival.fit)] = {n: float(std[i]) for i, n in enumerate(rival.fit.free) if i not in known.why}
@@ -150,10 +150,11 @@ def conclude(
         problem, kept, case.fitted, case.noise, max(fit.chi2 / len(fit.residual), 1.0), remaining, end.beside
     )
     if term is None:
-        rivals = model.rivals if remaining is None else weighed_again(problem, model.rivals, remaining)
+        tried = (*(r for own in model.rivals.values() for r in own.alike), *model.doubted)
+        tried = tried if remaining is None else weighed_again(problem, tried, remaining)
         weighing = problem if remaining is None else remaining.weighing(problem)
-        rivals = with_mirrors(weighing, kept, rivals, model.scale)
-        after = with_rivals(after, rivals, _spread(problem, rivals, model.scale, remaining))
+        tried = (*tried, *mirrors(weighing, kept, model.scale))
+        after = with_rivals(after, tried, _spread(problem, tried, model.scale, remaining))
     says = None
     if model_form and not problem.in_motion:
         say("the final model with the other law of the edge")
@@ -196,6 +197,7 @@ def conclude(
             law=_better_law(after),
             faults=tuple(at_fault),
             terms=terms,
+            suspects=model.suspects,
         ),
         sentences=(
             *_of_faults(crowded, at_fault, effects, model),

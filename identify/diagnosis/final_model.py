@@ -6,7 +6,7 @@ are dropped again.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -21,7 +21,7 @@ from .confirmation import Confirmation, confirmation, strength, unproven
 from .held_out import Split
 from .left_over import LackOfFit, lack_of_fit, smooth_block
 from .result import MOST_USUAL, HeldOut, Suspect
-from .rivals import Rivals, all_rivals, settle_rivals
+from .rivals import Rival, Rivals, all_rivals, settle_rivals
 from .search import Selection, search, times_usual
 
 
@@ -180,10 +180,10 @@ def without_weak(
 
 def proven(
     case: Case, fit: Fit, rivals: dict[str, Rivals], split: Split, scale: Callable[[Fit], float]
-) -> tuple[Fit, dict[str, Rivals], Confirmation | None, tuple[Suspect, ...]]:
+) -> tuple[Fit, dict[str, Rivals], Confirmation | None, tuple[Suspect, ...], tuple[Rival, ...]]:
     """The model without effects that do not predict what they were not fitted to, or that nobody would believe in such an amount:
-    the fit, its rivals, the proof, and what went."""
-    problem, suspects = case.problem, []
+    the fit, its rivals, the proof, what went, and the models with it or with a rival of it, if anybody would believe them."""
+    problem, suspects, doubted = case.problem, [], []
     without = {name: rivals[name].without for name in fit.physics}
     proof: Confirmation | None = None
     while fit.physics:
@@ -196,11 +196,19 @@ def proven(
             break
         lost = strength(fit, without[gone], scale(fit))
         suspects.append(Suspect(gone, fit.values[gone], effect_info(gone).unit, proof.each[gone], times[gone], lost))
+        alike = rivals[gone].alike if not doubted else ()  # later ones were never beside the model that is left
+        doubted += [replace(r, instead_of="") for r in (Rival(gone, "", fit, 0.0), *alike) if believable(r.fit)]
         fit = problem.fit(without[gone].effects, without[gone].values, hop_basins=True)
         without, proof = fits_without(problem, fit), None
     if suspects:
         rivals = all_rivals(problem, fit, case.steps, scale(fit), case.freedom)
-    return fit, rivals, proof, tuple(suspects)
+    more = lambda r: replace(r, chi2_more=(r.fit.chi2 - fit.chi2) / scale(fit))
+    return fit, rivals, proof, tuple(suspects), tuple(map(more, doubted))
+
+
+def believable(fit: Fit) -> bool:
+    """Whether no effect has an amount that it cannot have."""
+    return max((times for name, times in times_usual(fit).items() if name in fit.physics), default=0.0) <= MOST_USUAL
 
 
 def scattered(case: Case, fit: Fit) -> bool:
@@ -216,7 +224,8 @@ class FinalModel:
     excess: chi-square of the ideal valve beyond noise. scale: reduced chi-square of `fit`, at least 1.
     left: what smooth curves still find beside `fit`. disagrees: a misfit beyond noise remains.
     seen_apart: every effect was found without the rows held out. proof: how the effects do where they were not fitted; None without
-    any. suspects: what the search found and that did not prove itself, taken out again. complete: see `Selection`.
+    any. suspects: what the search found and that did not prove itself, taken out again. doubted: the models with it, for error bars.
+    complete: see `Selection`.
     terms: typed terms that did better than names (`stand_ins`).
     """
 
@@ -231,6 +240,7 @@ class FinalModel:
     seen_apart: bool
     proof: Confirmation | None = None
     suspects: tuple[Suspect, ...] = ()
+    doubted: tuple[Rival, ...] = ()
     complete: bool = True
     terms: tuple[Any, ...] = ()  # `typed_terms.Found`, whose module knows this one
 
@@ -277,7 +287,7 @@ def final_model(case: Case, selection: Selection, split: Split, say: Progress = 
     if dropped:
         fit, rivals = settle_rivals(problem, fit, case.steps, scale=scale(fit), freedom=case.freedom)
         left = lack_of_fit(problem, fit, block)
-    fit, rivals, proof, suspects = proven(case, fit, rivals, split, scale)
+    fit, rivals, proof, suspects, doubted = proven(case, fit, rivals, split, scale)
     if suspects:
         left = lack_of_fit(problem, fit, block)
     known = all(n.known for n in case.noise.values())
@@ -307,5 +317,6 @@ def final_model(case: Case, selection: Selection, split: Split, say: Progress = 
         seen_apart=len(fit.effects) <= len(selection.effects),
         proof=proof,
         suspects=suspects,
+        doubted=doubted,
         complete=whole.complete,
     )

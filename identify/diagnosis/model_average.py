@@ -1,10 +1,11 @@
-"""Error bars over all models that the data allow: where rivals explain a record alike, each of them has parameters of its own.
+"""Error bars over all models that the data allow: where rivals explain a record alike, each of them has parameters of its own; so
+has a model with what the search found and no rows left out proved.
 
 Weights are likelihoods, exp(-chi-square/2) (Burnham and Anderson, Model Selection and Multimodel Inference, 2002, ch. 4); values stay
 those of the model that is named first, so that what it predicts is one model's.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,22 +13,20 @@ import numpy as np
 from thermohyd.identify.fitting.bench_faults import kind_of
 from thermohyd.identify.fitting.result import FitResult, ParameterEstimate
 
-from .rivals import Rivals
+from .rivals import Rival
 
 
-def with_rivals(
-    result: FitResult, rivals: Mapping[str, Rivals], spread_of: Mapping[int, Mapping[str, float]]
-) -> FitResult:
-    """The result of a final model with error bars that span its rivals.
+def with_rivals(result: FitResult, tried: Sequence[Rival], spread_of: Mapping[int, Mapping[str, float]]) -> FitResult:
+    """The result of a final model with error bars that span its rivals, and models with more that are not proven.
 
-    spread_of {id of a rival's fit: {entry: standard error}}. A parameter that a rival does not have, or not free, is not moved by it.
+    spread_of {id of a rival's fit: {entry: standard error}}. A parameter that a rival does not have, or not free, is not moved by it. A
+    model that fits better than the final one weighs as much as that.
     """
-    tried = [r for rival in rivals.values() for r in rival.alike]
     if not tried:
         return result
     weights = np.exp(-0.5 * np.array([max(r.chi2_more, 0.0) for r in tried]))
     wider, parameters = {}, {}
-    mirrored = lambda r: f"{r.name} of the other sign" if r.name == r.instead_of else kind_of(r.name)
+    words = lambda r: f"{r.name} of the other sign" if r.name == r.instead_of else kind_of(r.name)
     for name, estimate in result.parameters.items():
         parameters[name] = estimate
         if not estimate.std:
@@ -36,15 +35,21 @@ def with_rivals(
         for r, weight in zip(tried, weights, strict=True):
             std = spread_of[id(r.fit)].get(name)
             if std is not None:
-                others.append(mirrored(r))
+                others.append(words(r))
                 total += weight
                 square += weight * (std**2 + (r.fit.values[name] - estimate.value) ** 2)
         wider[name] = max(float(np.sqrt(square / total)) / estimate.std, 1.0)
         parameters[name] = replace(_widened(estimate, wider[name]), averaged_over=tuple(dict.fromkeys(others)))
     factor = np.array([wider.get(name, 1.0) for name in result.free])
-    names = ", ".join(dict.fromkeys(map(mirrored, tried)))
+    in_place, beside = ([words(r) for r in tried if bool(r.instead_of) is named] for named in (True, False))
+    parts = [
+        f"{', '.join(dict.fromkeys(names))} {where}"
+        for names, where in ((in_place, "in its place"), (beside, "that was found and is not proven"))
+        if names
+    ]
     note = (
-        f"error bars span what the data allow beside the named model: {names} in its place, weighed by their likelihood"
+        f"error bars span what the data allow beside the {'named' if in_place else 'final'} model: {'; '.join(parts)}, weighed by "
+        "their likelihood"
     )
     return replace(
         result,

@@ -8,7 +8,7 @@ readings are weighed by it as well, or by their noise alone, is asked of the sam
 docs/diagnosis.md section 14.3.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,7 +26,7 @@ from .confirmation import MOST, parts_left_out
 from .held_out import conditions_of_rows
 from .left_over import whitened
 from .result import ChannelDiscrepancy
-from .rivals import Rival, Rivals
+from .rivals import Rival
 from .screening import Projection
 
 
@@ -115,17 +115,17 @@ def remaining_misfit(problem: Problem, fit: Fit, say: Callable[[str], None] = la
     return Remaining(weighed, believed, tuple(_channels(problem, believed)))
 
 
-def weighed_again(problem: Problem, rivals: Mapping[str, Rivals], remaining: Remaining) -> dict[str, Rivals]:
-    """The rivals that were alike, fitted with the same weights."""
+def weighed_again(problem: Problem, tried: Sequence[Rival], remaining: Remaining) -> tuple[Rival, ...]:
+    """The rivals, fitted with the same weights."""
     if remaining.weighed.discrepancy is None:
-        return dict(rivals)
+        return tuple(tried)
     beside = remaining.weighing(problem)
 
     def again(rival: Rival) -> Rival:
         fit = beside.fit(rival.fit.effects, rival.fit.values)
         return replace(rival, fit=fit, chi2_more=(fit.chi2 - remaining.fit.chi2) / remaining.weighed.scale)
 
-    return {name: replace(r, tried=tuple(again(rival) for rival in r.alike)) for name, r in rivals.items()}
+    return tuple(map(again, tried))
 
 
 def runs_left_out(tests: Mapping[str, TestRecord]) -> np.ndarray:

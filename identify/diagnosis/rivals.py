@@ -1,7 +1,7 @@
 """Find effects that could stand in a named one's place: refit with each of them, and keep those that do about as well."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
@@ -32,7 +32,7 @@ FAR_BEHIND = 5.0 * ALIKE  # chi-square
 
 @dataclass(frozen=True)
 class Rival:
-    """A refit with `name` in the place of `instead_of`."""
+    """A refit with `name` in the place of `instead_of`; "": beside all, which was found and is not proven."""
 
     name: str
     instead_of: str
@@ -120,23 +120,23 @@ def rivals_of(
     return Rivals(name, without, tuple(sorted(tried, key=lambda r: r.chi2_more)), min(1.0, p / share))
 
 
-def with_mirrors(problem: Problem, final: Fit, rivals: Mapping[str, Rivals], scale: float = 1.0) -> dict[str, Rivals]:
-    """The rivals, and beside them the named effects themselves with the other sign, where a parameter that moves with it makes that
-    the same valve: for error bars, which one of two valleys is not all of.
+def mirrors(problem: Problem, final: Fit, scale: float = 1.0) -> tuple[Rival, ...]:
+    """The named effects themselves with the other sign, where a parameter that moves with it makes that the same valve: for error bars,
+    which one of two valleys is not all of.
 
     The effect's own caveat says it in words.
     """
-    found = dict(rivals)
+    found = []
     for name in final.physics:
         parameter, amount = effect_info(name).mirrored_in, final.values[name]
-        if name not in rivals or parameter not in final.free or amount == 0.0:
+        if parameter not in final.free or amount == 0.0:
             continue
         start = {**final.values, parameter: final.values[parameter] + amount, name: -amount}
         fit = problem.fit(final.effects, start)
-        if fit.values[name] * amount < 0.0:
-            mirror = Rival(name, name, fit, _more(fit, final, scale))
-            found[name] = replace(rivals[name], tried=(*rivals[name].tried, mirror))
-    return found
+        mirror = Rival(name, name, fit, _more(fit, final, scale))
+        if fit.values[name] * amount < 0.0 and mirror.chi2_more < ALIKE:
+            found.append(mirror)
+    return tuple(found)
 
 
 def _more(fit: Fit, final: Fit, scale: float) -> float:

@@ -57,7 +57,7 @@ class ParameterEstimate:
     (held fixed, at its bound, no reading depends on it, a flat direction shared with ...). `by_profile`: the interval is
     that of the profile of chi-square, and need not lie evenly about the value; `std` is then the root mean square about
     the value of a normal law in two pieces with these sides, and at a bound there is an interval without a `std`.
-    `averaged_over`: error bar and interval also span these names in the place of named ones (`diagnosis/model_average.py`).
+    `averaged_over`: error bar and interval also span these names, in the place of named ones or as suspects (`diagnosis/model_average.py`).
     `conditional_on`: parameters at their bounds, which std and interval take to stay there. `std` and `ci95` know the noise
     alone; `model_form` also knows the other law of an edge, where that was asked.
     """

@@ -51,11 +51,12 @@ def headline(
     law: str = "",
     faults: tuple[Fault, ...] = (),
     terms: tuple[Term, ...] = (),
+    suspects: tuple[Suspect, ...] = (),
 ) -> str:
     """The first sentence of every report. judged: the noise is known, so that agreement with it means something.
 
     law: the other law of an edge, where the data prefer it. faults: of the bench, that the final model allows for. terms: where in
-    the circuit something is missing, and with what.
+    the circuit something is missing, and with what. suspects: found and not proven.
     """
     place = _place(where)
     once = _once(faults)
@@ -63,20 +64,7 @@ def headline(
         rivals = _or(list(dict.fromkeys(rival for fault in faults for rival in fault.alternatives)))
         return f"Once {once} allowed for, the ideal valve explains this record, but that cannot be told from {rivals} by these data."
     if verdict == "consistent":
-        if judged and once:
-            return f"The ideal valve explains this record within its noise once {once} allowed for: no effect of the library is needed."
-        if judged:
-            return "The ideal valve explains this record within its noise: no effect of the library is needed."
-        if once:
-            return (
-                f"Once {once} allowed for, nothing in the library does better than the ideal valve, but whether that explains the "
-                "record cannot be judged: the noise was estimated from what the fits leave. State it (noise in bench.toml) or run "
-                "each sweep twice (column run)."
-            )
-        return (
-            "Nothing in the library does better than the ideal valve, but whether that explains the record cannot be judged: "
-            "the noise was estimated from what the fits leave. State it (noise in bench.toml) or run each sweep twice (column run)."
-        )
+        return _consistent(once, judged, suspects)
     names = in_a_row([f"{e.name} ({amount(e.name, e.value, e.unit, e.std)})" for e in effects])
     if verdict == "unexplained":
         first = place or "Model and bench disagree beyond noise"
@@ -98,6 +86,24 @@ def headline(
         f"{e.name} cannot be told from {_or([a.words for a in e.alternatives])} by these data" for e in open_
     )
     return f"{lead}{names} would explain it, and {closes}, but {rivals}."
+
+
+def _consistent(once: str, judged: bool, suspects: tuple[Suspect, ...]) -> str:
+    """Where nothing is named: what was found and not proven is a hint."""
+    hints = in_a_row([f"{s.name} ({amount(s.name, s.value, s.unit)})" for s in suspects])
+    hint = (
+        f"{hints} {'is a hint' if len(suspects) == 1 else 'are hints'} that no rows left out confirm"
+        if suspects
+        else ""
+    )
+    if judged:
+        within = f"The ideal valve explains this record within its noise{f' once {once} allowed for' if once else ''}"
+        return f"{within}, but {hint}." if hint else f"{within}: no effect of the library is needed."
+    return (
+        f"{f'Once {once} allowed for, n' if once else 'N'}othing in the library is proven to do better than the ideal valve"
+        f"{f' ({hint})' if hint else ''}, but whether that explains the record cannot be judged: the noise was estimated from what "
+        "the fits leave. State it (noise in bench.toml) or run each sweep twice (column run)."
+    )
 
 
 def suspect_sentences(suspects: tuple[Suspect, ...]) -> tuple[str, ...]:

@@ -219,7 +219,7 @@ def parameter_remarks(result: FitResult) -> list[str]:
     if open_:
         remarks.append(f"the interval of {', '.join(open_)} ends at a limit of the program's, not of the data's")
     remarks += [
-        f"{estimate.name}: error bar and interval are averaged over {', '.join(estimate.averaged_over)} in the named one's place"
+        f"{estimate.name}: error bar and interval also span what it is with {', '.join(estimate.averaged_over)}"
         for estimate in result.parameters.values()
         if estimate.averaged_over
     ]

@@ -97,9 +97,7 @@ def knowledge_sentences(result: FitResult) -> list[str]:
         said.append("an end in brackets is a limit of the parameter's: the data do not end the interval there")
     for row in known.rows.values():
         if row.averaged:
-            said.append(
-                f"{row.name}: error bar and interval are averaged over {', '.join(row.averaged)} in the named one's place"
-            )
+            said.append(f"{row.name}: error bar and interval also span what it is with {', '.join(row.averaged)}")
     drawn = known.posterior
     if drawn is not None and drawn.parameters:
         least = min(min(p.ess_bulk, p.ess_tail) for p in drawn.parameters.values())

@@ -1,11 +1,15 @@
-"""Error bars of an ambiguous record hold what each rival says; of one without rivals they are the model's own."""
+"""Error bars of an ambiguous record hold what each rival says, and what a suspect says; of one without either they are the model's own."""
+
+from unittest.mock import patch
 
 import numpy as np
 import pytest
 from helpers.small_bench import VALVE
 from helpers.small_diagnosis import small_case, small_diagnosis
 
+from thermohyd.identify.diagnosis import final_model as final_model_module
 from thermohyd.identify.diagnosis.case import choose
+from thermohyd.identify.diagnosis.diagnose import diagnose_case
 from thermohyd.identify.diagnosis.final_model import final_model
 from thermohyd.identify.fitting.problem_solution import gls_covariance
 
@@ -48,6 +52,32 @@ def test_error_bars_span_the_same_effect_with_the_other_sign():
         assert effect.ci95[0] < amount < effect.ci95[1]
         assert underlap.ci95[0] < own < underlap.ci95[1]
     assert any("unequal_underlap of the other sign in its place" in note for note in result.after.notes)
+
+
+def test_error_bars_span_a_suspect():
+    """What was found and not proven is not in the model; what it moves is not known, and that is said."""
+    named = small_diagnosis("pilot")
+    with patch.object(final_model_module, "unproven", lambda found, names, *_: next(iter(names), None)):
+        result = diagnose_case(small_case("pilot"))
+    assert not result.effects
+    assert [suspect.name for suspect in result.suspects] == ["pilot_leakage"]
+    moved = 0
+    for name, there in named.after.parameters.items():
+        if (here := result.after.parameters.get(name)) is None or not there.std or here.ci95 is None:
+            continue
+        if abs(there.value - here.value) > 5.0 * there.std:
+            moved += 1
+            assert here.ci95[0] < there.value < here.ci95[1]
+            assert "pilot_leakage" in here.averaged_over
+    assert moved > 0
+    [note] = [note for note in result.after.notes if "span what the data allow" in note]
+    assert "pilot_leakage, flowmeter_offset that was found" in note or "pilot_leakage that was found" in note
+
+
+def test_a_suspect_that_nobody_would_believe_is_not_spanned():
+    result = small_diagnosis("too much")
+    assert result.suspects
+    assert not any("span what the data allow" in note for note in result.after.notes)
 
 
 def test_without_rivals_nothing_is_widened():

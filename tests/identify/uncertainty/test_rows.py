@@ -123,7 +123,7 @@ def test_the_terminal_says_the_whole_row():
         "practically not identified: the data give an upper limit only",
         "93 of 100",
         "ringed in the picture",
-        "averaged over hysteresis",
+        "also span what it is with hysteresis",
         "an end in brackets",
         "2 of which did not converge",
         "4 chains of 100 draws (seed 7)",
