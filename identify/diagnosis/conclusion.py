@@ -36,7 +36,7 @@ from .found_faults import alternative, with_evidence, with_faults_apart
 from .held_out import Split
 from .left_over import LackOfFit, lack_of_fit, learn as learn_term, smooth_block, variations_of
 from .model_average import with_rivals
-from .next_test import check_of, next_test, what_shows
+from .next_test import check_of, next_test, what_settles, what_shows
 from .other_law import ANOTHER_LAW, OtherLawSays, what_the_other_law_says
 from .record_noise import NoiseEstimate, first_noise
 from .remaining_misfit import Remaining, remaining_misfit, weighed_again
@@ -179,7 +179,10 @@ def conclude(
     elif verdict == "unexplained":
         further = check_of(problem, fit, where_after, smooth, model.rivals, model.scale)
     elif not problem.in_motion:
-        further = what_shows(problem, fit, (c.name for c in table if c.state == "absorbed"), first.critical, say)
+        further = what_settles(problem, fit, model.suspects, model.scale, say)
+        further = further or what_shows(
+            problem, fit, (c.name for c in table if c.state == "absorbed"), first.critical, say
+        )
     shifts = parameter_shifts(before, after) if effects or term else ()
     gaps = (before.reduced_chi2, after.reduced_chi2)
     return DiagnosisResult(

@@ -2,10 +2,10 @@
 
 T-optimal design (Atkinson and Fedorov, Biometrika 62, 1975) over a small menu of changes to the tests that were run. Where
 nothing explains the record there are no rivals to separate: the run that shows most of the gap is read once more. Where everything
-is explained the same menu says what would show the effects that this record cannot.
+is explained the same menu says what would show the effects that this record cannot, or settle what is suspected.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,7 +20,7 @@ from thermohyd.identify.fitting.problem_fit import Fit
 
 from .found_faults import where
 from .other_law import ANOTHER_LAW, OtherLawSays
-from .result import NextTest, Proposal, Region, Variation
+from .result import WEAK, NextTest, Proposal, Region, Suspect, Variation
 from .rivals import Rivals
 from .screening import BOTH_PORTS, POWER, Projection, can_measure_ports, ports_apart
 
@@ -242,21 +242,12 @@ def what_shows(
         return None
     say("designing the next test")
     least = (critical + float(ndtri(POWER))) ** 2
-    here, found = problem.with_all_columns(fit), []
-    for words, tests in menu(problem.tests):
-        anew = replace(problem, tests=tests, used=None)
-        there = anew.with_all_columns(anew.evaluate(fit.values, fit.effects))
-        both = lambda name, there=there: np.concatenate(
-            [here.column(name), there.column(name)[: -len(problem.parameters)]]
-        )
-        nuisance = np.stack([both(name) for name in fit.free if name not in fit.active], axis=1)
-        if not np.isfinite(nuisance).all():
-            continue
-        beside = Projection.beside(nuisance)
-        size = {name: float(np.linalg.norm(beside(both(name)))) * effect_info(name).typical[1] for name in names}
-        shown = {name: length**2 for name, length in size.items() if length**2 >= least}
+    found = []
+    for words, length, cost in _seen_beside(problem, fit, names):
+        shown = {name: (size * effect_info(name).typical[1]) ** 2 for name, size in length.items()}
+        shown = {name: square for name, square in shown.items() if square >= least}
         if shown:
-            found.append((words, shown, cost_of(tests.values())))
+            found.append((words, shown, cost))
     if not found:
         return None
     found.sort(key=lambda option: (-len(option[1]), -min(option[1].values())))
@@ -267,6 +258,61 @@ def what_shows(
     )
     proposals = tuple(Proposal(words, min(shown.values()), *cost) for words, shown, cost in found)
     return NextTest(sentence, proposals[0].evidence, proposals)
+
+
+def what_settles(
+    problem: Problem,
+    fit: Fit,
+    suspects: Iterable[Suspect],
+    scale: float,
+    say: Callable[[str], None] = lambda _: None,
+) -> NextTest | None:
+    """Where something was found and not proven: the change of conditions under which it would stand out most, in the amount that was
+    found. Evidence: the chi-square of the one that stands out least, of both records together.
+
+    None where nothing is suspected that a change of conditions could settle.
+    """
+    amounts = {s.name: s.value for s in suspects if s.hint and not stores(s.name)}
+    if not amounts:
+        return None
+    say("designing the next test")
+    found = [
+        Proposal(words, min((size * amounts[name]) ** 2 for name, size in length.items()) / scale, *cost)
+        for words, length, cost in _seen_beside(problem, fit, tuple(amounts))
+    ]
+    if not found:
+        return None
+    found.sort(key=lambda option: -option.evidence)
+    words, errors, names = found[0].words, float(np.sqrt(found[0].evidence)), ", ".join(amounts)
+    if errors >= WEAK:
+        sentence = (
+            f"repeat the tests {words}: {names}, if it is there as it was found, would then stand at {errors:.0f} standard errors, where "
+            f"{WEAK:.0f} are enough; if not, it goes"
+        )
+    else:
+        sentence = (
+            f"no change of temperature, supply pressure or sweep rate of these tests lifts {names} beyond doubt: the best, {words}, "
+            f"would show it at {errors:.1f} standard errors, where {WEAK:.0f} are enough; read several times, or measure it directly"
+        )
+    return NextTest(sentence, found[0].evidence, tuple(found))
+
+
+def _seen_beside(
+    problem: Problem, fit: Fit, names: Sequence[str]
+) -> Iterator[tuple[str, dict[str, float], tuple[int, float | None]]]:
+    """Of each change of conditions: the words, what a unit of each effect does that the free parameters cannot, in noise units, with this
+    record and the tests under the change together, and the cost."""
+    here = problem.with_all_columns(fit)
+    for words, tests in menu(problem.tests):
+        anew = replace(problem, tests=tests, used=None)
+        there = anew.with_all_columns(anew.evaluate(fit.values, fit.effects))
+        both = lambda name, there=there: np.concatenate(
+            [here.column(name), there.column(name)[: -len(problem.parameters)]]
+        )
+        nuisance = np.stack([both(name) for name in fit.free if name not in fit.active], axis=1)
+        if np.isfinite(nuisance).all():
+            beside = Projection.beside(nuisance)
+            yield words, {name: float(np.linalg.norm(beside(both(name)))) for name in names}, cost_of(tests.values())
 
 
 def menu(tests: dict[str, TestRecord]) -> list[tuple[str, dict[str, TestRecord]]]:

@@ -7,9 +7,10 @@ import pytest
 from helpers.small_bench import REACH, conditions_only
 from helpers.small_diagnosis import small_case
 
-from thermohyd.identify.diagnosis.next_test import ENOUGH, cheaper, check_of, menu, next_test, what_shows
-from thermohyd.identify.diagnosis.result import Proposal, Region, Variation
+from thermohyd.identify.diagnosis.next_test import ENOUGH, cheaper, check_of, menu, next_test, what_settles, what_shows
+from thermohyd.identify.diagnosis.result import Proposal, Region, Suspect, Variation
 from thermohyd.identify.diagnosis.rivals import Rival, Rivals
+from thermohyd.identify.diagnosis.screening import Projection
 from thermohyd.identify.fitting.problem_fit import Fit
 
 
@@ -189,3 +190,32 @@ def test_what_parameters_absorb_would_show_elsewhere():
     dear = what_shows(case.problem, case.base, names, critical=0.99 * np.sqrt(proposed.evidence) - 0.84)
     assert dear is not None
     assert first.words in [option.words for option in dear.options]
+
+
+def test_a_hint_says_what_would_settle_it():
+    """What was found and not proven: the change under which it would stand out most, in the amount that was found."""
+    case = small_case("nothing")
+    hint = Suspect("pilot_leakage", 1e-10, "m3/(s Pa^0.5)", 4.0, 0.1, 6.0)
+    settles = lambda *suspects: what_settles(case.problem, case.base, suspects, 1.0)
+    assert settles() is None
+    assert settles(replace(hint, strength=20.0)) is None  # no hint, a misfit
+    found = settles(hint)
+    assert found is not None
+    assert found.evidence == found.options[0].evidence == max(option.evidence for option in found.options)
+    again = next(option for option in found.options if option.words == "once more as they were")
+    stands = strength_of(case, hint)
+    assert again.evidence == pytest.approx(2.0 * stands**2, rel=0.05)  # twice the readings
+    strong, faint = (settles(replace(hint, value=hint.value * by / np.sqrt(found.evidence))) for by in (8.1, 7.9))
+    assert strong is not None
+    assert faint is not None
+    assert f"repeat the tests {found.options[0].words}: pilot_leakage" in strong.sentence
+    assert "8 standard errors, where 8 are enough" in strong.sentence
+    assert "lifts pilot_leakage beyond doubt" in faint.sentence
+    assert "at 7.9 standard errors" in faint.sentence
+
+
+def strength_of(case, hint: Suspect) -> float:
+    """What the free parameters leave of the amount, in noise units."""
+    fit = case.problem.with_all_columns(case.base)
+    nuisance = np.stack([fit.column(name) for name in fit.free], axis=1)
+    return abs(hint.value) * float(np.linalg.norm(Projection.beside(nuisance)(fit.column(hint.name))))

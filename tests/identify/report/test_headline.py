@@ -7,7 +7,7 @@ from helpers.fake_diagnosis import fake_diagnosis, hysteresis, pilot, regions, v
 from helpers.fake_fit import fake_channel, fake_fit
 
 from thermohyd.effects.library import EFFECTS
-from thermohyd.identify.diagnosis.result import Alternative, HeldOut, NamedEffect, ParameterShift, Region
+from thermohyd.identify.diagnosis.result import Alternative, HeldOut, NamedEffect, ParameterShift, Region, Suspect
 from thermohyd.identify.fitting.result import FitResult
 from thermohyd.identify.report.diagnosis_report import further_sentences, headline
 from thermohyd.identify.report.diagnosis_words import shift_rows, where_rows
@@ -21,15 +21,27 @@ WHERE = regions()[:1]
 
 
 def said(
-    verdict, effects=(), *, where=WHERE, held: HeldOut | None = HELD, shifts=(), smooth=(), gap=(12.4, 1.02)
+    verdict, effects=(), *, where=WHERE, held: HeldOut | None = HELD, shifts=(), smooth=(), gap=(12.4, 1.02), **more
 ) -> str:
-    return headline(verdict, effects, where, held, gap, shifts, smooth)
+    return headline(verdict, effects, where, held, gap, shifts, smooth, **more)
 
 
 def test_consistent():
     text = said("consistent", where=())
     assert "within its noise" in text
     assert "no effect of the library is needed" in text
+
+
+@pytest.mark.parametrize("judged", [True, False])
+def test_what_was_found_and_not_proven_is_a_hint(judged):
+    hint = Suspect("temperature_offset", -8.0, "K", 4.0, 0.7, 6.1)
+    text = said("consistent", where=(), judged=judged, suspects=(hint,))
+    assert "temperature_offset (-8.000 K) is a hint that no rows left out confirm" in text
+    assert "no effect of the library is needed" not in text
+    assert ("within its noise, but " in text) == judged
+    both = said("consistent", where=(), judged=judged, suspects=(hint, replace(hint, name="viscosity_shift", unit="")))
+    assert "are hints that" in both
+    assert "Nothing in the library is proven to do better" in said("consistent", where=(), judged=False)
 
 
 def test_one_effect_with_its_amount_where_it_shows_and_what_it_closes():
