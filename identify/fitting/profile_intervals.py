@@ -11,6 +11,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from thermohyd.identify.uncertainty.result import ProfilePoint
+
 from .boxes import Box
 from .least_squares import LeastSquaresResult
 
@@ -34,16 +36,6 @@ class Interval:
     high: float
     open_low: bool = False
     open_high: bool = False
-
-
-@dataclass(frozen=True)
-class ProfilePoint:
-    """One parameter held at `value` (SI), the others at their best: chi-square above the optimum's, and which of them press against
-    a limit there."""
-
-    value: float
-    rise: float
-    pressed: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -102,7 +102,6 @@ def excess(gap: float) -> str:
 
 def changed(result: DiagnosisResult) -> bool:
     """Whether the final model differs from the ideal valve."""
-    """Whether the final model differs from the ideal valve."""
     at_fault = any(not fault.rows for fault in result.after.faults)  # others are rows left out of both models
     return bool(result.effects) or at_fault or any(v.learned for v in (*result.variations, *result.terms))
 

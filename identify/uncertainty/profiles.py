@@ -12,7 +12,7 @@ from thermohyd.identify.fitting.least_squares import LeastSquaresResult
 from thermohyd.identify.fitting.profile_intervals import ProfileCurve, profile_curve
 
 from .finished_fit import FinishedFit
-from .result import LEVELS, Nested, Point, ProfileOf, Shape
+from .result import LEVELS, Nested, ProfileOf, Shape
 
 
 SEES_NOTHING = 0.01  # rise of chi-square over the whole box, below which the data do not see a parameter
@@ -39,8 +39,7 @@ def as_profile(name: str, curve: ProfileCurve, levels: tuple[float, ...], rises:
     judged = next((n for n in intervals if n.level == 0.95), intervals[-1])
     ends = judged.open_low + judged.open_high
     shape: Shape = "bounded" if not ends else "one-sided" if ends == 1 else "flat"
-    points = tuple(Point(p.value, p.rise, p.pressed) for p in curve.points)
-    return ProfileOf(name, points, tuple(intervals), rises, shape, max(p.rise for p in points))
+    return ProfileOf(name, curve.points, tuple(intervals), rises, shape, max(p.rise for p in curve.points))
 
 
 def profiles_of(around: FinishedFit, say: Callable[[str], None]) -> tuple[dict[str, ProfileOf], tuple[str, ...]]:

@@ -16,9 +16,9 @@ Verdict = Literal["identified", "practically not", "structurally not"]
 
 
 @dataclass(frozen=True)
-class Point:
-    """One point of a profile: the parameter's value (SI), chi-square above the optimum's with all others at their best, and which of
-    the others sit at a limit there."""
+class ProfilePoint:
+    """One parameter held at `value` (SI), the others at their best: chi-square above the optimum's, and which of them press against
+    a limit there."""
 
     value: float
     rise: float
@@ -50,7 +50,7 @@ class ProfileOf:
     """
 
     name: str
-    points: tuple[Point, ...]
+    points: tuple[ProfilePoint, ...]
     intervals: tuple[Nested, ...]
     rises: tuple[float, ...]
     shape: Shape

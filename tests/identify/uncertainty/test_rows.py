@@ -17,10 +17,10 @@ from thermohyd.identify.uncertainty.result import (
     Knowledge,
     KnownParameter,
     Nested,
-    Point,
     Posterior,
     PosteriorOf,
     ProfileOf,
+    ProfilePoint,
     Remedy,
 )
 from thermohyd.identify.uncertainty.rows import judged, trades_with
@@ -33,7 +33,7 @@ UM = 1e-6
 def profile_of(name, value, std, *, open_low=False, open_high=False, seen=20.0, pressed=()):
     shape = ("bounded", "one-sided", "flat")[open_low + open_high]
     x = value + std * np.linspace(-3.0, 3.0, 13)
-    points = tuple(Point(float(v), float(((v - value) / std) ** 2), pressed if v > value else ()) for v in x)
+    points = tuple(ProfilePoint(float(v), float(((v - value) / std) ** 2), pressed if v > value else ()) for v in x)
     nested = tuple(
         Nested(level, value - std * rise**0.5, value + std * rise**0.5, open_low, open_high)
         for level, rise in zip(LEVELS, RISES, strict=True)
