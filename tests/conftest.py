@@ -37,18 +37,18 @@ with_shapes = [
 install_import_hook(with_shapes, "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))")
 beartype_package("thermohyd", conf=BeartypeConf(is_pep484_tower=True, claw_is_pep526=False, violation_type=TypeError))
 
-from thermohyd.identify.cli.jax_setup import drop_programs  # noqa: E402
+from thermohyd.identify.cli.jax_setup import compilation_cache, drop_programs  # noqa: E402
 from thermohyd.kept_programs import keep_in  # noqa: E402
 
 
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_dtype_promotion", "strict")
-# What one worker compiled the other need not, nor the next run of the suite.
-compiled = Path(__file__).parents[1] / "build" / "compiled-for-tests"
-jax.config.update("jax_compilation_cache_dir", str(compiled))
+# What one worker compiled the other need not, nor the next run of the suite, in this checkout or in another: what decides a program is
+# in the name that it is kept under.
+compiled = compilation_cache("tests")
+jax.config.update("jax_compilation_cache_dir", str(compiled) if compiled else None)
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
-(compiled / "programs").mkdir(parents=True, exist_ok=True)
-keep_in(compiled / "programs")
+keep_in(compilation_cache("programs-of-tests"))
 
 # Tracing makes millions of objects that live: at the usual threshold a twentieth of the time goes into looking for garbage.
 gc.set_threshold(100_000, 20, 20)
