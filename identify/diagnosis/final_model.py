@@ -195,7 +195,10 @@ def proven(
         if gone is None:
             break
         lost = strength(fit, without[gone], scale(fit))
-        suspects.append(Suspect(gone, fit.values[gone], effect_info(gone).unit, proof.each[gone], times[gone], lost))
+        there = proof.held_out.get(gone)
+        suspects.append(
+            Suspect(gone, fit.values[gone], effect_info(gone).unit, proof.each[gone], times[gone], lost, held_out=there)
+        )
         alike = rivals[gone].alike if not doubted else ()  # later ones were never beside the model that is left
         doubted += [replace(r, instead_of="") for r in (Rival(gone, "", fit, 0.0), *alike) if believable(r.fit)]
         fit = problem.fit(without[gone].effects, without[gone].values, hop_basins=True)

@@ -87,7 +87,8 @@ class Suspect:
 
     Or a typed term does better than all names together (`outdone_by`, in words).
     value: SI. evidence: 2 ln E on rows left out, of the model with it over the model without it; 10.6 would be a proof.
-    times_usual: the amount over the largest that is usual. strength: in standard errors, of the rows that it is fitted to.
+    times_usual: the amount over the largest that is usual. strength: in standard errors, of the rows that it is fitted to. held_out: of
+    a weak one, 2 ln E on the rows that took no part in its choice; None where that was not asked.
     """
 
     name: str
@@ -97,6 +98,7 @@ class Suspect:
     times_usual: float
     strength: float
     outdone_by: str = ""
+    held_out: float | None = None
 
     @property
     def implausible(self) -> bool:

@@ -41,7 +41,18 @@ def diagnosis_json(result: DiagnosisResult) -> dict[str, Any]:
         "effects": [_effect(effect) for effect in result.effects],
         "rejected": [fields_of(c, "name", "p_value", "gap_closed") for c in result.rejected if c.name not in rivals],
         "suspects": [
-            fields_of(suspect, "name", "value", "unit", "evidence", "times_usual", "strength", "hint", "outdone_by")
+            fields_of(
+                suspect,
+                "name",
+                "value",
+                "unit",
+                "evidence",
+                "times_usual",
+                "strength",
+                "hint",
+                "held_out",
+                "outdone_by",
+            )
             for suspect in result.suspects
         ],
         "proof": result.proof,

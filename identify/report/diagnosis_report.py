@@ -113,6 +113,8 @@ def suspect_sentences(suspects: tuple[Suspect, ...]) -> tuple[str, ...]:
         if s.outdone_by
         else f"takes {s.times_usual:.0f} times its largest usual amount for that: something else that looks like it is more likely."
         if s.implausible
+        else f"makes the rows worse that took no part in its choice (2 ln E = {s.held_out:.1f} there)."
+        if s.held_out is not None and s.held_out <= 0.0
         else f"does not predict rows that are left out of its fit (2 ln E = {s.evidence:.1f} over all conditions; 10.6 would prove it)."
     )
     weak = lambda s: f" At {s.strength:.1f} standard errors it is a hint, no misfit." if s.hint else ""

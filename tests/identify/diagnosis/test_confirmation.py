@@ -113,6 +113,16 @@ def test_a_weak_suspect_is_a_hint(strength, times, hint):
     assert ("it is a hint, no misfit" in " ".join(suspect_sentences((suspect,)))) == hint
 
 
+@pytest.mark.parametrize("held_out", [None, 2.0, -1.3])
+def test_a_suspect_says_why_it_is_not_named(held_out):
+    """A weak effect that proves itself over all conditions goes all the same where rows that took no part in its choice speak against."""
+    suspect = Suspect("pilot_leakage", 1e-9, "m^3/(s sqrt(Pa))", 43.9, 0.5, 6.1, held_out=held_out)
+    [words] = suspect_sentences((suspect,))
+    worse = held_out is not None and held_out < 0.0
+    assert ("makes the rows worse that took no part in its choice (2 ln E = -1.3 there)" in words) == worse
+    assert ("does not predict rows that are left out" in words) == (not worse)
+
+
 def test_left_out_rows_are_predicted_as_by_a_refit():
     """One step of a linear model is its refit; the amount has a little knowledge beside it."""
     rng = np.random.default_rng(1)
