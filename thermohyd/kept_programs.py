@@ -71,6 +71,8 @@ def forget() -> None:
     for program in _programs:
         program.kept.clear()
         program.unkept.clear()
+    for loaded in _loaded.programs:  # what is bound may hold it still
+        loaded.run = None
     _loaded = _Loaded()
 
 

@@ -28,6 +28,7 @@ from .case import Case, Progress, choose, open_case
 from .conclusion import as_channel_noise, conclude, parameter_shifts, result_of, unconverged
 from .final_model import FinalModel, final_model
 from .found_faults import with_evidence
+from .model_average import without_rivals
 from .record_noise import NoiseEstimate, first_noise, noise_of, repeats_in
 from .result import DiagnosisResult, NamedEffect, Verdict
 from .screening import finite_steps
@@ -191,8 +192,8 @@ def in_one(record: BenchRecord, static: Stage, motion: Stage, say: Progress = la
         evaluations=s.evaluations + m.evaluations,
         suspects=(*s.suspects, *m.suspects),
         proof=min((p for p in (s.proof, m.proof) if p is not None), default=None),
-        notes=tuple(dict.fromkeys((*s.notes, *m.notes))),
-        discrepancy=(),  # the joint fit goes by the noise
+        notes=without_rivals(dict.fromkeys((*s.notes, *m.notes))),  # the joint fit's error bars are its model's
+        discrepancy=(),  # and go by the noise
         # Whether a stage's own last fit converged is of no matter: the joint one began from it.
         warnings=tuple(
             dict.fromkeys((*unconverged(after), *(w for w in (*s.warnings, *m.warnings) if w not in stages)))

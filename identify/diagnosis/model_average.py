@@ -5,7 +5,7 @@ Weights are likelihoods, exp(-chi-square/2) (Burnham and Anderson, Model Selecti
 those of the model that is named first, so that what it predicts is one model's.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,6 +14,14 @@ from thermohyd.identify.fitting.bench_faults import kind_of
 from thermohyd.identify.fitting.result import FitResult, ParameterEstimate
 
 from .rivals import Rival
+
+
+SPANS = "error bars span what the data allow"
+
+
+def without_rivals(notes: Iterable[str]) -> tuple[str, ...]:
+    """The notes of a result whose error bars are one model's."""
+    return tuple(note for note in notes if not note.startswith(SPANS))
 
 
 def with_rivals(result: FitResult, tried: Sequence[Rival], spread_of: Mapping[int, Mapping[str, float]]) -> FitResult:
@@ -48,8 +56,7 @@ def with_rivals(result: FitResult, tried: Sequence[Rival], spread_of: Mapping[in
         if names
     ]
     note = (
-        f"error bars span what the data allow beside the {'named' if in_place else 'final'} model: {'; '.join(parts)}, weighed by "
-        "their likelihood"
+        f"{SPANS} beside the {'named' if in_place else 'final'} model: {'; '.join(parts)}, weighed by their likelihood"
     )
     return replace(
         result,

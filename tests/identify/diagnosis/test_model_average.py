@@ -11,6 +11,7 @@ from thermohyd.identify.diagnosis import final_model as final_model_module
 from thermohyd.identify.diagnosis.case import choose
 from thermohyd.identify.diagnosis.diagnose import diagnose_case
 from thermohyd.identify.diagnosis.final_model import final_model
+from thermohyd.identify.diagnosis.model_average import without_rivals
 from thermohyd.identify.fitting.problem_solution import gls_covariance
 
 
@@ -71,6 +72,7 @@ def test_error_bars_span_a_suspect():
             assert "pilot_leakage" in here.averaged_over
     assert moved > 0
     [note] = [note for note in result.after.notes if "span what the data allow" in note]
+    assert without_rivals((note, "another")) == ("another",)
     assert "pilot_leakage, flowmeter_offset that was found" in note or "pilot_leakage that was found" in note
 
 
