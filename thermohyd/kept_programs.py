@@ -94,7 +94,7 @@ class KeptProgram:
         filter_jit: Any = eqx.filter_jit  # its types do not know the keywords that it hands on to jax.jit
         self.plain = filter_jit(function, compiler_options=options) if options else filter_jit(function)
         self.function, self.options, self.stands_on = function, options, stands_on
-        self.kept: dict[Any, Callable | None] = {}
+        self.kept: dict[Any, _Program | None] = {}
         self.unkept: dict[Any, Callable] = {}
         _programs.add(self)
 
@@ -175,8 +175,8 @@ class _Program:
         run = self.run
         if run is None:
             try:
-                executable, *others = _read(self.file)
-                run = self.run = _callable(executable, *others)
+                executable, count, answer = _read(self.file)
+                run = self.run = _callable(executable, count, answer)
                 self.size = len(executable)
                 self.reads += 1
                 if self.reads > MOST_READS:

@@ -54,7 +54,8 @@ def without_limits(test: TestRecord) -> TestRecord:
 
 def _standing(test: TestRecord, at: int, limit: float, limits: tuple[float, ...]) -> np.ndarray:
     """Rows in which channel `at` is at exactly `limit`, in stretches while the spool moved, where a reading is followed by the same more
-    often than by chance."""
+    often than by chance. A gauge that has a limit is at it in any row of that reading: where a sweep begins or turns these may be two.
+    """
     value, none = test.channels[at].value, np.zeros(0, dtype=int)
     if test.rows < 2:
         return none
@@ -67,6 +68,8 @@ def _standing(test: TestRecord, at: int, limit: float, limits: tuple[float, ...]
         return none
     stretches = [(a, b) for a, b in piece_bounds(np.cumsum(np.append(0, ~again))) if b - a >= IN_A_ROW]
     if not isinstance(test, DynamicTest):
+        if stretches and limit != 0.0:
+            return np.flatnonzero(value == limit)
         return np.concatenate([none, *(np.arange(a, b) for a, b in stretches)])
     least = SLOPE_OF_A_CUT * float(np.median(local_steps(value)))
     cut = [(a, b) for a, b in stretches if _cut_off(test, value, a, b, least)]

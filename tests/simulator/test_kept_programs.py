@@ -92,10 +92,11 @@ def test_what_is_longest_unused_goes_and_is_read_again(folder, monkeypatch):
         while not loaded.room:  # read again and again: there must be room for it
             for n in (1, 2, 3):
                 program(KEEP[:n], SOURCE[:n])
-        assert max(each.reads for each in program.kept.values()) == kept_programs.MOST_READS + 1
+        kept = [each for each in program.kept.values() if each is not None]
+        assert max(each.reads for each in kept) == kept_programs.MOST_READS + 1
     for file in folder.iterdir():
         file.unlink()
-    for each in program.kept.values():
+    for each in kept:
         each.run = None
     assert np.array_equal(program(KEEP, SOURCE), want[2])
     assert len(programs(folder)) == 1
