@@ -96,8 +96,10 @@ def rivals_of(
         for s in likely
         if not expensive_to_compile((*others, s.name)) or expensive_to_compile(final.effects) or s.gain > gain - ALIKE
     ]
-    # A fault whose column is the effect's own is that effect by another name: a gauge's zero is in the library.
-    alias = lambda s: s.name == name or (named is not None and abs(float(s.direction @ named.direction)) > SAME_THING)
+    # A fault whose column is that of a gauge's own error in the library is this error by another name; that of the valve's is a rival.
+    of_the_bench = is_fault(name) or effect_info(name).elsewhere == "bench"
+    same = lambda s: named is not None and abs(float(s.direction @ named.direction)) > SAME_THING
+    alias = lambda s: s.name == name or (of_the_bench and same(s))
     at_fault = [s for s in ([] if faults is None else faults.ranked) if not alias(s) and (s.gain > within or twin(s))]
     tried = []
     for s in (*likely[:MOST_REFITS], *at_fault[:FAULTS]):
@@ -112,7 +114,12 @@ def rivals_of(
             fit = problem.fit((*others, s.name), fit.values, hop_basins=True)
         if fit.values[s.name] == 0.0 or s.name in fit.active:
             continue
-        tried.append(Rival(s.name, name, fit, _more(fit, final, scale)))
+        more = _more(fit, final, scale)
+        if is_fault(s.name) and not of_the_bench and twin(s):
+            # What a fault must gain for the many places that it was looked for in is a matter of chance: no chance made it the same curve.
+            # It stands beside the effect then, and takes its place only where it has gained that.
+            more = min(more, max(more - (fit.allowance - final.allowance), 0.0))
+        tried.append(Rival(s.name, name, fit, more))
     law, share = (scores.law, 1.0) if own or faults is None else (faults.law, SHARE)
     known = np.inf if named is None or freedom is None else freedom.along(named.direction, without.used)
     strength = normal_score(float(np.sqrt(max(gain / scale, 0.0))), known)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from helpers.small_bench import CONDITIONS, small_record
-from helpers.small_diagnosis import opened, small_case
+from helpers.small_diagnosis import LIBRARY, opened, small_case
 
 from thermohyd.identify.bench.record import BenchRecord
 from thermohyd.identify.bench.test_record import TestRecord
@@ -15,6 +15,7 @@ from thermohyd.identify.diagnosis.diagnose import diagnose_case
 from thermohyd.identify.diagnosis.result import DiagnosisResult
 from thermohyd.identify.diagnosis.screening_faults import fault_columns
 from thermohyd.identify.fitting.bench_faults import faults_of, is_fault
+from thermohyd.identify.reduction.bad_rows import without_rows
 
 
 def changed(record: BenchRecord, *names: str, by: Callable[[TestRecord], TestRecord]) -> BenchRecord:
@@ -109,6 +110,27 @@ def test_a_fault_and_an_effect_are_both_found():
     assert any(fault.sentence in sentence for sentence in result.sentences)
     assert result.proof is not None
     assert result.proof > 100.0
+
+
+def test_a_zero_that_is_the_same_curve_as_a_leak_is_its_rival():
+    """At one supply pressure the first stage's leakage is a constant, and so is a meter's zero: a hidden record of the one was named as
+    the other, for certain."""
+
+    def at_one_pressure(record: BenchRecord) -> BenchRecord:
+        others = lambda t: np.flatnonzero(t.supply_pressure != CONDITIONS[1][1]).tolist()
+        return changed(record, *record.tests, by=lambda t: without_rows(t, others(t)))
+
+    # These flow gains cannot tell flowmeter_offset from it either.
+    names = tuple(name for name in LIBRARY if name != "flowmeter_offset")
+    for spoil, effects in (
+        (at_one_pressure, {"pilot_leakage": 1e-11}),
+        (lambda record: at_one_pressure(changed(record, "leakage", by=lambda t: read_more(t, 4.6e-8))), {}),
+    ):
+        result = diagnose_case(opened(spoil(small_record(effects, seed=1)), names))
+        assert result.verdict == "ambiguous"
+        [effect] = result.effects
+        assert effect.name == "pilot_leakage"
+        assert any(a.name == "reading_zero" and a.where.startswith("leakage") for a in effect.alternatives)
 
 
 def test_several_runs_with_a_fault_each_are_a_misfit_that_nothing_explains():
