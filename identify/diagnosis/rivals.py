@@ -98,8 +98,8 @@ def rivals_of(
     ]
     # A fault whose column is that of a gauge's own error in the library is this error by another name; that of the valve's is a rival.
     of_the_bench = is_fault(name) or effect_info(name).elsewhere == "bench"
-    same = lambda s: named is not None and abs(float(s.direction @ named.direction)) > SAME_THING
-    alias = lambda s: s.name == name or (of_the_bench and same(s))
+    same_curve = lambda s: named is not None and abs(float(s.direction @ named.direction)) > SAME_THING
+    alias = lambda s: s.name == name or (of_the_bench and same_curve(s))
     at_fault = [s for s in ([] if faults is None else faults.ranked) if not alias(s) and (s.gain > within or twin(s))]
     tried = []
     for s in (*likely[:MOST_REFITS], *at_fault[:FAULTS]):
