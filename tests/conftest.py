@@ -43,10 +43,10 @@ from thermohyd.kept_programs import keep_in  # noqa: E402
 
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_dtype_promotion", "strict")
-# What one worker compiled the other need not, nor the next run of the suite, in this checkout or in another: what decides a program is
-# in the name that it is kept under.
-compiled = compilation_cache("tests")
-jax.config.update("jax_compilation_cache_dir", str(compiled) if compiled else None)
+# What one worker compiled the other need not, nor the next run of the suite. Programs are written whole, and what decides one is in its
+# name: they serve other checkouts, too. JAX's own entries may be cut short by a killed run, and none is written again: each checkout has
+# its own.
+jax.config.update("jax_compilation_cache_dir", str(Path(__file__).parents[1] / "build" / "compiled-for-tests"))
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
 keep_in(compilation_cache("programs-of-tests"))
 

@@ -8,8 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from thermohyd.identify.cli.jax_setup import compilation_cache
-
 
 ROOT = Path(__file__).parents[1]
 NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.py"))
@@ -24,9 +22,8 @@ SAID = {
 def test_a_notebook_runs_as_a_script(notebook, tmp_path):
     if notebook.stem not in AT_ONCE and os.environ.get("THERMOHYD_TUTORIAL") != "1":
         pytest.skip("THERMOHYD_TUTORIAL=1 runs what takes minutes")
-    kept = {"MPLBACKEND": "Agg", "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.2"}  # as in conftest.py
-    if (compiled := compilation_cache("tests")) is not None:
-        kept["JAX_COMPILATION_CACHE_DIR"] = str(compiled)
+    kept = {"JAX_COMPILATION_CACHE_DIR": str(ROOT / "build" / "compiled-for-tests"), "MPLBACKEND": "Agg"}
+    kept |= {"JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.2"}  # as in conftest.py
     ran = subprocess.run(
         [sys.executable, "-P", str(notebook)], cwd=tmp_path, env=os.environ | kept, capture_output=True, text=True
     )

@@ -60,12 +60,12 @@ def _on_device(values: np.ndarray) -> Array:
     """What terms do to rows: where a model has none, which is usual, ones and zeros that all blocks share; they are nine tenths of a
     block, and a search lays out hundreds of them."""
     first = float(values.flat[0])
-    return _constant(values.shape, first) if np.all(values == first) else jnp.asarray(values)
+    return _constant(values.shape, first, values.dtype) if np.all(values == first) else jnp.asarray(values)
 
 
 @functools.cache
-def _constant(shape: tuple[int, ...], value: float) -> Array:
-    return jnp.full(shape, value)
+def _constant(shape: tuple[int, ...], value: float, dtype: np.dtype) -> Array:
+    return jnp.full(shape, value, dtype)  # without one it would be of a weak type, and need programs of its own
 
 
 def _rows_of_blocks(count: int) -> list[np.ndarray]:

@@ -20,6 +20,7 @@ from .fit_json import fields_of, fit_json, plain
 
 NOISE = ("test", "channel", "std", "source", "correlation", "correlation_source", "effective_size", "rows")
 DISCREPANCY = ("test", "channel", "std", "of_each_sweep", "length")
+SUSPECT = ("name", "value", "unit", "evidence", "times_usual", "strength", "hint", "held_out", "outdone_by")
 HELD_OUT = ("before", "after", "gap_closed", "rows", "what", "reduced_chi2_before", "reduced_chi2_after", "exchange")
 
 
@@ -40,21 +41,7 @@ def diagnosis_json(result: DiagnosisResult) -> dict[str, Any]:
         "where_after": [_region(region) for region in result.where_after],
         "effects": [_effect(effect) for effect in result.effects],
         "rejected": [fields_of(c, "name", "p_value", "gap_closed") for c in result.rejected if c.name not in rivals],
-        "suspects": [
-            fields_of(
-                suspect,
-                "name",
-                "value",
-                "unit",
-                "evidence",
-                "times_usual",
-                "strength",
-                "hint",
-                "held_out",
-                "outdone_by",
-            )
-            for suspect in result.suspects
-        ],
+        "suspects": [fields_of(suspect, *SUSPECT) for suspect in result.suspects],
         "proof": result.proof,
         **fields_of(result, "absorbed", "gap_before", "gap_after"),
         "held_out": None if result.held_out is None else fields_of(result.held_out, *HELD_OUT),

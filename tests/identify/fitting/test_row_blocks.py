@@ -60,6 +60,16 @@ def point(readings: StaticReadings, program: tuple[str, ...], amounts: dict[str,
     return np.array([readings.plans[n].start if n in PARAMETERS else amounts.get(n, 0.0) for n in order])
 
 
+def test_terms_that_are_all_one_value_are_shared_and_need_no_program_of_their_own():
+    """A weak type would be another program; blocks with and without terms have the same."""
+    constant, varied = np.ones((2, 3)), np.arange(6.0).reshape(2, 3)
+    laid_out = [row_blocks._on_device(values) for values in (constant, constant.copy(), varied)]
+    assert laid_out[0] is laid_out[1]
+    for values, array in zip((constant, constant, varied), laid_out, strict=True):
+        assert np.array_equal(array, values)
+        assert (array.dtype, array.weak_type) == (np.float64, False)
+
+
 @pytest.mark.parametrize("change", CHANGES)
 def test_residuals_and_columns_are_those_of_one_program(change):
     readings = readings_of(CHANGES[change])
