@@ -4,12 +4,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from thermohyd.identify.noise.level import effective_size
+from thermohyd.identify.noise.level import MEDIAN_OF_CHI2, divided_third, effective_size
 
 from .monotone_pieces import piece_bounds
 from .rounding import local_steps, reading_steps, rounding_error
 
 
+NEAREST = 2  # rows either side of the narrowest line through a curve
+# Standard errors; of 0.5 to 3 this comes nearest to the slopes of a tanh in noise of a thousandth to a hundredth of its height.
+AGREE = 3.0
 STEPS_ACROSS = 3.0  # a window over this many steps of the log averages its rounding away
 
 
@@ -71,6 +74,14 @@ def local_line(
 
     Value, slope, and what share of the variance of a row's noise is left in its distance from the line.
     """
+    line, slope, spread, away, count = _lines_through(values, half, along)
+    return line, slope, 1.0 - 1.0 / count - away**2 / np.where(spread > 0, spread, 1.0)
+
+
+def _lines_through(
+    values: np.ndarray, half: int, along: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Value and slope of `local_line`; sum of squares of `along` about the rows' mean, each row's distance from it, and rows."""
     n = len(values)
     row = np.arange(n)
     low, high = np.maximum(row - half, 0), np.minimum(row + half, n - 1) + 1
@@ -80,10 +91,47 @@ def local_line(
     st, stt, sy, sty = (s[high] - s[low] for s in sums)
     count = high - low
     spread = stt - st**2 / count
-    safe = np.where(spread > 0, spread, 1.0)
-    slope = np.where(spread > 0, (sty - st * sy / count) / safe, 0.0)
+    slope = np.where(spread > 0, (sty - st * sy / count) / np.where(spread > 0, spread, 1.0), 0.0)
     away = t - st / count
-    return values.mean() + sy / count + slope * away, slope, 1.0 - 1.0 / count - away**2 / safe
+    return values.mean() + sy / count + slope * away, slope, spread, away, count
+
+
+def local_cubic(values: np.ndarray, half: int, along: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """As `local_line`, by cubics `along` what is given over 2 half + 1 rows; at the ends over as many, all on one side."""
+    n, width = len(values), 2 * half + 1
+    rows = np.clip(np.arange(n) - half, 0, n - width)[:, None] + np.arange(width)
+    t = along[rows] - along[:, None]
+    scale = np.max(np.abs(t), axis=1)
+    q, r = np.linalg.qr((t / scale[:, None])[..., None] ** np.arange(4))
+    inverse = np.linalg.inv(r)  # of a row's own place, where t = 0, the value is the first coefficient
+    fitted = np.einsum("nij,nwj,nw->ni", inverse[:, :2], q, values[rows] - values[:, None])
+    return values + fitted[:, 0], fitted[:, 1] / scale, 1.0 - np.sum(inverse[:, 0] ** 2, axis=1)
+
+
+def curve_slopes(position: np.ndarray, value: np.ndarray, pieces: np.ndarray) -> np.ndarray:
+    """Slope of a reading's curve at every row (rows,), by lines through as many neighbours as its noise asks for and its bend allows.
+
+    The widest of doubling windows whose slope agrees with those of all narrower ones to within `AGREE` standard errors each
+    (Goldenshluger & Nemirovski, Mathematical Methods of Statistics 6, 1997, p. 135).
+    """
+    slope = np.zeros(len(position))
+    for start, stop in piece_bounds(pieces):
+        x, y, count = position[start:stop], value[start:stop], stop - start
+        if count < 3 or np.ptp(x) == 0.0:
+            continue
+        noise = float(np.sqrt(np.median(divided_third(x, y) ** 2) / MEDIAN_OF_CHI2)) if count >= 4 else 0.0
+        found, open_ = np.zeros(count), np.ones(count, dtype=bool)
+        low, high = np.full(count, -np.inf), np.full(count, np.inf)
+        half = NEAREST
+        while half <= max(NEAREST, count // 4) and open_.any():
+            _, slopes, spread, *_ = _lines_through(y, half, x)
+            error = AGREE * noise / np.sqrt(np.where(spread > 0.0, spread, np.inf))
+            low, high = np.maximum(low, slopes - error), np.minimum(high, slopes + error)
+            open_ &= (low <= high) | (half == NEAREST)
+            found[open_] = slopes[open_]
+            half *= 2
+        slope[start:stop] = found
+    return slope
 
 
 def _is_staircase(x: np.ndarray) -> bool:

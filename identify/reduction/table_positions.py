@@ -4,6 +4,7 @@ A transducer's noise of 0.1 um becomes, from one row to the next, a rate of seve
 rate, direction and heating would follow it (docs/diagnosis.md section 2). Raw logs have their own way (`sweep_position`).
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,8 +14,8 @@ from thermohyd.identify.bench.test_record import TestRecord
 from thermohyd.identify.noise.level import MEDIAN_OF_CHI2, divided_third
 
 from .monotone_pieces import monotone_pieces, piece_bounds, running_medians, sweep_axis
-from .rounding import column_step, local_slopes
-from .sweep_position import local_line
+from .rounding import column_step
+from .sweep_position import curve_slopes, local_cubic, local_line
 
 
 SMALLEST = 1e-9  # of the sweep's range: no noise
@@ -31,12 +32,20 @@ ASIDE, NOW_AND_THEN = 0.2, 0.02  # steps, of a third difference as if of noise; 
 # Gain in log-likelihood from which on the readings say that the spool did move as its positions scatter, or did not. Rows share their
 # third differences with three others, so that 9 is a likelihood ratio of about e^3.
 MOVED = 9.0
+# Shares of the scatter that readings may follow; of barely any, positions are as good along the curve.
+SHARES, BARELY = np.linspace(0.0, 1.0, 21), 0.15
 HEAVY = 3.0  # standard deviations beyond which a third difference is the curve's bend rather than noise
+# Rows either side of a cubic; lines over more than `ENOUGH` are as good as any.
+WIDEST, NARROWEST, ENOUGH = 64, 3, 16
+
+
+# Value, slope, and the share of a row's variance that its distance keeps, per row.
+_Curve = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True)
 class _Lines:
-    """Straight lines in time through the positions, per row (SI).
+    """Straight lines in time through the positions, or cubics, per row (SI).
 
     found: rows that have one; `error`: its variance there, as a share of a row's.
     """
@@ -65,8 +74,7 @@ def as_measured(test: TestRecord, *, along_curve: bool = False) -> TestRecord:
     pieces, direction = _ways(test)
     if test.time is None:
         return _with_parts(test, stated, test.spool_position, pieces)
-    beyond, rounding = (stated, 0.0) if stated is not None else _scatter(test, pieces)
-    noise = float(np.hypot(beyond, rounding))
+    beyond, noise = (stated, stated) if stated is not None else _scatter(test, pieces)
     if noise <= SMALLEST * float(np.ptp(test.spool_position)):
         return test
     lines = _lines(test.time, test.spool_position, pieces, noise)
@@ -75,14 +83,12 @@ def as_measured(test: TestRecord, *, along_curve: bool = False) -> TestRecord:
     direction = np.where(lines.found, direction, test.direction).astype(test.direction.dtype)
     rate = lines.slope if test.rate is None else np.where(lines.found, lines.slope, test.rate)
     swept = replace(test, direction=direction, rate=rate)
-    if beyond == 0.0:
-        gain = _followed(test, lines, pieces)
-        if abs(gain) <= MOVED:
-            return _with_parts(swept, noise, lines.value, pieces, along_curve=along_curve)
-        return swept if gain > 0.0 else _unrounded(swept, lines, rounding, pieces)
     if stated is None:
-        if _followed(test, lines, pieces) > MOVED:
-            return _with_parts(swept, rounding, test.spool_position, pieces)
+        clear, share = _followed(test, lines, pieces)
+        if clear and (share > BARELY or beyond == 0.0):
+            return _where_it_was(swept, lines, noise, share, pieces)
+        if beyond == 0.0:
+            return _with_parts(swept, noise, lines.value, pieces, along_curve=along_curve)
         note = (
             f"{test.name}: positions scatter by {significant(noise * 1e6, 2)} um about a smooth sweep in time, and the readings "
             "do not follow: this is taken for noise of the position and adds to the readings' by the slope of their curves; a fit "
@@ -92,10 +98,17 @@ def as_measured(test: TestRecord, *, along_curve: bool = False) -> TestRecord:
     return _with_parts(swept, noise, lines.value, pieces, along_curve=along_curve)
 
 
-def _unrounded(test: TestRecord, lines: _Lines, rounding: float, pieces: np.ndarray) -> TestRecord:
-    """The test at the positions of its lines, which are known better than rounded ones by the root of their rows."""
-    left = rounding * np.sqrt(lines.error)
-    return _with_parts(replace(test, spool_position=lines.value), left, lines.value, pieces)
+def _where_it_was(test: TestRecord, lines: _Lines, noise: float, share: float, pieces: np.ndarray) -> TestRecord:
+    """The test at the positions that are likeliest where the readings follow this share of the positions' scatter: the rest is noise.
+
+    Of a scatter of variance s^2 the spool made share s^2; of where it was is known, beside the line, all but
+    share (1 - share) s^2 (Fuller 1987, sec. 1.2), and where it did not move the line is, by the root of its rows.
+    """
+    if share == 1.0:
+        return test
+    value = lines.value + share * (test.spool_position - lines.value)
+    left = noise * np.sqrt((1.0 - share) * (share + (1.0 - share) * lines.error))
+    return _with_parts(replace(test, spool_position=value), left, value, pieces)
 
 
 def _ways(test: TestRecord) -> tuple[np.ndarray, np.ndarray]:
@@ -143,14 +156,15 @@ def _slopes(along: np.ndarray, value: np.ndarray, pieces: np.ndarray) -> np.ndar
     for a, b in piece_bounds(pieces):
         if b - a >= FEWEST_ROWS:
             smooth[a:b] = running_medians(value[a:b])
-    return local_slopes(along, smooth, pieces)
+    return curve_slopes(along, smooth, pieces)
 
 
 def _scatter(test: TestRecord, pieces: np.ndarray) -> tuple[float, float]:
-    """Standard deviation of a position about any parabola in time [m] beyond what rounding makes, 0 where that may be all; and of the
+    """Standard deviation of a position about any parabola in time [m] beyond what rounding makes, 0 where that may be all; and with the
     rounding, 0 where the positions scatter by less: they are then what was commanded.
 
-    A time rounded to 10 ms moves a sweep of 20 um/s by 0.06 um and one of 4 um/s by 0.01 um: each piece has its own.
+    A time rounded to 10 ms moves a sweep of 20 um/s by 0.06 um and one of 4 um/s by 0.01 um: each piece has its own. Where rounding may
+    be all, what is seen counts: a transducer's noise of a third of a step doubles the variance that rounding makes.
     """
     assert test.time is not None
     seen, rounding = [], []
@@ -170,39 +184,57 @@ def _scatter(test: TestRecord, pieces: np.ndarray) -> tuple[float, float]:
     aside = float(np.mean(np.sqrt(square * MEDIAN_OF_CHI2) > ASIDE * steps[0]))
     own = steps[0] / np.sqrt(12.0) if steps[0] > 0.0 and (share > COMMANDED or aside > NOW_AND_THEN) else 0.0
     if share < ROUNDED:
-        return 0.0, own
+        whole = np.mean(np.minimum(square * MEDIAN_OF_CHI2, HEAVY**2 * high))  # a jump is no noise
+        return 0.0, float(np.sqrt(max(own**2, whole))) if own > 0.0 else 0.0
     for _ in range(40):  # the variance beside which the median of all is what it should be
         middle = 0.5 * (low + high)
         low, high = (middle, high) if np.median(square / (middle + rounded)) > 1.0 else (low, middle)
-    return float(np.sqrt(high)), own
+    return float(np.sqrt(high)), float(np.hypot(np.sqrt(high), own))
 
 
 def _lines(time: np.ndarray, position: np.ndarray, pieces: np.ndarray, noise: float) -> _Lines:
-    """Lines over as many rows of each piece as the sweep is straight over, to within its noise."""
+    """Lines over as many rows of each piece as the sweep is straight over, to within its noise; cubics where more rows follow one, as
+    on a sine, which no five rows of a line do."""
     rows = len(time)
     lines = _Lines(position.copy(), np.zeros(rows), np.zeros(rows, dtype=bool), np.ones(rows))
     for a, b in piece_bounds(pieces):
         part, count = slice(a, b), b - a
         if count < FEWEST_ROWS or np.ptp(position[part]) == 0.0 or not np.all(np.diff(time[part]) > 0.0):
             continue
-        half = count - 1
-        while half >= 2:
-            value, slope, kept = local_line(position[part], half, time[part])
-            if np.sum((position[part] - value) ** 2) <= STRAIGHT * noise**2 * max(np.sum(kept), 1.0):
-                lines.value[part], lines.slope[part], lines.found[part] = value, slope, True
-                lines.error[part] = 1.0 - kept
-                break
-            half //= 2
+        x, t = position[part], time[part]
+        found = _widest(local_line, x, t, noise, count - 1, 2)
+        if found is None or np.mean(1.0 - found[2]) > 0.5 / ENOUGH:
+            cubic = _widest(local_cubic, x, t, noise, min(WIDEST, (count - 1) // 2), NARROWEST)
+            found = min(
+                (f for f in (found, cubic) if f is not None), key=lambda f: float(np.mean(1.0 - f[2])), default=None
+            )
+        if found is not None:
+            value, slope, kept = found
+            lines.value[part], lines.slope[part], lines.found[part] = value, slope, True
+            lines.error[part] = 1.0 - kept
     return lines
 
 
-def _followed(test: TestRecord, lines: _Lines, pieces: np.ndarray) -> float:
-    """Log-likelihood of readings that moved with the scatter of the positions over that of readings that did not: where they did,
-    the spool moved so, and no transducer's noise or rounding made it."""
-    gain = 0.0
+def _widest(
+    curve: Callable[..., _Curve], x: np.ndarray, t: np.ndarray, noise: float, widest: int, narrowest: int
+) -> _Curve | None:
+    """The curve through the positions over the most rows that leaves no more than noise does."""
+    half = widest
+    while half >= narrowest:
+        value, _, kept = found = curve(x, half, t)
+        if np.sum((x - value) ** 2) <= STRAIGHT * noise**2 * max(np.sum(kept), 1.0):
+            return found
+        half //= 2
+    return None
+
+
+def _followed(test: TestRecord, lines: _Lines, pieces: np.ndarray) -> tuple[bool, float]:
+    """Whether the readings say clearly that they followed the scatter of the positions, or did not; and what share of it they did
+    follow: the spool made that, the rest is the transducer's noise and rounding."""
+    losses = np.zeros(len(SHARES))
     for channel in test.channels:
         seen, expected = [], []
-        slope = local_slopes(lines.value, channel.value, pieces)
+        slope = curve_slopes(lines.value, channel.value, pieces)
         shift = slope * (test.spool_position - lines.value)
         for a, b in piece_bounds(pieces):
             if b - a < FEWEST_ROWS or not lines.found[a]:
@@ -212,10 +244,14 @@ def _followed(test: TestRecord, lines: _Lines, pieces: np.ndarray) -> float:
         if not seen:
             continue
         e, g = np.concatenate(seen), np.concatenate(expected)
-        size = np.sqrt(min(np.median(e**2), np.median((e - g) ** 2)) / MEDIAN_OF_CHI2)
+        rest = e - SHARES[:, None] * g
+        size = np.sqrt(np.min(np.median(rest**2, axis=1)) / MEDIAN_OF_CHI2)
         if size > 0.0:
-            gain += _loss(e / size) - _loss((e - g) / size)
-    return gain
+            losses += [_loss(r / size) for r in rest]
+    best = int(np.argmin(losses))
+    share = float(SHARES[best])
+    # Slopes of the curve are known to some per cent, and with them the share.
+    return bool(max(losses[0], losses[-1]) - losses[best] > MOVED), 1.0 if share >= 1.0 - BARELY else share
 
 
 def _loss(r: np.ndarray) -> float:
