@@ -9,7 +9,7 @@ from thermohyd.identify.bench.test_record import Channel, TestRecord
 from thermohyd.identify.fitting.problem import Key, Problem
 from thermohyd.identify.fitting.problem_fit import Fit
 from thermohyd.identify.fitting.readings import Noise
-from thermohyd.identify.noise.correlation import NoiseCorrelation, ProjectedNoise, Remembered, noise_correlation
+from thermohyd.identify.noise.correlation import NoiseCorrelation, ProjectedNoise, Remembered, Sums, noise_correlation
 from thermohyd.identify.noise.level import ChannelNoise, repeat_differences
 
 from .left_over import smooth_block
@@ -20,6 +20,8 @@ from .screening_faults import fault_columns
 MOST_TAKEN = 0.4  # of the rows by columns, so that what is left still shows the noise
 # Rows compared, below which repeats say too little of the correlation, whose standard error is 1/sqrt(rows) = 0.13 there.
 ENOUGH_REPEATS = 60
+# Standard errors of a correlation, of a dozen, by which repeats may differ from all rows.
+DISAGREE = 3.0
 # Scatter beyond the stated noise, as a ratio of variances, from which on it counts as noise that tests must allow for; of few
 # readings it must also be more than chance makes of one channel in a hundred.
 EXCESS, CHANCE = 1.2, 0.01
@@ -46,6 +48,15 @@ class Repeats:
     variance: float
     correlation: NoiseCorrelation
     rows: int
+    sums: Sums  # of the differences, whose variance is `variance`
+
+    def agree(self, correlation: NoiseCorrelation) -> bool:
+        """Whether no lag of theirs lies further from this correlation than chance makes it (Bartlett 1946, for the later lags)."""
+        lag = np.arange(1, len(self.sums.pairs))
+        pairs = self.sums.pairs[lag]
+        seen = self.sums.products[lag] / np.maximum(pairs * self.variance, 1e-300)
+        away = np.abs(seen - correlation.share * correlation.phi**lag) * np.sqrt(correlation.independent(1.0) * pairs)
+        return bool(np.all(away <= DISAGREE))
 
 
 def repeats_of(test: TestRecord, channel: Channel, std: np.ndarray) -> Repeats | None:
@@ -60,7 +71,7 @@ def repeats_in(pieces: list[np.ndarray]) -> Repeats | None:
         return None
     values = np.concatenate(pieces)
     ids = np.repeat(np.arange(len(pieces)), [len(piece) for piece in pieces])
-    return Repeats(float(np.mean(values**2)), noise_correlation(values, ids, 0.0), rows)
+    return Repeats(float(np.mean(values**2)), noise_correlation(values, ids, 0.0), rows, Sums.of(pieces))
 
 
 def first_noise(noise: dict[Key, ChannelNoise]) -> Noise:
@@ -71,12 +82,13 @@ def first_noise(noise: dict[Key, ChannelNoise]) -> Noise:
 def estimated_noise(
     problem: Problem, fit: Fit, stated: dict[Key, ChannelNoise], repeats: dict[Key, Repeats | None]
 ) -> dict[Key, NoiseEstimate]:
-    """The noise of each channel beside `fit`: repeated sweeps first, else what no effect can explain.
+    """The noise of each channel beside `fit`: repeated sweeps first, for its correlation with what no effect can explain.
 
-    What neither the parameters, nor any effect of the library, nor a fault of the bench, nor smooth curves over the conditions
-    explain is noise: its size where none is known, its correlation where no repeats measured it. A missing effect thus is not
-    taken for noise, as it would be if the residuals of the fit were used, nor a zero that moved from run to run for a noise with
-    a long memory. Faults of single runs are left in where they would take more than `MOST_TAKEN` of the rows.
+    Repeats owe nothing to a model, but one sweep in five is not much to tell a memory from: all rows say it more sharply, and are
+    believed together with the repeats unless these contradict. What neither the parameters, nor any effect of the library, nor a
+    fault of the bench, nor smooth curves over the conditions explain is noise. A missing effect thus is not taken for noise, as it
+    would be if the residuals of the fit were used, nor a zero that moved from run to run for a noise with a long memory. Faults of
+    single runs are left in where they would take more than `MOST_TAKEN` of the rows.
     """
     plain = problem.with_noise(first_noise(stated))
     beside = plain.with_all_columns(plain.evaluate(fit.values, fit.effects))
@@ -100,8 +112,14 @@ def estimated_noise(
         degrees_of_freedom = max(projected.degrees_of_freedom(rows), 1.0)
         variance = float(np.sum(rest[rows] ** 2)) / degrees_of_freedom
         size = variance if _excessive(variance, degrees_of_freedom) else 1.0
-        left = projected.remembered(rest, rows, size if stated[key].known else None)
-        found = _channel(stated[key], repeats[key], variance, degrees_of_freedom, left)
+        of_known = size if stated[key].known else None
+        repeated = repeats[key]
+        if repeated is None:
+            left = projected.remembered(rest, rows, of_known)
+        else:
+            as_large = replace(repeated.sums, products=repeated.sums.products * size / max(repeated.variance, 1e-300))
+            left = projected.remembered(rest, rows, of_known, as_large)
+        found = _channel(stated[key], repeated, variance, degrees_of_freedom, left)
         noise[key] = _beside_positions(
             found, problem.tests[key[0]].channel(key[1]).position_part, stated[key].std, stretches[rows]
         )
@@ -138,6 +156,8 @@ def _channel(
 ) -> NoiseEstimate:
     if repeats is not None:
         correlation, source = repeats.correlation, f"differences between repeated sweeps ({repeats.rows} pairs of rows)"
+        if repeats.agree(left.correlation):
+            correlation, source = left.correlation, f"{source} and what neither effects nor smooth curves explain"
         variance, degrees_of_freedom = repeats.variance, correlation.independent(repeats.rows)
     else:
         correlation, source = left.correlation, "what neither effects nor smooth curves explain"
