@@ -169,8 +169,8 @@ class ProjectedNoise:
     ) -> Remembered:
         """Correlation and variance of the noise in `rows` of the projected residual `rest`; size: its variance where known.
 
-        Least squares of the sums of r_t r_(t+l) over all memories and shares, against their scatter for white noise. Where
-        the size is known a long memory must have left as much as is seen: a few rows say that more safely than a slope.
+        Least squares of the sums of r_t r_(t+l) over all memories and shares, against their scatter for white noise first and, where
+        that is not it, for noise with the memory found so far: lags that share their rows then count as one. Where the size is known a long memory must have left as much as is seen: a few rows say that more safely than a slope.
         beside: sums of the same noise that no projection touched.
         """
         pieces = self._within(rows)
@@ -212,10 +212,12 @@ class ProjectedNoise:
         least, found = best(MEMORIES, of_white, scale)
         if least > white[0] * float(away @ of_white @ away) - SIGNIFICANT**2:
             return plain
-        for memories in (MEMORIES, None):
-            fine = found.correlation.phi + FINER if memories is None else memories
-            fine = fine[(fine >= MEMORIES[0]) & (fine <= MOST_MEMORY)]
-            found = best(fine, np.linalg.inv(_scatter_of_sums(found.correlation, lags)), size or found.variance)[1]
+        # Once more with what sums of such noise scatter by, and once about the best.
+        for near in (False, True):
+            memories = found.correlation.phi + FINER if near else MEMORIES
+            memories = memories[(memories >= MEMORIES[0]) & (memories <= MOST_MEMORY)]
+            inverse = np.linalg.inv(_scatter_of_sums(found.correlation, lags))
+            found = best(memories, inverse, size or found.variance)[1]
         return found
 
 

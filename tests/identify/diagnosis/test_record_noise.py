@@ -97,3 +97,12 @@ def test_chance_in_few_readings_is_no_excess_of_noise():
     assert _excessive(3.0, 9.0)
     assert _excessive(1.25, 1000.0)
     assert not _excessive(1.15, 1e5)
+
+
+def test_repeats_contradict_what_a_misfit_has_left_in_the_other_rows():
+    """A curve that no model follows looks like noise that remembers a long way; repeats, which share it, do not."""
+    test, channel = noisy((1,) * 20)
+    repeats = repeats_of(test, channel, np.ones(test.rows))
+    assert repeats is not None
+    assert repeats.agree(NoiseCorrelation())
+    assert not repeats.agree(NoiseCorrelation(0.9, 0.95))
