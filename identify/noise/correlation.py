@@ -170,7 +170,8 @@ class ProjectedNoise:
         """Correlation and variance of the noise in `rows` of the projected residual `rest`; size: its variance where known.
 
         Least squares of the sums of r_t r_(t+l) over all memories and shares, against their scatter for white noise first and, where
-        that is not it, for noise with the memory found so far: lags that share their rows then count as one. Where the size is known a long memory must have left as much as is seen: a few rows say that more safely than a slope.
+        that is not it, for noise with the memory found so far: lags that share their rows then count as one. Where the size is known a
+        long memory must have left as much as is seen: a few rows say that more safely than a slope.
         beside: sums of the same noise that no projection touched.
         """
         pieces = self._within(rows)
