@@ -1,7 +1,7 @@
 """Records as a real bench makes them: does the diagnosis name the effect, or the fault of the bench? `make hidden-bench`.
 
 The records come from the reference simulator (tests/reference/real_bench_records.py, fixed seeds); their truth lies in a file outside
-every record. Sets 1 to 5 are for development (2 to 5 since they were looked at, on 2026-11-23, 24, 25 and 25); set 6 is looked at once, when
+every record. Sets 1 to 5 are for development (2 to 5 since they were looked at, on 2026-11-23, 24 and 25); set 6 is looked at once, when
 nothing changes any more.
 """
 
