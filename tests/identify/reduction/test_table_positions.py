@@ -167,6 +167,7 @@ def test_noise_as_large_as_the_rounding_counts_beside_it(sweep, own):
     found = smooth_sweep(swept(sweep, sweep, read, noise=5e4))
     [channel] = found.channels
     steep = np.abs(sweep) < 5e-6
+    assert channel.position_part is not None
     whole, slope = np.hypot(own, STEP / np.sqrt(12.0)), 2e12
     left = np.median(channel.position_part[steep]) / slope
     if np.array_equal(found.spool_position, read):
@@ -189,6 +190,7 @@ def test_of_a_spool_that_trembles_behind_a_coarse_gauge_the_share_that_readings_
     found = reduce_test(swept(sweep, at, read, noise=2e4))
     [channel] = found.channels
     steep = np.abs(sweep) < 5e-6
+    assert channel.position_part is not None
     rest = np.hypot(own, step / np.sqrt(12.0))
     best = shaken * rest / np.hypot(shaken, rest)  # of what is known of where it was
     assert np.std((found.spool_position - at)[steep]) < 1.25 * best
