@@ -175,7 +175,8 @@ def _scatter(test: TestRecord, pieces: np.ndarray) -> tuple[float, float]:
             continue
         seen.append(divided_third(time, position) ** 2)
         pace = abs(position[-1] - position[0]) / (time[-1] - time[0])
-        rounding.append(np.full(len(seen[-1]), (steps[0] ** 2 + (pace * steps[1]) ** 2) / 12.0))
+        tick = steps[1] if np.ptp(np.diff(time)) > 0.5 * steps[1] else 0.0  # an even clock is not rounded
+        rounding.append(np.full(len(seen[-1]), (steps[0] ** 2 + (pace * tick) ** 2) / 12.0))
     if not seen:
         return 0.0, 0.0
     square, rounded = np.concatenate(seen) / MEDIAN_OF_CHI2, np.concatenate(rounding)
@@ -184,6 +185,8 @@ def _scatter(test: TestRecord, pieces: np.ndarray) -> tuple[float, float]:
     aside = float(np.mean(np.sqrt(square * MEDIAN_OF_CHI2) > ASIDE * steps[0]))
     own = steps[0] / np.sqrt(12.0) if steps[0] > 0.0 and (share > COMMANDED or aside > NOW_AND_THEN) else 0.0
     if share < ROUNDED:
+        if np.mean(rounded) > 2.0 * steps[0] ** 2 / 12.0:
+            return 0.0, own  # mostly the clock's rounding, which is no noise of the position
         whole = np.mean(np.minimum(square * MEDIAN_OF_CHI2, HEAVY**2 * high))  # a jump is no noise
         return 0.0, float(np.sqrt(max(own**2, whole))) if own > 0.0 else 0.0
     for _ in range(40):  # the variance beside which the median of all is what it should be

@@ -119,6 +119,18 @@ def test_rounded_times_are_no_noise_of_the_position():
     assert reduce_test(exact) is exact
 
 
+def test_of_a_clock_more_coarsely_rounded_than_the_positions_these_have_their_own_rounding_alone():
+    """The seed valve: 5 um/s, a clock of 10 ms, positions to 0.01 um."""
+    sweep, step = np.linspace(-6e-5, 6e-5, 2400), 0.01e-6
+    read = np.round(sweep / step) * step + step * np.where(np.arange(2400) % 7 == 0, 1.0, 0.0)
+    test = swept(sweep, read, read, noise=5e4)
+    test = replace(test, time=np.round((sweep - sweep[0]) / 5e-6 * 100.0) / 100.0)
+    found = smooth_sweep(test)
+    np.testing.assert_allclose(found.spool_position, read, atol=2.0 * step)
+    part = found.channels[0].position_part
+    assert part is None or np.max(part) < 2.0 * step / np.sqrt(12.0) * 2e12
+
+
 def test_rounded_positions_are_known_to_their_rounding():
     """A smooth sweep logged to 0.2 um: each reading lies up to 0.1 um of its curve aside, and that is no noise of its own."""
     exact, _ = measured("pressure_gain")
