@@ -50,6 +50,10 @@ class Repeats:
     rows: int
     sums: Sums  # of the differences, whose variance is `variance`
 
+    def as_large_as(self, variance: float) -> Sums:
+        """Their sums, were the noise of this variance."""
+        return replace(self.sums, products=self.sums.products * variance / max(self.variance, 1e-300))
+
     def agree(self, correlation: NoiseCorrelation) -> bool:
         """Whether no lag of theirs lies further from this correlation than chance makes it (Bartlett 1946, for the later lags)."""
         lag = np.arange(1, len(self.sums.pairs))
@@ -112,13 +116,9 @@ def estimated_noise(
         degrees_of_freedom = max(projected.degrees_of_freedom(rows), 1.0)
         variance = float(np.sum(rest[rows] ** 2)) / degrees_of_freedom
         size = variance if _excessive(variance, degrees_of_freedom) else 1.0
-        of_known = size if stated[key].known else None
         repeated = repeats[key]
-        if repeated is None:
-            left = projected.remembered(rest, rows, of_known)
-        else:
-            as_large = replace(repeated.sums, products=repeated.sums.products * size / max(repeated.variance, 1e-300))
-            left = projected.remembered(rest, rows, of_known, as_large)
+        beside_repeats = None if repeated is None else repeated.as_large_as(size)
+        left = projected.remembered(rest, rows, size if stated[key].known else None, beside_repeats)
         found = _channel(stated[key], repeated, variance, degrees_of_freedom, left)
         noise[key] = _beside_positions(
             found, problem.tests[key[0]].channel(key[1]).position_part, stated[key].std, stretches[rows]

@@ -6,6 +6,7 @@ mostly slow parts, so what is left of white noise is correlated negatively, and 
 left. Both are known exactly: with r = (I - P) e and cov(e) = R, cov(r) = (I - P) R (I - P).
 """
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -39,6 +40,29 @@ class NoiseCorrelation:
         return rows / (1.0 + 2.0 * (self.share * self.phi) ** 2 / (1.0 - self.phi**2))
 
 
+@dataclass(frozen=True)
+class Sums:
+    """Sums of r_t r_(t+l) (lags + 1,) over stretches of noise of variance 1, and of how many pairs each is."""
+
+    products: np.ndarray
+    pairs: np.ndarray
+
+    @staticmethod
+    def of(stretches: Sequence[np.ndarray], lags: int = LAGS) -> "Sums":
+        products, pairs = np.zeros(lags + 1), np.zeros(lags + 1)
+        for r in stretches:
+            for lag in range(min(lags + 1, len(r))):
+                products[lag] += float(r[lag:] @ r[: len(r) - lag])
+                pairs[lag] += len(r) - lag
+        return Sums(products, pairs)
+
+    def cut(self, lags: int) -> "Sums":
+        return Sums(self.products[: lags + 1], self.pairs[: lags + 1])
+
+    def expected(self, phi: float) -> np.ndarray:
+        return self.pairs * phi ** np.arange(len(self.pairs))
+
+
 def noise_correlation(residual: np.ndarray, sweeps: np.ndarray, parameters: float) -> NoiseCorrelation:
     """Fit (share, phi) to the autocorrelation of residuals (n,) pooled over the sweeps (n,), an id per row in sweep order.
 
@@ -51,11 +75,8 @@ def noise_correlation(residual: np.ndarray, sweeps: np.ndarray, parameters: floa
     power = float(np.sum(residual**2))
     if lags < 1 or power <= 0.0 or n < max(FEWEST, PER_PARAMETER * parameters):
         return NoiseCorrelation()
-    rho = np.empty(lags)
-    for lag in range(1, lags + 1):
-        pairs = sum(max(len(p) - lag, 0) for p in pieces)
-        product = sum(float(p[lag:] @ p[:-lag]) for p in pieces if len(p) > lag)
-        rho[lag - 1] = product / power * n / max(pairs, 1)
+    seen = Sums.of(pieces, lags)
+    rho = seen.products[1:] / power * n / np.maximum(seen.pairs[1:], 1.0)
     # Over all lags together, not lag 1 alone: weak noise with a long memory costs most and shows least at any one lag.
     found, significance = _fitted(rho + parameters / n, n)
     if significance < SIGNIFICANT:
@@ -106,6 +127,9 @@ FEW = 20  # rows, below which nothing is said
 # where it is taken for 0.90 instead of 0.86 noise looks a third too large.
 MEMORIES = np.concatenate([np.arange(0.1, 0.9, 0.05), np.arange(0.9, 0.99, 0.02), [0.99, MOST_MEMORY]])
 FINER = np.arange(-0.04, 0.041, 0.01)
+KEPT = frozenset(
+    (0.0, *MEMORIES.tolist())
+)  # all channels ask for these; each of the finer ones would be as large as the record's columns
 # Of chi-square, that white noise beside the one with a memory must be worth (Akaike): of some hundred rows share and phi are known
 # together only, and a share of a half with a memory of ten rows looks like a memory of two.
 TWO_PARTS = 2.0
@@ -146,9 +170,11 @@ class ProjectedNoise:
 
     def sums(self, phi: float, rows: slice, lags: int) -> np.ndarray:
         """Expected sums of r_t r_(t+l), l = 0 ... lags, over the stretches in `rows`, for noise of variance 1."""
-        if phi not in self._kept:
-            self._kept[phi] = self._spread(phi)
-        a, q = self._kept[phi], self.q
+        a, q = self._kept.get(phi), self.q
+        if a is None:
+            a = self._spread(phi)
+            if phi in KEPT:
+                self._kept[phi] = a
         expected = np.zeros(lags + 1)
         for start, stop in self._within(rows):
             for lag in range(min(lags + 1, stop - start)):
@@ -165,7 +191,7 @@ class ProjectedNoise:
         return [(start, stop) for start, stop in self.pieces if rows.start <= start and stop <= rows.stop]
 
     def remembered(
-        self, rest: np.ndarray, rows: slice, size: float | None = None, beside: "Sums | None" = None
+        self, rest: np.ndarray, rows: slice, size: float | None = None, beside: Sums | None = None
     ) -> Remembered:
         """Correlation and variance of the noise in `rows` of the projected residual `rest`; size: its variance where known.
 
@@ -186,16 +212,17 @@ class ProjectedNoise:
         products, pairs = seen.products + more.products, seen.pairs + more.pairs
         white = white + more.expected(0.0)
         fewer = np.sqrt(pairs[0] / pairs)
+        remembering = functools.cache(lambda phi: self.sums(phi, rows, lags) + more.expected(phi))
 
         def best(memories: np.ndarray, inverse: np.ndarray, level: float) -> tuple[float, Remembered]:
             """The least chi-square, with its noise. inverse (lags + 1, lags + 1): of the scatter of the sums of noise of variance 1,
             per row; level: that variance."""
             found = [(np.inf, plain)]
-            for phi in memories:
-                remembering = self.sums(float(phi), rows, lags) + more.expected(float(phi))
-                if remembering[0] < LEAST_LEFT * white[0]:
+            for phi in memories.tolist():
+                remembered = remembering(phi)
+                if remembered[0] < LEAST_LEFT * white[0]:
                     break
-                power = (1.0 - SHARES)[:, None] * white + SHARES[:, None] * remembering
+                power = (1.0 - SHARES)[:, None] * white + SHARES[:, None] * remembered
                 weighed = power @ inverse
                 scale = size or (weighed @ products / np.sum(weighed * power, axis=1))[:, None]
                 away = (products - scale * power) / (level * white[0] * fewer)
@@ -203,7 +230,7 @@ class ProjectedNoise:
                 left[:-1] += TWO_PARTS
                 k = int(np.argmin(left))
                 variance = float(products[0]) / max(power[k, 0], 1.0)
-                found.append((float(left[k]), Remembered(NoiseCorrelation(float(SHARES[k]), float(phi)), variance)))
+                found.append((float(left[k]), Remembered(NoiseCorrelation(float(SHARES[k]), phi), variance)))
             return min(found, key=lambda each: each[0])
 
         # A correlation of white rows scatters by 1/sqrt(rows), a variance by sqrt(2/rows); later lags say less.
@@ -233,26 +260,3 @@ def _scatter_of_sums(noise: NoiseCorrelation, lags: int) -> np.ndarray:
     apart = [float(at(0) @ at(lag)) for lag in range(2 * lags + 1)]
     lag = np.arange(lags + 1)
     return np.take(apart, np.abs(np.subtract.outer(lag, lag))) + np.take(apart, np.add.outer(lag, lag))
-
-
-@dataclass(frozen=True)
-class Sums:
-    """Sums of r_t r_(t+l) (lags + 1,) over stretches of noise of variance 1, and of how many pairs each is."""
-
-    products: np.ndarray
-    pairs: np.ndarray
-
-    @staticmethod
-    def of(stretches: Sequence[np.ndarray], lags: int = LAGS) -> "Sums":
-        products, pairs = np.zeros(lags + 1), np.zeros(lags + 1)
-        for r in stretches:
-            for lag in range(min(lags + 1, len(r))):
-                products[lag] += float(r[lag:] @ r[: len(r) - lag])
-                pairs[lag] += len(r) - lag
-        return Sums(products, pairs)
-
-    def cut(self, lags: int) -> "Sums":
-        return Sums(self.products[: lags + 1], self.pairs[: lags + 1])
-
-    def expected(self, phi: float) -> np.ndarray:
-        return self.pairs * phi ** np.arange(len(self.pairs))
