@@ -74,7 +74,7 @@ def as_measured(test: TestRecord, *, along_curve: bool = False) -> TestRecord:
     pieces, direction = _ways(test)
     if test.time is None:
         return _with_parts(test, stated, test.spool_position, pieces)
-    beyond, noise = (stated, stated) if stated is not None else _scatter(test, pieces)
+    beyond, noise, rounding = (stated, stated, 0.0) if stated is not None else _scatter(test, pieces)
     if noise <= SMALLEST * float(np.ptp(test.spool_position)):
         return test
     lines = _lines(test.time, test.spool_position, pieces, noise)
@@ -86,7 +86,7 @@ def as_measured(test: TestRecord, *, along_curve: bool = False) -> TestRecord:
     if stated is None:
         clear, share = _followed(test, lines, pieces)
         if clear and (share > BARELY or beyond == 0.0):
-            return _where_it_was(swept, lines, noise, share, pieces)
+            return _where_it_was(swept, lines, noise, rounding, share, pieces)
         if beyond == 0.0:
             return _with_parts(swept, noise, lines.value, pieces, along_curve=along_curve)
         note = (
@@ -98,14 +98,16 @@ def as_measured(test: TestRecord, *, along_curve: bool = False) -> TestRecord:
     return _with_parts(swept, noise, lines.value, pieces, along_curve=along_curve)
 
 
-def _where_it_was(test: TestRecord, lines: _Lines, noise: float, share: float, pieces: np.ndarray) -> TestRecord:
+def _where_it_was(
+    test: TestRecord, lines: _Lines, noise: float, rounding: float, share: float, pieces: np.ndarray
+) -> TestRecord:
     """The test at the positions that are likeliest where the readings follow this share of the positions' scatter: the rest is noise.
 
     Of a scatter of variance s^2 the spool made share s^2; of where it was is known, beside the line, all but
     share (1 - share) s^2 (Fuller 1987, sec. 1.2), and where it did not move the line is, by the root of its rows.
     """
-    if share == 1.0:
-        return test
+    if share >= 1.0 - BARELY:  # slopes of the curve are known to some per cent, and with them the share: what is left is rounding
+        return _with_parts(test, min(rounding, noise * np.sqrt(BARELY)), test.spool_position, pieces)
     value = lines.value + share * (test.spool_position - lines.value)
     left = noise * np.sqrt((1.0 - share) * (share + (1.0 - share) * lines.error))
     return _with_parts(replace(test, spool_position=value), left, value, pieces)
@@ -159,9 +161,9 @@ def _slopes(along: np.ndarray, value: np.ndarray, pieces: np.ndarray) -> np.ndar
     return curve_slopes(along, smooth, pieces)
 
 
-def _scatter(test: TestRecord, pieces: np.ndarray) -> tuple[float, float]:
-    """Standard deviation of a position about any parabola in time [m] beyond what rounding makes, 0 where that may be all; and with the
-    rounding, 0 where the positions scatter by less: they are then what was commanded.
+def _scatter(test: TestRecord, pieces: np.ndarray) -> tuple[float, float, float]:
+    """Standard deviation of a position about any parabola in time [m] beyond what rounding makes, 0 where that may be all; with the
+    rounding, 0 where the positions scatter by less: they are then what was commanded; and of rounding alone where there is more.
 
     A time rounded to 10 ms moves a sweep of 20 um/s by 0.06 um and one of 4 um/s by 0.01 um: each piece has its own. Where rounding may
     be all, what is seen counts: a transducer's noise of a third of a step doubles the variance that rounding makes.
@@ -178,7 +180,7 @@ def _scatter(test: TestRecord, pieces: np.ndarray) -> tuple[float, float]:
         tick = steps[1] if np.ptp(np.diff(time)) > 0.5 * steps[1] else 0.0  # an even clock is not rounded
         rounding.append(np.full(len(seen[-1]), (steps[0] ** 2 + (pace * tick) ** 2) / 12.0))
     if not seen:
-        return 0.0, 0.0
+        return 0.0, 0.0, 0.0
     square, rounded = np.concatenate(seen) / MEDIAN_OF_CHI2, np.concatenate(rounding)
     low, high = 0.0, float(np.median(square))
     share = float(np.median(square / np.maximum(rounded, 1e-9 * high))) if high > 0.0 else 0.0
@@ -186,13 +188,13 @@ def _scatter(test: TestRecord, pieces: np.ndarray) -> tuple[float, float]:
     own = steps[0] / np.sqrt(12.0) if steps[0] > 0.0 and (share > COMMANDED or aside > NOW_AND_THEN) else 0.0
     if share < ROUNDED:
         if np.mean(rounded) > 2.0 * steps[0] ** 2 / 12.0:
-            return 0.0, own  # mostly the clock's rounding, which is no noise of the position
+            return 0.0, own, 0.0  # mostly the clock's rounding, which is no noise of the position
         whole = np.mean(np.minimum(square * MEDIAN_OF_CHI2, HEAVY**2 * high))  # a jump is no noise
-        return 0.0, float(np.sqrt(max(own**2, whole))) if own > 0.0 else 0.0
+        return 0.0, float(np.sqrt(max(own**2, whole))) if own > 0.0 else 0.0, 0.0
     for _ in range(40):  # the variance beside which the median of all is what it should be
         middle = 0.5 * (low + high)
         low, high = (middle, high) if np.median(square / (middle + rounded)) > 1.0 else (low, middle)
-    return float(np.sqrt(high)), float(np.hypot(np.sqrt(high), own))
+    return float(np.sqrt(high)), float(np.hypot(np.sqrt(high), own)), own
 
 
 def _lines(time: np.ndarray, position: np.ndarray, pieces: np.ndarray, noise: float) -> _Lines:
@@ -252,9 +254,7 @@ def _followed(test: TestRecord, lines: _Lines, pieces: np.ndarray) -> tuple[bool
         if size > 0.0:
             losses += [_loss(r / size) for r in rest]
     best = int(np.argmin(losses))
-    share = float(SHARES[best])
-    # Slopes of the curve are known to some per cent, and with them the share.
-    return bool(max(losses[0], losses[-1]) - losses[best] > MOVED), 1.0 if share >= 1.0 - BARELY else share
+    return bool(max(losses[0], losses[-1]) - losses[best] > MOVED), float(SHARES[best])
 
 
 def _loss(r: np.ndarray) -> float:

@@ -5,6 +5,7 @@ import pytest
 from numpy.polynomial import legendre
 
 from thermohyd.identify.diagnosis.screening import Projection
+from thermohyd.identify.noise import correlation
 from thermohyd.identify.noise.correlation import ProjectedNoise, Sums, noise_correlation
 
 
@@ -112,3 +113,16 @@ def test_repeats_beside_all_rows_tell_the_memory_better_than_alone(phi):
         beside.append(seen.remembered(rest, rows, 1.0, Sums.of([repeated])).correlation)
     off = [np.std([np.log(f.inflation * (1.0 - phi) / (1.0 + phi)) for f in each]) for each in (alone, beside)]
     assert off[1] < 0.7 * off[0]
+
+
+def test_a_misfit_that_no_noise_makes_is_not_told_as_a_longer_memory(monkeypatch):
+    """A wave through all rows, as a missing effect leaves one: its sums fall along a line and go on below zero."""
+    lengths = (400, 250)
+    projection, seen = projected(lengths, 3)
+    rows, random = slice(0, 650), np.random.default_rng(9)
+    rest = projection(np.sin(np.arange(650.0) / 9.0) + 0.2 * random.standard_normal(650))
+    size = float(np.sum(rest**2)) / seen.degrees_of_freedom(rows)
+    found = seen.remembered(rest, rows, size).correlation
+    monkeypatch.setattr(correlation, "NO_NOISE", 0.0)
+    believed = seen.remembered(rest, rows, size).correlation
+    assert found.inflation < 0.7 * believed.inflation

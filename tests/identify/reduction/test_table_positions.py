@@ -209,6 +209,19 @@ def test_of_a_spool_that_trembles_behind_a_coarse_gauge_the_share_that_readings_
     assert np.median(channel.position_part[steep]) / 2e12 == pytest.approx(best, rel=0.4)
 
 
+@pytest.mark.parametrize("sweep", [LINE, SINE], ids=["line", "sine"])
+def test_where_readings_follow_nearly_all_of_the_scatter_the_rounding_is_left(sweep):
+    random, shaken = np.random.default_rng(31), 0.12e-6
+    at = sweep + random.normal(scale=shaken, size=len(sweep))
+    read = np.round(at / STEP) * STEP
+    found = reduce_test(swept(sweep, at, read, noise=2e4))
+    [channel] = found.channels
+    np.testing.assert_array_equal(found.spool_position, read)
+    assert channel.position_part is not None
+    steep = np.abs(sweep) < 5e-6
+    assert np.median(channel.position_part[steep]) / 2e12 == pytest.approx(STEP / np.sqrt(12.0), rel=0.2)
+
+
 def test_slopes_of_a_dense_log_are_those_of_its_curve_and_not_of_its_noise():
     position = np.linspace(-6e-5, 6e-5, 6000)
     curve, steepest = 200e5 * np.tanh(position / 1e-5), 2e12
