@@ -8,7 +8,6 @@ import argparse
 import hashlib
 import json
 import math
-import multiprocessing
 import signal
 import subprocess
 import sys
@@ -16,6 +15,8 @@ import time
 from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from typing import Any
+
+from _processes import answers_of
 
 
 PATIENCE = 900  # s, for one record, compiling included
@@ -121,7 +122,7 @@ def kept(
     left = [n for n in jobs if n not in known] if ask_more else []
     began = time.monotonic()
     with store.open("a", encoding="utf-8") as out:
-        for done, answer in enumerate(_asked(ask, [jobs[n] for n in left], processes), start=1):
+        for done, answer in enumerate(answers_of(ask, [jobs[n] for n in left], processes), start=1):
             answer["version"] = version
             out.write(json.dumps(answer) + "\n")
             out.flush()
@@ -138,14 +139,6 @@ def stored(store: Path) -> Iterator[dict[str, Any]]:
                 yield json.loads(line)
             except ValueError:  # the last line of an interrupted run
                 continue
-
-
-def _asked(ask: Callable[[Any], dict[str, Any]], jobs: list[Any], processes: int) -> Iterator[dict[str, Any]]:
-    if processes == 1 or len(jobs) < 2:
-        yield from map(ask, jobs)
-        return
-    with multiprocessing.get_context("spawn").Pool(processes) as pool:
-        yield from pool.imap_unordered(ask, jobs)
 
 
 def ask(job: tuple[Path, bool]) -> dict[str, Any]:

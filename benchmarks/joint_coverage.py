@@ -10,16 +10,15 @@ goes on where it stopped, as long as the program is the same.
 
 import argparse
 import json
-import multiprocessing
 import sys
 import time
-from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from _hidden_run import source_hash, stored
+from _processes import answers_of
 from scipy.stats import binomtest
 
 
@@ -119,7 +118,7 @@ def answers(numbers: range, held: bool, processes: int) -> list[dict[str, Any]]:
     left = [(number, held) for number in numbers if number not in known]
     began = time.monotonic()
     with store.open("a", encoding="utf-8") as out:
-        for done, answer in enumerate(asked_of(ask, left, processes), start=1):
+        for done, answer in enumerate(answers_of(ask, left, processes), start=1):
             out.write(json.dumps({**answer, "version": version}) + "\n")
             out.flush()
             known[answer["record"]] = answer
@@ -127,15 +126,6 @@ def answers(numbers: range, held: bool, processes: int) -> list[dict[str, Any]]:
             took = time.monotonic() - began
             print(f"{done}/{len(left)} {took:.0f} s  record {answer['record']}: {words}", file=sys.stderr, flush=True)
     return [known[number] for number in numbers]
-
-
-def asked_of(ask: Callable[[Any], dict[str, Any]], jobs: list[Any], processes: int) -> Iterator[dict[str, Any]]:
-    """Answers as they come."""
-    if processes == 1 or len(jobs) < 2:
-        yield from map(ask, jobs)
-        return
-    with multiprocessing.get_context("spawn").Pool(processes) as pool:
-        yield from pool.imap_unordered(ask, jobs)
 
 
 def line(name: str, entries: list[dict[str, Any]]) -> str:

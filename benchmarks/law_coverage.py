@@ -12,16 +12,16 @@ build/law_coverage/answers.jsonl; an interrupted run goes on where it stopped, a
 
 import argparse
 import json
-import multiprocessing
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from _hidden_run import source_hash, stored
+from _processes import answers_of
 from scipy.stats import binomtest
 
 
@@ -90,21 +90,13 @@ def answers(numbers: range, processes: int) -> list[dict[str, Any]]:
     known = {(a["valve"], a["truth"], a["law"]): a for a in stored(STORE) if a["version"] == version}
     left = [job for job in jobs if job not in known]
     with STORE.open("a", encoding="utf-8") as out:
-        for done, answer in enumerate(asked(left, processes), start=1):
+        for done, answer in enumerate(answers_of(ask, left, processes), start=1):
             job = (answer["valve"], answer["truth"], answer["law"])
             out.write(json.dumps({**answer, "version": version}) + "\n")
             out.flush()
             known[job] = answer
             print(f"{done}/{len(left)} {job}: {answer['seconds']:.0f} s", file=sys.stderr, flush=True)
     return [known[job] for job in jobs]
-
-
-def asked(jobs: list[tuple[int, str, str]], processes: int) -> Iterator[dict[str, Any]]:
-    if processes == 1 or len(jobs) < 2:
-        yield from map(ask, jobs)
-        return
-    with multiprocessing.get_context("spawn").Pool(processes) as pool:
-        yield from pool.imap_unordered(ask, jobs)
 
 
 def share(entries: list[dict[str, Any]], key: str) -> str:

@@ -18,7 +18,8 @@ from typing import Any
 import numpy as np
 from _commit import commit
 from _hidden_run import source_hash, stored
-from joint_coverage import STATIC, asked_of, line
+from _processes import answers_of
+from joint_coverage import STATIC, line
 
 
 ROOT = Path(__file__).parents[1]
@@ -160,7 +161,7 @@ def answers(jobs: list[tuple[str, int, float]], processes: int) -> list[dict[str
     left = [job for job in jobs if job not in known]
     began = time.monotonic()
     with store.open("a", encoding="utf-8") as out:
-        for done, answer in enumerate(asked_of(ask, left, processes), start=1):
+        for done, answer in enumerate(answers_of(ask, left, processes), start=1):
             out.write(json.dumps({**answer, "version": version}) + "\n")
             out.flush()
             known[key(answer)] = answer

@@ -18,6 +18,10 @@ if version("jaxlib").startswith("0.10."):  # a flag that XLA does not know ends 
     FLAGS += " --xla_cpu_use_fusion_emitters=false"
 os.environ["XLA_FLAGS"] = f"{FLAGS} {os.environ.get('XLA_FLAGS', '')}"
 
+# Workers share the cores. Threads of a linear algebra library that wait for each other do so at full speed: two workers on two cores
+# took twice as long as with one thread each.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 import jax  # noqa: E402
 import pytest  # noqa: E402
 from beartype import BeartypeConf  # noqa: E402
