@@ -42,7 +42,8 @@ PACKAGE = __name__.partition(".")[0]
 RELEASES = ("jax", "jaxlib", "equinox", "diffrax", "optimistix", "lineax", "numpy", "jaxtyping", "blackjax")
 TRUSTED = {PACKAGE, *RELEASES, "builtins", "functools", "operator", "math", "typing", "collections", "enum"}
 SETTINGS = ("jax_enable_x64", "jax_numpy_dtype_promotion", "jax_default_matmul_precision", "jax_debug_nans")
-HOST_ONLY = {"app", "checking", "cli", "export", "fleet", "report"}  # packages that read, write and draw
+# Packages that read, write, draw and decide: no code of theirs is in a program, or the program is not kept.
+HOST_ONLY = {"app", "checking", "cli", "comparison", "diagnosis", "export", "fleet", "planning", "report"}
 ENDING = ".program"
 # A process has no more than this of them loaded at a time; what is longest unused is read again when it is needed, in a tenth of a
 # second for each megabyte. Loaded, XLA's structures take 10 to 35 times what the file holds before it is compressed (measured with

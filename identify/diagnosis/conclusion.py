@@ -35,7 +35,7 @@ from .final_model import FinalModel, exchange_fits, held_out_result, scattered
 from .found_faults import alternative, with_evidence, with_faults_apart
 from .held_out import Split
 from .left_over import LackOfFit, lack_of_fit, learn as learn_term, smooth_block, variations_of
-from .model_average import with_rivals
+from .model_average import of_either_sign, with_rivals
 from .next_test import check_of, next_test, what_settles, what_shows
 from .other_law import ANOTHER_LAW, OtherLawSays, what_the_other_law_says
 from .record_noise import NoiseEstimate, first_noise
@@ -446,6 +446,7 @@ def _named(
         sentence=info.sentence,
         alternatives=alike,
         at_bound=estimate.at_bound,
+        either_sign=of_either_sign(estimate),
     )
 
 

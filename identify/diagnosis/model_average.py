@@ -24,6 +24,15 @@ def without_rivals(notes: Iterable[str]) -> tuple[str, ...]:
     return tuple(note for note in notes if not note.startswith(SPANS))
 
 
+def of_either_sign(estimate: ParameterEstimate) -> bool:
+    """Whether the interval of an effect's amount spans its mirror, too."""
+    return _of_the_other_sign(estimate.name) in estimate.averaged_over
+
+
+def _of_the_other_sign(name: str) -> str:
+    return f"{name} of the other sign"
+
+
 def with_rivals(result: FitResult, tried: Sequence[Rival], spread_of: Mapping[int, Mapping[str, float]]) -> FitResult:
     """The result of a final model with error bars that span its rivals, and models with more that are not proven.
 
@@ -34,7 +43,7 @@ def with_rivals(result: FitResult, tried: Sequence[Rival], spread_of: Mapping[in
         return result
     weights = np.exp(-0.5 * np.array([max(r.chi2_more, 0.0) for r in tried]))
     wider, parameters = {}, {}
-    words = lambda r: f"{r.name} of the other sign" if r.name == r.instead_of else kind_of(r.name)
+    words = lambda r: _of_the_other_sign(r.name) if r.name == r.instead_of else kind_of(r.name)
     for name, estimate in result.parameters.items():
         parameters[name] = estimate
         if not estimate.std:

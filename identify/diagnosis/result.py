@@ -117,6 +117,7 @@ class NamedEffect:
     p_value: of the final model with it taken out, corrected for the size of the library, never below 1/E on rows left out.
     strength: what the free parameters left of it, in noise units (delta). gap_closed: the share of the excess chi-square that is
     lost again without it. top_rows: share of its evidence that the strongest 1 % of the rows hold: near 1, a few bad rows made it.
+    either_sign: as much of the other sign, beside other parameters, explains the record as well; `std` and `ci95` span both.
     """
 
     name: str
@@ -131,6 +132,7 @@ class NamedEffect:
     alternatives: tuple[Alternative, ...] = ()
     at_bound: bool = False
     top_rows: float = float("nan")
+    either_sign: bool = False
 
 
 @dataclass(frozen=True)

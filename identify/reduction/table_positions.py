@@ -106,9 +106,7 @@ def _where_it_was(
     Of a scatter of variance s^2 the spool made share s^2; of where it was is known, beside the line, all but
     share (1 - share) s^2 (Fuller 1987, sec. 1.2), and where it did not move the line is, by the root of its rows.
     """
-    if (
-        share >= 1.0 - BARELY
-    ):  # slopes of the curve are known to some per cent, and with them the share: what is left is rounding
+    if share >= 1.0 - BARELY:  # slopes are known to some per cent, and with them the share: what is left is rounding
         return _with_parts(test, min(rounding, noise * np.sqrt(BARELY)), test.spool_position, pieces)
     value = lines.value + share * (test.spool_position - lines.value)
     left = noise * np.sqrt((1.0 - share) * (share + (1.0 - share) * lines.error))

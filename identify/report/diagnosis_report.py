@@ -65,7 +65,7 @@ def headline(
         return f"Once {once} allowed for, the ideal valve explains this record, but that cannot be told from {rivals} by these data."
     if verdict == "consistent":
         return _consistent(once, judged, suspects)
-    names = in_a_row([f"{e.name} ({amount(e.name, e.value, e.unit, e.std)})" for e in effects])
+    names = in_a_row([f"{e.name} ({_amount(e)})" for e in effects])
     if verdict == "unexplained":
         first = place or "Model and bench disagree beyond noise"
         better = f"; the {law} law of the edge does better" if law else ""
@@ -150,8 +150,15 @@ def _curve(smooth: tuple[Variation, ...]) -> str:
 
 
 def _with_rivals(effect: NamedEffect) -> str:
-    own = amount(effect.name, effect.value, effect.unit, effect.std)
+    own = _amount(effect)
     return f"{own}, or {_or([a.words for a in effect.alternatives])}" if effect.alternatives else own
+
+
+def _amount(effect: NamedEffect) -> str:
+    """With its error bar; where that spans the mirror, too, it is no range about the amount."""
+    if effect.either_sign:
+        return f"{amount(effect.name, effect.value, effect.unit)} or about as much of the other sign"
+    return amount(effect.name, effect.value, effect.unit, effect.std)
 
 
 def _closed(held: HeldOut | None) -> str:

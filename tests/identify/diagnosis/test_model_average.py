@@ -53,6 +53,8 @@ def test_error_bars_span_the_same_effect_with_the_other_sign():
         assert effect.ci95[0] < amount < effect.ci95[1]
         assert underlap.ci95[0] < own < underlap.ci95[1]
     assert any("unequal_underlap of the other sign in its place" in note for note in result.after.notes)
+    assert effect.either_sign
+    assert "or about as much of the other sign" in result.headline
 
 
 def test_error_bars_span_a_suspect():

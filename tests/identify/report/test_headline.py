@@ -170,6 +170,17 @@ def test_unequal_laps_have_a_mirror_image_unless_both_ports_are_measured():
     assert "other sign" not in line
 
 
+def test_an_error_bar_that_spans_the_mirror_is_no_range_about_the_amount():
+    info = EFFECTS["unequal_underlap"]
+    effect = NamedEffect("unequal_underlap", 4.1e-6, info.unit, 5.8e-6, None, 1e-9, 9.0, 0.9, info.sentence)
+    assert "(4.1 +/- 5.8 um)" in said("named", (effect,))
+    mirrored = replace(effect, either_sign=True)
+    for verdict in ("named", "unexplained"):
+        words = said(verdict, (mirrored,))
+        assert "(4.1 um or about as much of the other sign)" in words
+        assert "5.8" not in words
+
+
 def fit_of(*pressures: str) -> FitResult:
     channels = [fake_channel("pressure_gain", name, 0.35e5, 2, 20) for name in pressures or ("load_pressure",)]
     return fake_fit(channels=tuple(channels))
