@@ -19,8 +19,9 @@ if version("jaxlib").startswith("0.10."):  # a flag that XLA does not know ends 
 os.environ["XLA_FLAGS"] = f"{FLAGS} {os.environ.get('XLA_FLAGS', '')}"
 
 # Workers share the cores. Threads of a linear algebra library that wait for each other do so at full speed: two workers on two cores
-# took twice as long as with one thread each.
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# took twice as long as with one thread each. NPROC is what XLA takes its number of threads from.
+for threads in ("OPENBLAS_NUM_THREADS", "NPROC"):
+    os.environ.setdefault(threads, "1")
 
 import jax  # noqa: E402
 import pytest  # noqa: E402
