@@ -111,7 +111,8 @@ def remaining_misfit(problem: Problem, fit: Fit, say: Callable[[str], None] = la
         errors = left_out_errors(problem, believed, parts) / left_out_errors(problem, alone, parts)
         if np.exp(np.mean(np.log(errors))) < BETTER:
             beside = problem.with_discrepancy(believed.discrepancy)
-            weighed = replace(believed, fit=beside.fit(fit.effects, believed.fit.values, patient=True))
+            again = beside.fit(fit.effects, believed.fit.values, hop_basins=True)
+            weighed = replace(believed, fit=again) if again.converged else alone  # no optimum predicts by luck
     return Remaining(weighed, believed, tuple(_channels(problem, believed)))
 
 

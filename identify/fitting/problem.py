@@ -30,7 +30,7 @@ from .parameters import IN_MOTION, PARAMETERS, SEEN_IN_MOTION, ParameterPlan
 from .problem_fit import Fit, Work
 from .readings import MotionReadings, Noise, Readings, StaticReadings
 from .sensed import Sensed, SignalRows, sensed_channels, traced
-from .starts import basin_hopping, on_a_kink
+from .starts import basin_hopping, ended_on_a_slope, on_a_kink
 from .static_readings import channel_slices
 from .static_residuals import prior_rows
 from .trimmed import trimmed_points
@@ -272,6 +272,14 @@ class Problem:
 
         stays = patient or hop_basins
         best = from_point(np.array(begin), closeness=self._closeness if patient else CLOSE_TO_COMPARE)
+        if not self.in_motion and ended_on_a_slope(best):
+            # A start that another fit left off at is on a kink, at a limit, or both. From elsewhere there is often a way down.
+            own = {name: float(value) for name, value in zip(order, best.p, strict=True) if name in self.plans}
+            nominal = {name: self.plans[name].start for name in own if name in free}
+            neutral = self._start(order, chosen, own)
+            usual = [nominal.get(name, value) for name, value in zip(order, begin, strict=True)]
+            ends = [from_point(np.array(other)) for other in (neutral, usual)]
+            best = min(best, *ends, key=lambda end: end.cost if np.isfinite(end.cost) else np.inf)
         for _ in range(PATIENCE if stays else 0):
             if best.converged or best.exhausted:
                 break

@@ -111,6 +111,11 @@ def basin_hopping(
     return on_a_kink(replace(best, exhausted=True) if best is start else best)
 
 
+def ended_on_a_slope(result: LeastSquaresResult) -> bool:
+    """Whether a search found no way down from where the slope is steeper than a kink's: it is stuck, and this is no minimum."""
+    return result.exhausted and not result.converged and result.relative_offset > STEEPEST_KINK
+
+
 def on_a_kink(result: LeastSquaresResult) -> LeastSquaresResult:
     """The same result, believed if its search ended by itself with no more slope than a kink has."""
     if not (result.exhausted and result.relative_offset <= STEEPEST_KINK and np.all(np.isfinite(result.jacobian))):

@@ -6,10 +6,17 @@ import numpy as np
 import pytest
 from helpers.linear_fit import linear_fit, linear_problem
 from helpers.small_bench import REACH, VALVE, conditions_only
-from helpers.small_diagnosis import small_diagnosis
+from helpers.small_diagnosis import small_case, small_diagnosis
 
-from thermohyd.identify.diagnosis.remaining_misfit import MOST_CURVES, curves_of, kernel_curves, likeliest_sizes
+from thermohyd.identify.diagnosis.remaining_misfit import (
+    MOST_CURVES,
+    curves_of,
+    kernel_curves,
+    likeliest_sizes,
+    remaining_misfit,
+)
 from thermohyd.identify.fitting.discrepancy import Discrepancy
+from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.noise.correlation import NoiseCorrelation
 
 
@@ -83,3 +90,20 @@ def test_nothing_is_added_to_the_error_where_nothing_remains() -> None:
     result = small_diagnosis("pilot")
     assert result.discrepancy == ()
     assert result.to_dict()["discrepancy"] == []
+
+
+def test_weights_whose_fit_ends_at_no_optimum_are_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of the real valve they once predicted runs left out best, with parameters that no search had settled on."""
+    case = small_case("outside")
+    found = remaining_misfit(case.problem, case.base)
+    assert found.weighed.discrepancy is not None
+    fit = Problem.fit
+
+    def ends_nowhere(self, effects=(), start=None, **how):
+        return replace(fit(self, effects, start, **how), converged=not how.get("hop_basins"))
+
+    monkeypatch.setattr(Problem, "fit", ends_nowhere)
+    again = remaining_misfit(case.problem, case.base)
+    assert again.believed.length == found.believed.length
+    assert again.weighed.discrepancy is None
+    assert again.fit is case.base

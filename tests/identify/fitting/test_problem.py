@@ -1,4 +1,5 @@
-"""The residuals' row-wise derivatives are those of forward mode, for every test, with several gauges and with priors."""
+"""The residuals' row-wise derivatives are those of forward mode, for every test, with several gauges and with priors; and where a refit
+begins."""
 
 import dataclasses
 
@@ -7,12 +8,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from helpers.records import synthetic_record
+from helpers.small_diagnosis import small_case
 from reference import static_tests as reference
 from reference.oil import Oil, walther
 from reference.valve import Rows, Valve
 
 from thermohyd.identify.bench.record import BenchRecord, StartValue
 from thermohyd.identify.bench.test_record import Channel
+from thermohyd.identify.fitting import problem
 from thermohyd.identify.fitting.fit import fit
 from thermohyd.identify.fitting.parameters import plan_parameters
 from thermohyd.identify.fitting.row_blocks import plain_by_rows
@@ -94,3 +97,26 @@ def test_all_tests_and_gauges_together_give_the_valve_back():
 @pytest.mark.parametrize("rows", [1, 64, 65, 100, 1000, 1008, 1024, 4097])
 def test_padding_is_little(rows):
     assert rows <= padded_size(rows) <= max(64, rows * 1.125)
+
+
+def test_a_search_that_is_stuck_on_a_slope_begins_elsewhere(monkeypatch):
+    """Begun where another fit had left off, on a kink, refits of a real valve ended ten standard errors up a slope."""
+    problem_of, solve, starts = small_case("pilot").problem, problem.solve, []
+    begin = {"edge_radius": 2e-6, "clearance": 3e-6, "pilot_leakage": 2e-9}
+
+    def stuck_at_first(residual, boxes, args, start, **how):
+        starts.append(start)
+        result = solve(residual, boxes, args, start, **how)
+        steep = {"converged": False, "exhausted": True, "relative_offset": 5.0, "cost": 2.0 * result.cost}
+        return dataclasses.replace(result, **steep) if len(starts) == 1 else result
+
+    free = problem_of.fit(("pilot_leakage",), begin)
+    monkeypatch.setattr(problem, "solve", stuck_at_first)
+    again = problem_of.fit(("pilot_leakage",), begin)
+    assert again.converged
+    assert again.chi2 == pytest.approx(free.chi2, rel=1e-6)
+    first, neutral, nominal = (dict(zip(again.order, start, strict=True)) for start in starts)
+    assert first["pilot_leakage"] == nominal["pilot_leakage"] == 2e-9
+    assert abs(neutral["pilot_leakage"]) < 1e-10
+    assert neutral["clearance"] == pytest.approx(free.values["clearance"], rel=1e-6)
+    assert nominal["clearance"] == problem_of.plans["clearance"].start
