@@ -252,7 +252,7 @@ class ProjectedNoise:
             inverse = np.linalg.inv(_scatter_of_sums(found.correlation, lags))
             least, found = best(memories, inverse, size or found.variance)
         # What no such noise leaves is a misfit of the model, and to weigh it as one only makes it look longer.
-        return found if chdtrc(lags - 1, least) > NO_NOISE else first[1]
+        return found if chdtrc(max(lags - 1, 1), least) > NO_NOISE else first[1]
 
 
 FURTHEST = 400  # rows, of a memory: 0.13 of the longest is left there
