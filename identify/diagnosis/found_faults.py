@@ -50,8 +50,17 @@ def with_evidence(result: FitResult, model: FinalModel, faults: Mapping[str, Ben
     for fault in result.faults:
         name = names.get((fault.name, fault.test, fault.channel, fault.run))
         if name is not None and not fault.rows:
-            rivals = tuple(kind_of(r.name) for r in model.rivals[name].alike)
+            alike = [r.name for r in model.rivals[name].alike]
+            elsewhere = [where(faults[r]) for r in alike if kind_of(r) == fault.name and faults[r].test != fault.test]
+            rivals = tuple(
+                f"{fault.name} ({where(faults[r])})" if kind_of(r) == fault.name else kind_of(r) for r in alike
+            )
             fault = replace(fault, p_value=model.p_values[name], alternatives=rivals)
+            if elsewhere:
+                words = (
+                    f"{fault.sentence}, or {' or '.join(elsewhere)} as much the other way: these data cannot say which"
+                )
+                fault = replace(fault, sentence=words)
         found.append(fault)
     return replace(result, faults=tuple(found))
 

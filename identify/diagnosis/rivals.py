@@ -96,10 +96,11 @@ def rivals_of(
         for s in likely
         if not expensive_to_compile((*others, s.name)) or expensive_to_compile(final.effects) or s.gain > gain - ALIKE
     ]
-    # A fault whose column is that of a gauge's own error in the library is this error by another name; that of the valve's is a rival.
+    # A fault whose column is that of a gauge's own error in the library is this error by another name; that of the valve's is a rival, and
+    # so is the same fault of another test: of two tests whose zeros differ the readings cannot say which one is off.
     of_the_bench = is_fault(name) or effect_info(name).elsewhere == "bench"
     same_curve = lambda s: named is not None and abs(float(s.direction @ named.direction)) > SAME_THING
-    alias = lambda s: s.name == name or (of_the_bench and same_curve(s))
+    alias = lambda s: s.name == name or (of_the_bench and same_curve(s) and not _of_another_test(problem, s.name, name))
     at_fault = [s for s in ([] if faults is None else faults.ranked) if not alias(s) and (s.gain > within or twin(s))]
     tried = []
     for s in (*likely[:MOST_REFITS], *at_fault[:FAULTS]):
@@ -125,6 +126,14 @@ def rivals_of(
     strength = normal_score(float(np.sqrt(max(gain / scale, 0.0))), known)
     p = law.p_value(strength, two_sided=info_of(name).lower < 0.0)
     return Rivals(name, without, tuple(sorted(tried, key=lambda r: r.chi2_more)), min(1.0, p / share))
+
+
+def _of_another_test(problem: Problem, one: str, other: str) -> bool:
+    """Whether both are one kind of fault, in different tests."""
+    if not (is_fault(one) and is_fault(other)):
+        return False
+    first, second = problem.faults[one], problem.faults[other]
+    return first.kind == second.kind and bool(first.test and second.test) and first.test != second.test
 
 
 def mirrors(problem: Problem, final: Fit, scale: float = 1.0) -> tuple[Rival, ...]:

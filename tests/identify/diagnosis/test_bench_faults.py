@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.small_bench import CONDITIONS, small_record
+from helpers.small_bench import CONDITIONS, VALVE, small_record
 from helpers.small_diagnosis import LIBRARY, opened, small_case
 
 from thermohyd.identify.bench.record import BenchRecord
@@ -198,3 +198,19 @@ def test_one_temperature_cannot_be_labelled_wrong():
         small_record(), *small_record().tests, by=lambda t: replace(t, temperature=0.0 * t.temperature + 303.15)
     )
     assert not any(fault.kind == "wrong_temperature" for fault in faults_of(record.tests).values())
+
+
+def test_of_two_tests_whose_zeros_differ_either_may_be_off():
+    """The null was told from the one that was off, 112 of its errors away."""
+    whole = changed(small_record(), "flow_gain", by=lambda t: replace(t, spool_position=t.spool_position + 1e-6))
+    record = replace(whole, tests={name: whole.tests[name] for name in ("leakage", "flow_gain")})
+    result = diagnose_case(opened(record))
+    [fault] = result.after.faults
+    assert fault.name == "position_zero"
+    [other] = {"leakage", "flow_gain"} - {fault.test}
+    assert f"position_zero ({other.replace('_', ' ')})" in fault.alternatives
+    assert "as much the other way: these data cannot say which" in fault.sentence
+    null = result.after.parameters["null_bias"]
+    assert null.ci95 is not None
+    assert null.ci95[0] < VALVE.null_bias < null.ci95[1]
+    assert null.ci95[1] - null.ci95[0] > 1e-6
