@@ -1,4 +1,4 @@
-"""Answers by several processes at once, each of one thread."""
+"""Answers by several processes at once, each with one thread of linear algebra."""
 
 import multiprocessing
 import os

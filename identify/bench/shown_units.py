@@ -149,11 +149,14 @@ def decibel(ratio: ArrayLike) -> np.ndarray:
     return np.asarray(20.0 * np.log10(np.asarray(ratio)))
 
 
-def amount(name: str, value: float, si_unit: str, std: float | None = None) -> str:
-    """An effect's amount as a report writes it, "0.04510 +/- 0.00061 l/min/sqrt(bar)"; without std four digits."""
+def amount(name: str, value: float, si_unit: str, std: float | None = None, *, with_std: bool = True) -> str:
+    """An effect's amount as a report writes it, "0.04510 +/- 0.00061 l/min/sqrt(bar)"; without std four digits.
+
+    with_std: whether std, which sets the digits, is written too.
+    """
     unit = effect_unit(name, si_unit)
     shown = None if std is None else std * unit.factor
     words = beside(value * unit.factor, shown)
-    if shown is not None and math.isfinite(shown) and shown > 0.0:
+    if with_std and shown is not None and math.isfinite(shown) and shown > 0.0:
         words += f" +/- {beside(shown, shown)}"
     return words if unit.label == "-" else f"{words} {unit.label}"

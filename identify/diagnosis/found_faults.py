@@ -9,12 +9,12 @@ from thermohyd.effects.library import effect_info
 from thermohyd.identify.bench.columns import column_unit, reading_unit
 from thermohyd.identify.bench.shown_units import KINDS, DisplayUnit, beside
 from thermohyd.identify.bench.test_record import Fault
-from thermohyd.identify.fitting.bench_faults import BenchFault, is_fault, kind_of
+from thermohyd.identify.fitting.bench_faults import BenchFault, is_fault
 from thermohyd.identify.fitting.result import FitResult, ParameterEstimate
 
 from .final_model import FinalModel
 from .result import Alternative
-from .rivals import Rival
+from .rivals import Rival, of_another_test
 
 
 def with_faults_apart(result: FitResult, faults: Mapping[str, BenchFault]) -> FitResult:
@@ -50,16 +50,12 @@ def with_evidence(result: FitResult, model: FinalModel, faults: Mapping[str, Ben
     for fault in result.faults:
         name = names.get((fault.name, fault.test, fault.channel, fault.run))
         if name is not None and not fault.rows:
-            alike = [r.name for r in model.rivals[name].alike]
-            elsewhere = [where(faults[r]) for r in alike if kind_of(r) == fault.name and faults[r].test != fault.test]
-            rivals = tuple(
-                f"{fault.name} ({where(faults[r])})" if kind_of(r) == fault.name else kind_of(r) for r in alike
-            )
+            alike = [(r.name, alternative(r, faults)) for r in model.rivals[name].alike]
+            rivals = tuple(a.words if a.name == fault.name else a.name for _, a in alike)
             fault = replace(fault, p_value=model.p_values[name], alternatives=rivals)
+            elsewhere = " or ".join(a.where for other, a in alike if of_another_test(faults, other, name))
             if elsewhere:
-                words = (
-                    f"{fault.sentence}, or {' or '.join(elsewhere)} as much the other way: these data cannot say which"
-                )
+                words = f"{fault.sentence}, or {elsewhere} as much the other way: these data cannot say which"
                 fault = replace(fault, sentence=words)
         found.append(fault)
     return replace(result, faults=tuple(found))

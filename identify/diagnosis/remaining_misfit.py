@@ -112,7 +112,8 @@ def remaining_misfit(problem: Problem, fit: Fit, say: Callable[[str], None] = la
         if np.exp(np.mean(np.log(errors))) < BETTER:
             beside = problem.with_discrepancy(believed.discrepancy)
             again = beside.fit(fit.effects, believed.fit.values, hop_basins=True)
-            weighed = replace(believed, fit=again) if again.converged else alone  # no optimum predicts by luck
+            # Parameters that no search settled on predict by luck.
+            weighed = replace(believed, fit=again) if again.converged else alone
     return Remaining(weighed, believed, tuple(_channels(problem, believed)))
 
 

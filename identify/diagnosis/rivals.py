@@ -7,7 +7,7 @@ from types import MappingProxyType
 import numpy as np
 
 from thermohyd.effects.library import effect_info
-from thermohyd.identify.fitting.bench_faults import info_of, is_fault
+from thermohyd.identify.fitting.bench_faults import BenchFault, info_of, is_fault
 from thermohyd.identify.fitting.library import asks_for_more, expensive_to_compile, stores
 from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.fitting.problem_fit import Fit
@@ -100,7 +100,8 @@ def rivals_of(
     # so is the same fault of another test: of two tests whose zeros differ the readings cannot say which one is off.
     of_the_bench = is_fault(name) or effect_info(name).elsewhere == "bench"
     same_curve = lambda s: named is not None and abs(float(s.direction @ named.direction)) > SAME_THING
-    alias = lambda s: s.name == name or (of_the_bench and same_curve(s) and not _of_another_test(problem, s.name, name))
+    same_place = lambda s: not of_another_test(problem.faults, s.name, name)
+    alias = lambda s: s.name == name or (of_the_bench and same_curve(s) and same_place(s))
     at_fault = [s for s in ([] if faults is None else faults.ranked) if not alias(s) and (s.gain > within or twin(s))]
     tried = []
     for s in (*likely[:MOST_REFITS], *at_fault[:FAULTS]):
@@ -128,11 +129,11 @@ def rivals_of(
     return Rivals(name, without, tuple(sorted(tried, key=lambda r: r.chi2_more)), min(1.0, p / share))
 
 
-def _of_another_test(problem: Problem, one: str, other: str) -> bool:
+def of_another_test(faults: Mapping[str, BenchFault], one: str, other: str) -> bool:
     """Whether both are one kind of fault, in different tests."""
     if not (is_fault(one) and is_fault(other)):
         return False
-    first, second = problem.faults[one], problem.faults[other]
+    first, second = faults[one], faults[other]
     return first.kind == second.kind and bool(first.test and second.test) and first.test != second.test
 
 

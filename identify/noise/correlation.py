@@ -128,15 +128,14 @@ FEW = 20  # rows, below which nothing is said
 # where it is taken for 0.90 instead of 0.86 noise looks a third too large.
 MEMORIES = np.concatenate([np.arange(0.1, 0.9, 0.05), np.arange(0.9, 0.99, 0.02), [0.99, MOST_MEMORY]])
 FINER = np.arange(-0.04, 0.041, 0.01)
-KEPT = frozenset(
-    (0.0, *MEMORIES.tolist())
-)  # all channels ask for these; each of the finer ones would be as large as the record's columns
+# All channels ask for these; each of the finer ones would be as large as the record's columns.
+KEPT = frozenset((0.0, *MEMORIES.tolist()))
 # Of chi-square, that white noise beside the one with a memory must be worth (Akaike): of some hundred rows share and phi are known
 # together only, and a share of a half with a memory of ten rows looks like a memory of two.
 TWO_PARTS = 2.0
-# Probability, of sums further from any such noise than chance makes them. The real servovalve's leakage beside the ideal valve has a
-# chi-square of 155 of 11: sums that fall along a straight line and go below zero, as a missing effect's do. Its memory was taken for
-# 0.95 by the weights of noise that has one and for 0.90 by those of white noise.
+# Probability of sums further from any such noise than chance makes them. The real servovalve's leakage beside the ideal valve has a
+# chi-square of 155 with 11 degrees of freedom: sums that fall along a straight line and go below zero, as a missing effect's do. Its
+# memory was taken for 0.95 by the weights of noise that has one and for 0.90 by those of white noise.
 NO_NOISE = 1e-4
 # Of the power of noise with a memory, against white noise's: where the projection leaves less, it hides the memory too.
 LEAST_LEFT = 0.2

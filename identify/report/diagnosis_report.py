@@ -3,7 +3,6 @@
 One screen, which reads the same without colour.
 """
 
-import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -157,8 +156,8 @@ def _with_rivals(effect: NamedEffect) -> str:
 
 def _amount(effect: NamedEffect) -> str:
     """With its error bar; where that spans the mirror, too, it is no range about the amount."""
-    own = amount(effect.name, effect.value, effect.unit, effect.std)
-    return re.sub(r" \+/- \S+", "", own) + " or about as much of the other sign" if effect.either_sign else own
+    own = amount(effect.name, effect.value, effect.unit, effect.std, with_std=not effect.either_sign)
+    return f"{own} or about as much of the other sign" if effect.either_sign else own
 
 
 def _closed(held: HeldOut | None) -> str:
