@@ -5,7 +5,7 @@ in the named one's place (the exchange test). While a misfit of unknown cause re
 are dropped again.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -209,6 +209,16 @@ def proven(
     return fit, rivals, proof, tuple(suspects), tuple(map(more, doubted))
 
 
+def _nearly_found(problem: Problem, fit: Fit, whole: Selection, known: Iterable[str]) -> tuple[Rival, ...]:
+    """The models with an effect that the search was nearly beyond chance to miss, for error bars: chance is no proof of its absence.
+
+    They weigh as much as what is missing to the critical value lets them: at that value as much as the model without.
+    """
+    others = {*fit.effects, *known}
+    asked = {name: problem.fit((*fit.effects, name), fit.values) for name in whole.nearly if name not in others}
+    return tuple(Rival(name, "", more, whole.nearly[name]) for name, more in asked.items() if believable(more))
+
+
 def believable(fit: Fit) -> bool:
     """Whether no effect has an amount that it cannot have."""
     return max((times for name, times in times_usual(fit).items() if name in fit.physics), default=0.0) <= MOST_USUAL
@@ -227,7 +237,8 @@ class FinalModel:
     excess: chi-square of the ideal valve beyond noise. scale: reduced chi-square of `fit`, at least 1.
     left: what smooth curves still find beside `fit`. disagrees: a misfit beyond noise remains.
     seen_apart: every effect was found without the rows held out. proof: how the effects do where they were not fitted; None without
-    any. suspects: what the search found and that did not prove itself, taken out again. doubted: the models with it, for error bars.
+    any. suspects: what the search found and that did not prove itself, taken out again. doubted: the models with it, and with what
+    the search nearly found, for error bars.
     complete: see `Selection`.
     terms: typed terms that did better than names (`stand_ins`).
     """
@@ -297,6 +308,17 @@ def final_model(case: Case, selection: Selection, split: Split, say: Progress = 
     # A reduced chi-square scatters by chance, and by what the noise itself is known to.
     scatter = np.sqrt(2.0 / degrees_of_freedom + 2.0 / case.freedom.of_all)
     rough = known and scale(fit) > MISFIT and scale(fit) - 1.0 > MISFIT_SCORE * scatter
+    # Beside effects that are proven a suspect is a doubt; alone it is a misfit that nothing explains, unless it is so weak that
+    # neither the size of the misfit nor a smooth curve shows one without it.
+    disagrees = bool(
+        left.p_value < LEVEL_OF_LEFT_OVER
+        or rough
+        or (any(not suspect.hint for suspect in suspects) and not fit.physics)
+        or scattered(case, fit)
+        or not whole.complete
+    )
+    if not disagrees:  # beside a misfit nearly everything is nearly found
+        doubted += _nearly_found(problem, fit, whole, (r.name for r in doubted))
     return FinalModel(
         base=base,
         fit=fit,
@@ -308,15 +330,7 @@ def final_model(case: Case, selection: Selection, split: Split, say: Progress = 
         left=left,
         excess=excess,
         scale=scale(fit),
-        # Beside effects that are proven a suspect is a doubt; alone it is a misfit that nothing explains, unless it is so weak that
-        # neither the size of the misfit nor a smooth curve shows one without it.
-        disagrees=bool(
-            left.p_value < LEVEL_OF_LEFT_OVER
-            or rough
-            or (any(not suspect.hint for suspect in suspects) and not fit.physics)
-            or scattered(case, fit)
-            or not whole.complete
-        ),
+        disagrees=disagrees,
         seen_apart=len(fit.effects) <= len(selection.effects),
         proof=proof,
         suspects=suspects,

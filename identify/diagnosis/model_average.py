@@ -1,5 +1,5 @@
 """Error bars over all models that the data allow: where rivals explain a record alike, each of them has parameters of its own; so
-has a model with what the search found and no rows left out proved.
+has a model with what the search found and no rows left out proved, or with what it nearly found.
 
 Weights are likelihoods, exp(-chi-square/2) (Burnham and Anderson, Model Selection and Multimodel Inference, 2002, ch. 4); values stay
 those of the model that is named first, so that what it predicts is one model's.
@@ -61,7 +61,7 @@ def with_rivals(result: FitResult, tried: Sequence[Rival], spread_of: Mapping[in
     in_place, beside = ([words(r) for r in tried if bool(r.instead_of) is named] for named in (True, False))
     parts = [
         f"{', '.join(dict.fromkeys(names))} {where}"
-        for names, where in ((in_place, "in its place"), (beside, "that was found and is not proven"))
+        for names, where in ((in_place, "in its place"), (beside, "beside it, neither proven nor excluded"))
         if names
     ]
     note = (

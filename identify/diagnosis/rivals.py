@@ -32,7 +32,7 @@ FAR_BEHIND = 5.0 * ALIKE  # chi-square
 
 @dataclass(frozen=True)
 class Rival:
-    """A refit with `name` in the place of `instead_of`; "": beside all, which was found and is not proven."""
+    """A refit with `name` in the place of `instead_of`; "": beside all, neither proven nor excluded."""
 
     name: str
     instead_of: str

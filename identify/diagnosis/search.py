@@ -1,7 +1,7 @@
 """Choose the missing effects by forward selection: score tests over the library, then refits of the leading singles and pairs."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import combinations, islice
 
 import numpy as np
@@ -15,7 +15,7 @@ from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.fitting.problem_fit import Fit
 from thermohyd.identify.fitting.trimmed import FAR
 
-from .max_t import NoiseFreedom
+from .max_t import NoiseFreedom, normal_score
 from .screening import Screen, Signature, screen
 from .screening_faults import p_of_fault, screen_of_faults
 from .stored_oil import RELATIVE_REACH, could_explain, within_reach
@@ -34,6 +34,9 @@ MOST_EVALUATIONS, LEAST_EVALUATIONS, MOST_IN_MOTION = 4000, 750, 1500
 MOST_READINGS = 8_000_000  # evaluated
 # Steps of a refit that only has to show which candidate is worth more; each about halves the way to its optimum at worst.
 GLANCE = 15
+# Chi-square below the critical value of a score within which an effect is asked by a refit, and may weigh in error bars: a likelihood
+# ratio of 20, as between rivals. Refits of so few at most, for cost alone.
+NEARLY, MOST_NEARLY = 6.0, 3
 # A pair must beat the best single effect by this much chi-square beyond the search's own critical value.
 PAIR_PENALTY = 4.0
 # Chi-square per squared e-fold beyond the largest amount that is usual: a prior whose standard deviation there is half an e-fold.
@@ -54,7 +57,8 @@ class Step:
 class Selection:
     """The effects that a forward selection added, in that order. `base`: the ideal valve; `final`: with these effects.
 
-    complete: False where the search had taken all its evaluations before it was at its end.
+    complete: False where the search had taken all its evaluations before it was at its end. nearly: effects that `final` lacks,
+    which it was nearly beyond chance to miss, each with chi-square that its refit fell short by.
     """
 
     base: Fit
@@ -63,6 +67,7 @@ class Selection:
     p_values: dict[str, float]
     steps: tuple[Step, ...]
     complete: bool = True
+    nearly: dict[str, float] = field(default_factory=dict)
 
 
 def times_usual(fit: Fit) -> dict[str, float]:
@@ -115,6 +120,8 @@ def search(
     seen = {frozenset(chosen)}
     complete, enough = True, _budget(problem, len(base.residual))
     while True:
+        gains: dict[str, float] = {}
+        nearly: dict[str, float] = {}
         screened = problem.with_all_columns(current)
         candidates = [name for name in names if name not in chosen]
         scores = screen(screened, candidates, steps_of, level=level, freedom=freedom)
@@ -125,6 +132,12 @@ def search(
         p_pair = _p_of_pair(*pairs[0], len(ranked)) if pairs else 1.0
         p_fault = p_of_fault(faults)
         p_step = min(p_single, p_pair, p_fault)
+        if p_step > level and len(chosen) < most and problem.work.cost < enough:
+            gains = _gains_of_refits(problem, current, chosen, scores, ranked)
+            p_single = min([p_single, *(_p_of_gain(scores, name, gain) for name, gain in gains.items())])
+            p_step = min(p_single, p_step)
+            short = {name: scores.critical**2 - gain for name, gain in gains.items()}
+            nearly = {name: max(by, 0.0) for name, by in short.items() if by < NEARLY} if p_step > level else {}
         if len(chosen) >= most or p_step > level:
             steps.append(Step(scores, {}, (), p_step))
             break
@@ -154,14 +167,44 @@ def search(
                 continue
             signature = scores.best(name)
             p_alone = p_single if signature is None else scores.p_value(signature)
-            p_values[name] = min(p_alone, p_pair)
+            p_values[name] = min(p_alone, p_pair, _p_of_gain(scores, name, gains[name]) if name in gains else 1.0)
         current = problem.fit(chosen, best.values, hop_basins=True)
         current, chosen = prune(problem, current, chosen, scores.critical**2 * max(1.0, needed_beside(current)))
         if frozenset(chosen) in seen:  # what was added replaced what was pruned before: going round in a circle
             break
         seen.add(frozenset(chosen))
     kept = {name: p_values[name] for name in chosen if name in p_values}
-    return Selection(base, current, chosen, kept, tuple(steps), complete)
+    nearly = {name: by for name, by in nearly.items() if name not in chosen}
+    return Selection(base, current, chosen, kept, tuple(steps), complete, nearly)
+
+
+def _gains_of_refits(
+    problem: Problem, current: Fit, chosen: tuple[str, ...], scores: Screen, ranked: list[Signature]
+) -> dict[str, float]:
+    """Chi-square that a refit with each candidate gains whose score is nearly enough: the likelihood-ratio test beside Rao's.
+
+    Both agree where the model is straight between both fits. Where a parameter has gone far to make up for the effect (edge radius for
+    the wear of some edges, where the score saw 13 of a chi-square of 32), the score says less than there is.
+    """
+    near = [s for s in ranked if s.gain > scores.critical**2 - NEARLY]
+    near = [s for s in near if not stores(s.name) and _is_cheap(s.name, chosen)]
+    gains = {}
+    for s in near[:MOST_NEARLY]:
+        fit = problem.fit((*chosen, s.name), {**current.values, s.name: s.estimate}, most_steps=GLANCE)
+        gains[s.name] = max(merit(current) - merit(fit), s.gain)
+    return gains
+
+
+def _is_cheap(name: str, chosen: tuple[str, ...]) -> bool:
+    return not expensive_to_compile((*chosen, name)) or expensive_to_compile(chosen)
+
+
+def _p_of_gain(scores: Screen, name: str, gain: float) -> float:
+    """The p-value of a chi-square gained, corrected for the size of the library."""
+    signature = scores.best(name)
+    assert signature is not None
+    strength = normal_score(float(np.sqrt(gain)), signature.freedom)
+    return scores.law.p_value(strength, two_sided=not signature.one_sided)
 
 
 def _budget(problem: Problem, rows: int) -> float:
@@ -184,7 +227,7 @@ def _singles(
     from it end in local minima. Then every candidate is tried, from the nominal valve too, and the best ones go on by basin hopping.
     """
     fits = {}
-    dear = lambda name: expensive_to_compile((*chosen, name)) and not expensive_to_compile(chosen)
+    dear = lambda name: not _is_cheap(name, chosen)
 
     def ask(s: Signature) -> None:
         fits[s.name] = problem.fit((*chosen, s.name), {**current.values, s.name: s.estimate}, most_steps=GLANCE)

@@ -8,6 +8,7 @@ from helpers.small_bench import VALVE
 from helpers.small_diagnosis import small_case, small_diagnosis
 
 from thermohyd.identify.diagnosis import final_model as final_model_module
+from thermohyd.identify.diagnosis import search as search_module
 from thermohyd.identify.diagnosis.case import choose
 from thermohyd.identify.diagnosis.diagnose import diagnose_case
 from thermohyd.identify.diagnosis.final_model import final_model
@@ -75,13 +76,29 @@ def test_error_bars_span_a_suspect():
     assert moved > 0
     [note] = [note for note in result.after.notes if "span what the data allow" in note]
     assert without_rivals((note, "another")) == ("another",)
-    assert "pilot_leakage, flowmeter_offset that was found" in note or "pilot_leakage that was found" in note
+    assert "neither proven nor excluded" in note and "pilot_leakage" in note
 
 
 def test_a_suspect_that_nobody_would_believe_is_not_spanned():
     result = small_diagnosis("too much")
     assert result.suspects
     assert not any("span what the data allow" in note for note in result.after.notes)
+
+
+def test_error_bars_span_what_was_nearly_found():
+    """Chance is no proof that an effect is not there: just below what names it, it is as likely as not."""
+    plain = small_diagnosis("nothing")
+    with patch.object(search_module, "NEARLY", 100.0):
+        result = diagnose_case(small_case("nothing"))
+    assert result.verdict == plain.verdict == "consistent"
+    assert not result.effects
+    wider = [name for name, here in result.after.parameters.items() if here.averaged_over]
+    assert wider
+    for name in wider:
+        here, there = result.after.parameters[name], plain.after.parameters[name]
+        assert here.value == pytest.approx(there.value, abs=0.01 * (there.std or 0.0))
+        assert (here.std or 0.0) >= (there.std or 0.0)
+    assert any("neither proven nor excluded" in note for note in result.after.notes)
 
 
 def test_without_rivals_nothing_is_widened():

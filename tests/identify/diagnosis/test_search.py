@@ -1,5 +1,9 @@
 """The search over a linear model: chance names nothing, what is missing is found, and what is not needed goes again."""
 
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
 import numpy as np
 import pytest
 from helpers.linear_fit import LinearProblem, linear_library
@@ -7,6 +11,7 @@ from helpers.linear_fit import LinearProblem, linear_library
 from thermohyd.effects.library import EFFECTS
 from thermohyd.identify.diagnosis.search import Selection, implausible, merit, needed_beside, pair_gain, prune, search
 from thermohyd.identify.fitting.problem import Problem
+from thermohyd.identify.fitting.problem_fit import Fit
 
 
 ROWS = 768  # of a small bench
@@ -59,6 +64,40 @@ def test_one_missing_effect(name, sign):
     assert found.effects == (name,)
     assert found.final.values[name] / EFFECTS[name].scale == pytest.approx(9.0 * sign, abs=4.0)
     assert found.p_values[name] < 1e-4
+
+
+@dataclass(frozen=True)
+class Bent(LinearProblem):
+    """One whose refits with hysteresis gain more than its slope at nothing says, as wear does where edge radius made up for it."""
+
+    more: float = 15.0
+
+    def fit(self, effects: Iterable[str] = (), start: Mapping[str, float] | None = None, **options: Any) -> Fit:
+        fit = super().fit(effects, start, **options)
+        return replace(fit, chi2=fit.chi2 - self.more) if "hysteresis" in fit.effects else fit
+
+
+def test_a_refit_may_say_more_than_the_score():
+    straight = bench(np.random.default_rng(14), hysteresis=4.2)
+    [step] = found_in(straight).steps
+    score = step.screen.best("hysteresis")
+    assert score is not None
+    assert step.screen.critical**2 - 6.0 < score.gain < step.screen.critical**2
+    assert found_in(straight).effects == ()
+    found = found_in(Bent(**vars(straight)))
+    assert found.effects == ("hysteresis",)
+    assert found.p_values["hysteresis"] < 0.005
+    assert not found.nearly
+
+
+def test_what_was_nearly_found_is_told_with_what_it_fell_short_by():
+    problem = bench(np.random.default_rng(14), hysteresis=4.2)
+    found = found_in(problem)
+    [step] = found.steps
+    gain = found.base.chi2 - problem.fit(["hysteresis"]).chi2
+    assert found.nearly == {"hysteresis": pytest.approx(step.screen.critical**2 - gain)}
+    assert 0.0 < found.nearly["hysteresis"] < 6.0
+    assert not found_in(bench(np.random.default_rng(1))).nearly
 
 
 def test_three_missing_effects():
