@@ -21,7 +21,7 @@ from .confirmation import Confirmation, confirmation, strength, unproven
 from .held_out import Split
 from .left_over import LackOfFit, lack_of_fit, smooth_block
 from .result import MOST_USUAL, HeldOut, Suspect
-from .rivals import Rival, Rivals, all_rivals, settle_rivals
+from .rivals import Rival, Rivals, all_rivals, settle_rivals, with_edges_exchanged
 from .search import Selection, search, times_usual
 
 
@@ -304,6 +304,7 @@ def final_model(case: Case, selection: Selection, split: Split, say: Progress = 
     fit, rivals, proof, suspects, doubted = proven(case, fit, rivals, split, scale)
     if suspects:
         left = lack_of_fit(problem, fit, block)
+    rivals = with_edges_exchanged(problem, fit, rivals, scale(fit))
     known = all(n.known for n in case.noise.values())
     # A reduced chi-square scatters by chance, and by what the noise itself is known to.
     scatter = np.sqrt(2.0 / degrees_of_freedom + 2.0 / case.freedom.of_all)

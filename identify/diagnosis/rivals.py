@@ -1,7 +1,7 @@
 """Find effects that could stand in a named one's place: refit with each of them, and keep those that do about as well."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -154,6 +154,29 @@ def mirrors(problem: Problem, final: Fit, scale: float = 1.0) -> tuple[Rival, ..
         if fit.values[name] * amount < 0.0 and mirror.chi2_more < ALIKE:
             found.append(mirror)
     return tuple(found)
+
+
+def with_edges_exchanged(
+    problem: Problem, final: Fit, rivals: Mapping[str, Rivals], scale: float = 1.0
+) -> dict[str, Rivals]:
+    """The rivals of `final` and, where several of its effects change with supply and return edges, all of them changed together: one
+    alone, beside the others as they are, is another valve, and no rival that is asked for itself shows that.
+    """
+    changed = {name: other for name in final.physics if (other := effect_info(name).exchanged)}
+    mirrored = [name for name in final.physics if effect_info(name).mirrored_in in final.free]
+    if len(changed) + len(mirrored) < 2 or not changed or set(changed.values()) & set(final.effects):
+        return dict(rivals)
+    values = {changed.get(name, name): value for name, value in final.values.items() if name not in changed.values()}
+    for name in mirrored:
+        values |= {effect_info(name).mirrored_in: values[effect_info(name).mirrored_in] + values[name]}
+        values |= {name: -values[name]}
+    fit = problem.fit([changed.get(name, name) for name in final.effects], values, hop_basins=True)
+    more, found = _more(fit, final, scale), dict(rivals)
+    for name, other in changed.items():
+        if more < ALIKE and fit.values[other] != 0.0 and other not in fit.active:
+            tried = (*(r for r in found[name].tried if r.name != other), Rival(other, name, fit, more))
+            found[name] = replace(found[name], tried=tuple(sorted(tried, key=lambda r: r.chi2_more)))
+    return found
 
 
 def _more(fit: Fit, final: Fit, scale: float) -> float:

@@ -41,6 +41,8 @@ class EffectInfo:
     caveat: what a report adds to the sentence, unless one of the channels `settled_by` was measured.
     costly: its presence alone makes each step of the ports' balance longer, so that fits without it go without it.
     mirrored_in: the parameter p for which (p, amount) and (p + amount, -amount) are one valve to most readings; "" for none.
+    exchanged: the effect that it becomes where supply and return edges change places, which leaves one valve to most readings; "" for
+    none.
     elsewhere: where the valve goes into another program: "sources", the C sources of an FMU know the effect by its name
     (identify/export/sources); "valve", those of the static valve do, no motion shows it; "play", those of a servo do, and it has a
     state there; "command", it lies before the loop, where the other program has it; "bench", it is the bench's and stays there;
@@ -68,6 +70,7 @@ class EffectInfo:
     caveat: str = ""
     settled_by: tuple[str, ...] = ()
     mirrored_in: str = ""
+    exchanged: str = ""
     costly: bool = False
     elsewhere: str = ""
 

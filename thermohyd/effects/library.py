@@ -36,6 +36,7 @@ _STATIC = (
         scale=5e-6,
         shows=_ALL,
         sentence="the supply edges are worn round",
+        exchanged="return_edge_wear",
         elsewhere="sources",
     ),
     EffectInfo(
@@ -48,6 +49,7 @@ _STATIC = (
         scale=5e-6,
         shows=_ALL,
         sentence="the return edges are worn round",
+        exchanged="supply_edge_wear",
         elsewhere="sources",
     ),
     EffectInfo(
@@ -60,6 +62,7 @@ _STATIC = (
         scale=5e-6,
         shows=_ALL,
         sentence="the edge from the supply to port A is worn round",
+        exchanged="edge_wear_bt",
         elsewhere="sources",
     ),
     EffectInfo(
@@ -72,6 +75,7 @@ _STATIC = (
         scale=5e-6,
         shows=_ALL,
         sentence="the edge from the supply to port B is worn round",
+        exchanged="edge_wear_at",
         elsewhere="sources",
     ),
     EffectInfo(
@@ -84,6 +88,7 @@ _STATIC = (
         scale=5e-6,
         shows=_ALL,
         sentence="the edge from port A to the return is worn round",
+        exchanged="edge_wear_pb",
         elsewhere="sources",
     ),
     EffectInfo(
@@ -96,6 +101,7 @@ _STATIC = (
         scale=5e-6,
         shows=_ALL,
         sentence="the edge from port B to the return is worn round",
+        exchanged="edge_wear_pa",
         elsewhere="sources",
     ),
     EffectInfo(

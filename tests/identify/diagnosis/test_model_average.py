@@ -7,8 +7,7 @@ import pytest
 from helpers.small_bench import VALVE
 from helpers.small_diagnosis import small_case, small_diagnosis
 
-from thermohyd.identify.diagnosis import final_model as final_model_module
-from thermohyd.identify.diagnosis import search as search_module
+from thermohyd.identify.diagnosis import final_model as final_model_module, search as search_module
 from thermohyd.identify.diagnosis.case import choose
 from thermohyd.identify.diagnosis.diagnose import diagnose_case
 from thermohyd.identify.diagnosis.final_model import final_model
@@ -76,7 +75,8 @@ def test_error_bars_span_a_suspect():
     assert moved > 0
     [note] = [note for note in result.after.notes if "span what the data allow" in note]
     assert without_rivals((note, "another")) == ("another",)
-    assert "neither proven nor excluded" in note and "pilot_leakage" in note
+    assert "neither proven nor excluded" in note
+    assert "pilot_leakage" in note
 
 
 def test_a_suspect_that_nobody_would_believe_is_not_spanned():

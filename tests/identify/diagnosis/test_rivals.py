@@ -3,11 +3,13 @@
 import numpy as np
 import pytest
 from helpers.linear_fit import LinearProblem, linear_library
+from helpers.small_bench import small_record
+from helpers.small_diagnosis import opened
 
 from thermohyd.effects.library import EFFECTS
 from thermohyd.identify.diagnosis.final_model import closed, exchange_fits, held_out_result, mean_square
 from thermohyd.identify.diagnosis.held_out import split_rows
-from thermohyd.identify.diagnosis.rivals import ALIKE, rivals_of, settle_rivals
+from thermohyd.identify.diagnosis.rivals import ALIKE, rivals_of, settle_rivals, with_edges_exchanged
 
 
 ROWS = 768  # of a small bench
@@ -79,6 +81,33 @@ def test_nothing_named_has_no_rivals():
     final, rivals = settle_rivals(problem, base, {})
     assert final is base
     assert rivals == {}
+
+
+WORN = {"supply_edge_wear": 9e-6, "edge_wear_bt": 6e-6}
+
+
+def test_supply_and_return_edges_change_places_together():
+    """Wear of both supply edges and of one return edge looks like that of both return edges and of the supply edge across; each of
+    these beside one of the others does not."""
+    changed = {name: EFFECTS[name].exchanged for name in WORN}
+    assert changed == {"supply_edge_wear": "return_edge_wear", "edge_wear_bt": "edge_wear_pa"}
+    case = opened(small_record(effects=WORN, seed=9), (*WORN, *changed.values(), "viscosity_shift"))
+    problem = case.problem
+    final = problem.fit([*WORN], {**case.base.values, **WORN}, hop_basins=True)
+    alone = {name: rivals_of(problem, final, name, case.steps) for name in WORN}
+    assert not any(rivals.alike for rivals in alone.values())
+    together = with_edges_exchanged(problem, final, alone)
+    for name, other in changed.items():
+        [rival] = together[name].alike
+        assert (rival.name, rival.instead_of) == (other, name)
+        assert rival.fit.values[other] == pytest.approx(final.values[name], rel=0.1)
+    one = problem.fit(["edge_wear_bt"], case.base.values)
+    assert with_edges_exchanged(problem, one, {}) == {}
+
+
+def test_who_is_exchanged_is_exchanged_back():
+    for name, info in EFFECTS.items():
+        assert not info.exchanged or EFFECTS[info.exchanged].exchanged == name
 
 
 def test_another_effect_in_its_place_closes_less_on_rows_kept_back():
