@@ -10,7 +10,7 @@ from thermohyd.identify.fitting.problem import Key, Problem
 from thermohyd.identify.fitting.problem_fit import Fit
 from thermohyd.identify.fitting.readings import Noise
 from thermohyd.identify.noise.correlation import NoiseCorrelation, ProjectedNoise, Remembered, Sums, noise_correlation
-from thermohyd.identify.noise.level import ChannelNoise, repeat_differences
+from thermohyd.identify.noise.level import ChannelNoise, repeat_differences, shared_variance
 
 from .left_over import smooth_block
 from .screening import Projection
@@ -39,6 +39,7 @@ class NoiseEstimate:
     warning: str = ""
     degrees_of_freedom: float = np.inf  # from which `std` was estimated; infinite: stated
     memory: np.ndarray | None = None  # the part of each row's variance that the correlation is of; None: all of it
+    position_part: np.ndarray | None = None  # what of `std` the positions' noise makes (rows,), SI
 
 
 @dataclass(frozen=True)
@@ -133,7 +134,10 @@ def _beside_positions(
 
     part (rows,): standard deviation that positions add to `std` (rows,), SI. The correlation found is that of all rows together.
     """
-    if part is None or found.correlation.share == 0.0:
+    if part is None:
+        return found
+    found = replace(found, position_part=part * found.std / std)
+    if found.correlation.share == 0.0:
         return found
     memory = np.clip(1.0 - (part / std) ** 2, 0.0, 1.0)
     pairs = np.sqrt(memory[1:] * memory[:-1])[stretches[1:] == stretches[:-1]]
@@ -177,7 +181,8 @@ def _channel(
 
 
 def noise_of(estimates: dict[Key, NoiseEstimate]) -> Noise:
-    memory = {key: n.memory for key, n in estimates.items() if n.memory is not None}
-    return Noise(
-        {key: n.std for key, n in estimates.items()}, {key: n.correlation for key, n in estimates.items()}, memory
-    )
+    """The noise as problems weigh it, an error of a position that several channels are read at counted once (`shared_variance`)."""
+    more = shared_variance(estimates)
+    std = {key: np.sqrt(n.std**2 + more.get(key, 0.0)) for key, n in estimates.items()}
+    memory = {key: n.memory * (n.std / std[key]) ** 2 for key, n in estimates.items() if n.memory is not None}
+    return Noise(std, {key: n.correlation for key, n in estimates.items()}, memory)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from thermohyd.identify.noise.correlation import NoiseCorrelation, correlated_sum
-from thermohyd.identify.noise.level import ChannelNoise, reweighted
+from thermohyd.identify.noise.level import ChannelNoise, counted_once, reweighted
 
 from .result import Identifiability
 from .trust_region import gram_schmidt
@@ -157,7 +157,7 @@ def settled_noise(
     for key, own in rows.items():
         misfit = residual[own] * noise[key].used
         found[key] = reweighted(noise[key], misfit, max(1.0 - float(np.sum(leverage[own])) / len(misfit), 0.05))
-    return found
+    return counted_once(found)
 
 
 def largest_change(before: Mapping[Key, ChannelNoise], after: Mapping[Key, ChannelNoise]) -> float:

@@ -5,8 +5,9 @@ differences between repeated sweeps or runs; guessed from third differences of n
 parabola, until the fit's own residuals replace the guess (`reweighted`).
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -276,7 +277,9 @@ def initial_noise(test: TestRecord, channel: Channel) -> ChannelNoise:
     if channel.std is not None:
         std = np.hypot(np.maximum(channel.std, floor), part)
         declared = channel.std_source.startswith("declared")
-        return ChannelNoise(std, channel.std_source, True, declared, std, channel.freedom)
+        return ChannelNoise(
+            std, channel.std_source, True, declared, std, channel.freedom, position_part=channel.position_part
+        )
     repeated = noise_from_repeats(test, channel)
     if repeated is not None:
         alike = repeated.std
@@ -285,7 +288,9 @@ def initial_noise(test: TestRecord, channel: Channel) -> ChannelNoise:
                 part, lambda std: float(np.mean(np.concatenate(repeat_differences(test, channel, std)) ** 2))
             )
         std = np.hypot(np.maximum(np.full(test.rows, alike), floor), part)
-        return ChannelNoise(std, repeated.source, True, False, std, repeated.degrees_of_freedom)
+        return ChannelNoise(
+            std, repeated.source, True, False, std, repeated.degrees_of_freedom, position_part=channel.position_part
+        )
     rough = noise_from_neighbours(test, channel)
     guess = rough.std
     smallest = 1e-4 * max(float(np.ptp(channel.value)), float(np.max(np.abs(channel.value))), 1e-300)
@@ -296,7 +301,51 @@ def initial_noise(test: TestRecord, channel: Channel) -> ChannelNoise:
 
 def initial_noises(tests: Iterable[TestRecord]) -> dict[tuple[str, str], ChannelNoise]:
     """The noise of every reading, known or guessed before any fit: {(test, channel): noise}."""
-    return {(test.name, channel.name): initial_noise(test, channel) for test in tests for channel in test.channels}
+    return counted_once(
+        {(test.name, channel.name): initial_noise(test, channel) for test in tests for channel in test.channels}
+    )
+
+
+def counted_once(noise: Mapping[tuple[str, str], ChannelNoise]) -> dict[tuple[str, str], ChannelNoise]:
+    """The noise {(test, channel): noise} with what a fit weighs with widened by `shared_variance`, of which `used` has nothing so far."""
+    more = shared_variance(noise)
+    return {key: replace(n, used=np.sqrt(n.used**2 + more[key])) if key in more else n for key, n in noise.items()}
+
+
+@runtime_checkable
+class MovedByPositions(Protocol):
+    """Noise of a channel (rows,) of which positions make a part; None: nothing."""
+
+    @property
+    def std(self) -> np.ndarray: ...
+
+    @property
+    def position_part(self) -> np.ndarray | None: ...
+
+
+def shared_variance(noise: Mapping[tuple[str, str], MovedByPositions]) -> dict[tuple[str, str], np.ndarray]:
+    """Variance (rows,) by which each channel is to be widened, where several of one test are read at the same positions. SI.
+
+    One error of a position moves them all: counted as one of each channel, n gauges would place a shift of the positions sqrt(n)
+    times too well. With s_i what a position adds and o_i a channel's own noise, all of a row together say
+    (sum s_i^2/o_i^2)/(1 + sum s_i^2/o_i^2) of it. Each channel's part is therefore o_i^2 sum s_j^2/o_j^2 instead of s_i^2, at most
+    n s_i^2, so that a gauge which no position moves keeps what it knows.
+    """
+    tests: dict[str, list[tuple[str, str]]] = {}
+    for key, n in noise.items():
+        if n.position_part is not None and np.any(n.position_part):
+            tests.setdefault(key[0], []).append(key)
+    found = {}
+    for keys in tests.values():
+        if len(keys) < 2:
+            continue
+        moved = {key: noise[key].position_part ** 2 for key in keys}  # pyright: ignore[reportOptionalOperand]
+        # Where positions make all of the noise their part is the whole of it: a thousandth stands for what is left.
+        own = {key: np.maximum(noise[key].std ** 2 - moved[key], 1e-6 * noise[key].std ** 2) for key in keys}
+        ratio = np.sum([moved[key] / own[key] for key in keys], axis=0)
+        for key in keys:
+            found[key] = np.clip(own[key] * ratio, moved[key], len(keys) * moved[key]) - moved[key]
+    return found
 
 
 def reweighted(noise: ChannelNoise, misfit: np.ndarray, share_left: float) -> ChannelNoise:
