@@ -20,7 +20,7 @@ from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.fitting.problem_fit import Fit
 from thermohyd.identify.fitting.problem_solution import gls_covariance, solution_of
 from thermohyd.identify.fitting.relative import effect_plans
-from thermohyd.identify.fitting.result import FitResult
+from thermohyd.identify.fitting.result import FitResult, beyond_chance
 from thermohyd.identify.fitting.uncertainty import Covariance
 from thermohyd.identify.model.learned_terms import LearnedTerm
 from thermohyd.identify.model.places import place_of
@@ -114,7 +114,7 @@ def _spread(
 
 
 def as_channel_noise(noise: dict[Key, NoiseEstimate]) -> dict[Key, ChannelNoise]:
-    return {key: ChannelNoise(n.std, n.source, n.known, False, n.std) for key, n in noise.items()}
+    return {key: ChannelNoise(n.std, n.source, n.known, False, n.std, n.degrees_of_freedom) for key, n in noise.items()}
 
 
 def conclude(
@@ -197,6 +197,7 @@ def conclude(
             shifts,
             smooth,
             judged=after.judged,
+            beyond=beyond_chance(after.channels),
             law=_better_law(after),
             faults=tuple(at_fault),
             terms=terms,

@@ -10,7 +10,7 @@ import numpy as np
 
 from thermohyd.identify.bench.test_record import kind_of_test
 
-from .result import DISAGREES, ChannelFit, ParameterEstimate
+from .result import DISAGREES, ChannelFit, ParameterEstimate, beyond_chance
 
 
 OVERSTATED = 0.4  # reduced chi-square below which stated noise is too large
@@ -106,6 +106,8 @@ def verdict(
 
 def agreement(fits: tuple[ChannelFit, ...], model: str) -> str:
     """Whether a model that misses nothing beyond the noise explains the record, as far as the noise is known."""
+    if beyond := beyond_chance(fits):
+        return f"{more_than_chance(beyond, model)}. `thermohyd diagnose` looks for what is missing."
     open_ = tuple(dict.fromkeys(f.test for f in fits if not f.noise_known))
     judged = tuple(dict.fromkeys(f.test for f in fits if f.noise_known and f.test not in open_))
     if not open_:
@@ -117,6 +119,13 @@ def agreement(fits: tuple[ChannelFit, ...], model: str) -> str:
     if not judged:
         return f"Whether {model[0].lower()}{model[1:]} explains the record cannot be judged, {reason}"
     return f"{model} explains {', '.join(judged)} within the noise. Whether it explains {', '.join(open_)} cannot be judged, {reason}"
+
+
+def more_than_chance(beyond: tuple[ChannelFit, ...], model: str) -> str:
+    """What is said where a misfit is too small for a disagreement and too large for chance."""
+    channels = ", ".join(f"{f.test} ({f.channel})" for f in beyond)
+    worst = max(np.sqrt(f.reduced_chi2) for f in beyond)
+    return f"{model} misses {channels} by up to {worst:.2f} times the noise, more than chance makes of it as far as the noise is known"
 
 
 def doubts(fits: tuple[ChannelFit, ...], parameters: Mapping[str, ParameterEstimate]) -> list[str]:
@@ -167,7 +176,8 @@ def verdict_of_motion(fits: tuple[ChannelFit, ...], converged: bool, message: st
             )
         else:
             first = "The actuator's model explains the dynamic tests within their noise."
-            first = first if all(f.noise_known for f in fits) else agreement(fits, "The actuator's model")
+            known = all(f.noise_known for f in fits) and not beyond_chance(fits)
+            first = first if known else agreement(fits, "The actuator's model")
     return (first, *(sentence_of_motion(fit) for fit in fits))
 
 

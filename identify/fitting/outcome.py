@@ -210,6 +210,7 @@ def _channel_fit(fitted: Fitted, key: Key, rows: slice, block: Block, covariance
         noise_known=noise.known,
         neighbours=noise.neighbours,
         signal=channel.signal,
+        noise_freedom=noise.degrees_of_freedom,
     )
 
 

@@ -3,11 +3,13 @@
 Methods that need reports, figures or the simulator import them when they are called: the numbers stay light.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import pandas as pd
+from scipy.special import fdtrc
 
 from thermohyd.identify.bench.columns import reading_unit
 from thermohyd.identify.bench.record import BenchRecord
@@ -29,6 +31,9 @@ if TYPE_CHECKING:
 
 # Reduced chi-square above which the program says that model and bench disagree (about 1.5 noise units RMS).
 DISAGREES = 2.0
+# Agreement is not claimed where all channels together would show as large a misfit by chance in one record of twenty, beyond a fifth
+# of the variance that noise may well be larger than stated.
+CHANCE, STATED_TO = 0.05, 1.2
 
 
 @dataclass(frozen=True)
@@ -150,11 +155,19 @@ class ChannelFit:
     noise_known: bool = True  # stated, or measured free of any model; else taken from the residuals themselves
     neighbours: float | None = None  # scatter of neighbouring readings about a smooth curve, where that says something
     signal: str = ""  # "V" or "count": the readings are signals of a sensor of free gain; empty: SI
+    noise_freedom: float = np.inf  # degrees of freedom from which the noise was estimated; infinite: stated
 
     @property
     def unit(self) -> DisplayUnit:
         """In which its readings are shown."""
         return reading_unit(self.channel, self.signal)
+
+
+def beyond_chance(channels: Sequence[ChannelFit]) -> tuple[ChannelFit, ...]:
+    """Channels that the model misses by more than their noise, as far as that is known, leaves by chance (Fisher's F, Bonferroni)."""
+    level = CHANCE / max(len(channels), 1)
+    p = lambda c: float(fdtrc(max(c.effective_size, 1.0), min(c.noise_freedom, 1e9), c.reduced_chi2))
+    return tuple(c for c in channels if c.noise_known and c.reduced_chi2 > STATED_TO and p(c) < level)
 
 
 @dataclass(frozen=True)
@@ -219,7 +232,8 @@ class FitResult(Result):
         """ "good": explained within a known noise; "open": that cannot be judged, or a parameter ends at its limit; "bad"."""
         if not self.converged or any(c.noise_known and c.reduced_chi2 >= DISAGREES for c in self.channels):
             return "bad"
-        return "good" if self.judged and not any(p.at_bound for p in self.parameters.values()) else "open"
+        doubtful = beyond_chance(self.channels) or any(p.at_bound for p in self.parameters.values())
+        return "good" if self.judged and not doubtful else "open"
 
     @property
     def model(self) -> "Model":

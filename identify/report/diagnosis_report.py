@@ -27,7 +27,8 @@ from thermohyd.identify.diagnosis.result import (
     Verdict,
 )
 from thermohyd.identify.diagnosis.where import miss_words, region_words
-from thermohyd.identify.fitting.result import FitResult
+from thermohyd.identify.fitting.misfit import more_than_chance
+from thermohyd.identify.fitting.result import ChannelFit, FitResult
 
 from . import diagnosis_words as words
 from .diagnosis_words import excess, percent
@@ -52,11 +53,12 @@ def headline(
     faults: tuple[Fault, ...] = (),
     terms: tuple[Term, ...] = (),
     suspects: tuple[Suspect, ...] = (),
+    beyond: tuple[ChannelFit, ...] = (),
 ) -> str:
     """The first sentence of every report. judged: the noise is known, so that agreement with it means something.
 
     law: the other law of an edge, where the data prefer it. faults: of the bench, that the final model allows for. terms: where in
-    the circuit something is missing, and with what. suspects: found and not proven.
+    the circuit something is missing, and with what. suspects: found and not proven. beyond: channels that are missed by more than chance.
     """
     place = _place(where)
     once = _once(faults)
@@ -64,7 +66,7 @@ def headline(
         rivals = _or(list(dict.fromkeys(rival for fault in faults for rival in fault.alternatives)))
         return f"Once {once} allowed for, the ideal valve explains this record, but that cannot be told from {rivals} by these data."
     if verdict == "consistent":
-        return _consistent(once, judged, suspects)
+        return _consistent(once, judged, suspects, beyond)
     names = in_a_row([f"{e.name} ({_amount(e)})" for e in effects])
     if verdict == "unexplained":
         first = place or "Model and bench disagree beyond noise"
@@ -88,7 +90,7 @@ def headline(
     return f"{lead}{names} would explain it, and {closes}, but {rivals}."
 
 
-def _consistent(once: str, judged: bool, suspects: tuple[Suspect, ...]) -> str:
+def _consistent(once: str, judged: bool, suspects: tuple[Suspect, ...], beyond: tuple[ChannelFit, ...]) -> str:
     """Where nothing is named: what was found and not proven is a hint."""
     hints = in_a_row([f"{s.name} ({amount(s.name, s.value, s.unit)})" for s in suspects])
     hint = (
@@ -96,12 +98,17 @@ def _consistent(once: str, judged: bool, suspects: tuple[Suspect, ...]) -> str:
         if suspects
         else ""
     )
+    nothing = (
+        f"{f'Once {once} allowed for, n' if once else 'N'}othing in the library is proven to do better than the ideal valve"
+        f"{f' ({hint})' if hint else ''}"
+    )
+    if beyond:
+        return f"{nothing}, but {more_than_chance(beyond, 'it')}. State that noise (noise in bench.toml) or repeat more of the sweeps."
     if judged:
         within = f"The ideal valve explains this record within its noise{f' once {once} allowed for' if once else ''}"
         return f"{within}, but {hint}." if hint else f"{within}: no effect of the library is needed."
     return (
-        f"{f'Once {once} allowed for, n' if once else 'N'}othing in the library is proven to do better than the ideal valve"
-        f"{f' ({hint})' if hint else ''}, but whether that explains the record cannot be judged: the noise was estimated from what "
+        f"{nothing}, but whether that explains the record cannot be judged: the noise was estimated from what "
         "the fits leave. State it (noise in bench.toml) or run each sweep twice (column run)."
     )
 

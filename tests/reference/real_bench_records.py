@@ -1,4 +1,4 @@
-"""Records as a real bench makes them: `python -m reference.real_bench_records FOLDER --set 1|2|3|4|5`, tests/ on the path.
+"""Records as a real bench makes them: `python -m reference.real_bench_records FOLDER --set N`, tests/ on the path.
 
 FOLDER/<record>/ gets bench.toml and one CSV per test: noisy or rounded positions, rounded readings, correlated noise that is mostly
 not stated, several rates, now and then a missing test. What is hidden there goes to FOLDER/truth.json. Fixed seeds.
@@ -130,7 +130,7 @@ def main(arguments: Iterable[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
     parser.add_argument(
-        "--set", type=int, choices=tuple(SEEDS), default=1, help="1 to 5: development; 6: looked at once"
+        "--set", type=int, choices=tuple(SEEDS), default=1, help="1 to 6: development; 7: looked at once"
     )
     parser.add_argument("--only", nargs="*", metavar="RECORD", help="these records, such as bench_07")
     given = parser.parse_args(None if arguments is None else list(arguments))

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 from helpers.fake_fit import fake_channel, fake_fit
 
-from thermohyd.identify.fitting.misfit import verdict
+from thermohyd.identify.fitting.misfit import verdict, verdict_of_motion
+from thermohyd.identify.fitting.result import beyond_chance
 from thermohyd.identify.report.fit_report import chi2_band, parameter_remarks
 
 
@@ -20,6 +21,27 @@ def test_a_known_noise_is_a_yardstick():
     assert verdict((missed, FLOW), True, "", {})[0].startswith(
         "The ideal valve does not explain leakage: the misfit is up"
     )
+
+
+def test_between_chance_and_disagreement_no_agreement_is_claimed():
+    """Twice the variance is more than chance, and no disagreement to speak of; of a noise known from few rows much more is."""
+    known = replace(GOOD, reduced_chi2=1.6)
+    assert beyond_chance((known, FLOW)) == (known,)
+    first = verdict((known, FLOW), True, "", {})[0]
+    assert first.startswith(
+        "The ideal valve misses leakage (leakage_flow) by up to 1.26 times the noise, more than chance"
+    )
+    assert "explains" not in first
+    assert verdict_of_motion((known,), True, "")[0].startswith(
+        "The actuator's model misses leakage (leakage_flow) by up"
+    )
+    for chance in (
+        replace(known, noise_freedom=20.0),
+        replace(known, effective_size=10.0),
+        replace(known, noise_known=False),
+        replace(known, reduced_chi2=1.19),  # stated a tenth too small
+    ):
+        assert not beyond_chance((chance, FLOW))
 
 
 def test_noise_from_the_residuals_judges_nothing():
@@ -60,7 +82,8 @@ def test_noise_stated_far_too_large_is_said():
 
 def test_how_a_fit_stands():
     free = {n: p for n, p in fake_fit().parameters.items() if not p.at_bound}
-    assert fake_fit(parameters=free).standing == "good"
+    assert fake_fit(parameters=free, channels=(GOOD,)).standing == "good"
+    assert fake_fit(parameters=free, channels=(replace(GOOD, reduced_chi2=1.6),)).standing == "open"
     assert fake_fit().standing == "open"  # a parameter ends at its limit
     assert fake_fit(parameters=free, channels=(UNKNOWN, FLOW)).standing == "open"
     assert fake_fit(parameters=free, channels=(replace(GOOD, reduced_chi2=3.0),)).standing == "bad"

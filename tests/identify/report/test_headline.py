@@ -44,6 +44,14 @@ def test_what_was_found_and_not_proven_is_a_hint(judged):
     assert "Nothing in the library is proven to do better" in said("consistent", where=(), judged=False)
 
 
+def test_no_agreement_where_more_than_chance_is_left():
+    loud = replace(fake_channel("flow_gain", "flow", 0.05 * LPM, 1), reduced_chi2=1.8)
+    text = said("consistent", where=(), beyond=(loud,))
+    assert "within its noise" not in text
+    assert "misses flow_gain (flow) by up to 1.34 times the noise, more than chance makes of it" in text
+    assert text.endswith("State that noise (noise in bench.toml) or repeat more of the sweeps.")
+
+
 def test_one_effect_with_its_amount_where_it_shows_and_what_it_closes():
     text = said("named", (pilot(),))
     assert text.startswith("Leakage flow is 0.64 l/min too high at -203 to 203 um in leakage: ")
