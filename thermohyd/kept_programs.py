@@ -49,7 +49,8 @@ ENDING = ".program"
 # second for each megabyte. Loaded, XLA's structures take 10 to 35 times what the file holds before it is compressed (measured with
 # jaxlib 0.10). A diagnosis of four static tests goes round in 24 MB of them, of 43 MB that it needs in all.
 MOST_LOADED = 24 * 1000**2  # bytes
-# What is read more often is part of a larger round: from then on there is room for it beside the others.
+# What is read more often in one piece of work (`begin_work`) is part of a larger round: from then on there is room for it beside the
+# others.
 MOST_READS = 3
 
 _folder: Path | None = None
@@ -75,6 +76,17 @@ def forget() -> None:
     for loaded in _loaded.programs:  # what is bound may hold it still
         loaded.run = None
     _loaded = _Loaded()
+
+
+def begin_work() -> None:
+    """Say that another piece of work begins, such as another record: what went round in the last one has no more room than any other.
+
+    Over dozens of records every program is read often in the end, and all would stay: a process that diagnosed 27 had 1.9 GB.
+    """
+    _loaded.room = MOST_LOADED
+    for program in _loaded.read:
+        program.reads = 0
+    _loaded.read.clear()
 
 
 def give_memory_back() -> None:
@@ -180,6 +192,7 @@ class _Program:
                 run = self.run = _callable(executable, count, answer)
                 self.size = len(executable)
                 self.reads += 1
+                _loaded.read.add(self)
                 if self.reads > MOST_READS:
                     _loaded.room += self.size
             except Exception:  # nothing there, cut short, or of a release that the words do not tell apart
@@ -198,6 +211,7 @@ class _Loaded:
 
     def __init__(self) -> None:
         self.programs: dict[_Program, None] = {}
+        self.read: set[_Program] = set()  # in this piece of work
         self.room = MOST_LOADED
 
     def use(self, program: _Program) -> None:

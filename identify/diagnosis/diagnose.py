@@ -22,6 +22,7 @@ from thermohyd.identify.fitting.result import FitResult
 from thermohyd.identify.model.typed_terms import TypedTerm
 from thermohyd.identify.noise.level import repeat_differences
 from thermohyd.identify.users_effects import known_effects
+from thermohyd.kept_programs import begin_work
 from thermohyd.numerics import require_float64
 
 from .case import Case, Progress, choose, open_case
@@ -226,6 +227,7 @@ def diagnose(
     """
     require_float64("diagnose")
     out = known_effects(without)
+    begin_work()
     began = time.perf_counter()
     say = progress or (lambda _: None)
     stage = lambda case: diagnose_stage(case, learn=learn, model_form=model_form, say=say)

@@ -15,6 +15,7 @@ from thermohyd.identify.noise.level import ChannelNoise, initial_noises
 from thermohyd.identify.reduction.bad_rows import beside_the_fit
 from thermohyd.identify.reduction.limits import without_limits
 from thermohyd.identify.reduction.reduce import reduce_test
+from thermohyd.kept_programs import begin_work
 from thermohyd.numerics import require_float64
 
 from .boxes import Box
@@ -93,6 +94,7 @@ def fit_and_fitted(
 ) -> tuple[FitResult, Fitted]:
     """What `fit` returns, and the fit as whoever looks around its optimum needs it. solver: see `StaticSearch`."""
     require_float64("fit")
+    begin_work()
     began = time.perf_counter()
     moving = bool(record.dynamic_tests)
     freed_effects = known_effects(record, effects)

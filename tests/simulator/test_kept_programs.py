@@ -12,7 +12,7 @@ import pytest
 from helpers.valves import seed_valve
 
 from thermohyd import kept_programs
-from thermohyd.kept_programs import CannotKeepError, KeptProgram, said
+from thermohyd.kept_programs import CannotKeepError, KeptProgram, begin_work, said
 from thermohyd.numerics import linear_recursion
 from thermohyd.own_effects import own_effects
 
@@ -94,6 +94,13 @@ def test_what_is_longest_unused_goes_and_is_read_again(folder, monkeypatch):
                 program(KEEP[:n], SOURCE[:n])
         kept = [each for each in program.kept.values() if each is not None]
         assert max(each.reads for each in kept) == kept_programs.MOST_READS + 1
+        begin_work()  # another record: what went round in the last one has no more room than any other
+        assert loaded.room == kept_programs.MOST_LOADED
+        loaded.room = 0
+        for n in (1, 2, 3) * kept_programs.MOST_READS:
+            program(KEEP[:n], SOURCE[:n])
+        assert loaded.room == 0
+        assert len(loaded.programs) == 1
     for file in folder.iterdir():
         file.unlink()
     for each in kept:
