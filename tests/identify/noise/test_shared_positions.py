@@ -1,6 +1,6 @@
 """Gauges of one test are read at the same positions: one error of a position moves them all, and counts once."""
 
-from types import SimpleNamespace
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -15,8 +15,14 @@ A, B, FLOW = ("pressure_gain", "pressure_a"), ("pressure_gain", "pressure_b"), (
 ROWS = 60
 
 
-def noise(own: np.ndarray, part: np.ndarray | None) -> SimpleNamespace:
-    return SimpleNamespace(std=own if part is None else np.hypot(own, part), position_part=part)
+@dataclass(frozen=True)
+class Moved:
+    std: np.ndarray
+    position_part: np.ndarray | None
+
+
+def noise(own: np.ndarray, part: np.ndarray | None) -> Moved:
+    return Moved(own if part is None else np.hypot(own, part), part)
 
 
 @given(*[st.floats(0.1, 10.0) for _ in range(4)])
