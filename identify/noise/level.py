@@ -356,7 +356,7 @@ def reweighted(noise: ChannelNoise, misfit: np.ndarray, share_left: float) -> Ch
     drag the whole valve into its misfit. Declared noise is obeyed as it stands.
     """
     if noise.declared:
-        return noise
+        return replace(noise, used=noise.std)
     mean_square = float(np.mean(misfit**2)) / share_left
     if not noise.known:
         std = np.full_like(noise.std, np.sqrt(mean_square))

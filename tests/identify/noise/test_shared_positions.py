@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from thermohyd.identify.diagnosis.record_noise import NoiseEstimate, noise_of
+from thermohyd.identify.fitting.uncertainty import settled_noise
 from thermohyd.identify.noise.correlation import NoiseCorrelation
 from thermohyd.identify.noise.level import ChannelNoise, counted_once, shared_variance
 
@@ -72,6 +73,20 @@ def test_positions_that_make_all_of_the_noise():
     part = np.full(ROWS, 3.0)
     more = shared_variance({A: noise(np.zeros(ROWS), part), B: noise(np.zeros(ROWS), part)})
     np.testing.assert_allclose(more[A], part**2)
+
+
+@pytest.mark.parametrize(("known", "declared"), [(True, True), (True, False)])
+def test_settling_the_noise_again_widens_it_no_further(known, declared):
+    part = np.linspace(0.0, 3.0, ROWS)
+    std = np.hypot(1.0, part)
+    noise = counted_once({k: ChannelNoise(std, "", known, declared, std, position_part=part) for k in (A, B)})
+    rows = {A: slice(0, ROWS), B: slice(ROWS, 2 * ROWS)}
+    residual = np.random.default_rng(2).standard_normal(2 * ROWS) * 0.5
+    settled = noise
+    for _ in range(3):
+        settled = settled_noise(settled, rows, residual, np.ones((2 * ROWS, 1)))
+    for key in (A, B):
+        np.testing.assert_allclose(settled[key].used, noise[key].used)
 
 
 def test_a_fit_and_a_diagnosis_weigh_alike():
