@@ -34,6 +34,7 @@ ONE_THREAD = {
     )
 }
 LOOKED_AT = 0.25  # s, between looks at the memory of a process that computes
+TOLD_WITHIN = 10.0  # s: how a process ended is known a moment after it has ended, unless the machine is very busy
 _environment = threading.Lock()
 
 
@@ -124,12 +125,18 @@ class Computer:
             return "", ""
 
     def _how_it_ended(self) -> str:
-        for process in self._processes:
-            process.join(1.0)
-            code = process.exitcode
-            if code is not None:
-                return f"by signal {-code}" if code < 0 else f"with status {code}"
-        return "for an unknown reason"
+        # The pool's own thread waits for the process, too. The system tells one of the two how it ended, and the other, which may come
+        # first, sees nothing until that one has written it down.
+        deadline = time.monotonic() + TOLD_WITHIN
+        while True:
+            for process in self._processes:
+                process.join(LOOKED_AT)
+                code = process.exitcode
+                if code is not None:
+                    return f"by signal {-code}" if code < 0 else f"with status {code}"
+            if time.monotonic() > deadline:
+                return "for an unknown reason"
+            time.sleep(0.01)
 
     def _start(self) -> None:
         if self._pool is not None:

@@ -164,6 +164,26 @@ def test_no_threads_but_one_in_the_process_that_computes(tmp_path):
     assert computer.started == 1
 
 
+def test_how_a_process_ended_is_told_although_another_thread_was_told_first():
+    from thermohyd.identify.fleet.computer import Computer
+
+    class EndedUnnoticed:
+        """As a process looks to a thread while another one, which the system told how it ended, has not written that down yet."""
+
+        looks = 0
+
+        def join(self, timeout: float) -> None: ...
+
+        @property
+        def exitcode(self) -> int | None:
+            self.looks += 1
+            return -11 if self.looks > 3 else None
+
+    computer = Computer(Care())
+    computer._processes = [EndedUnnoticed()]  # pyright: ignore[reportAttributeAccessIssue]
+    assert computer._how_it_ended() == "by signal 11"
+
+
 def work_of(store: Store, folder: Path):
     from thermohyd.identify.fleet.work import Task
 
