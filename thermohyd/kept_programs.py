@@ -34,6 +34,7 @@ import numpy as np
 from jax.core import Tracer
 from jax.experimental import serialize_executable
 
+from .lean_executables import lean
 from .own_effects import own_effects
 
 
@@ -45,9 +46,9 @@ SETTINGS = ("jax_enable_x64", "jax_numpy_dtype_promotion", "jax_default_matmul_p
 # Packages that read, write, draw and decide: no code of theirs is in a program, or the program is not kept.
 HOST_ONLY = {"app", "checking", "cli", "comparison", "diagnosis", "export", "fleet", "planning", "report"}
 ENDING = ".program"
-# A process has no more than this of them loaded at a time; what is longest unused is read again when it is needed, in a tenth of a
-# second for each megabyte. Loaded, XLA's structures take 10 to 35 times what the file holds before it is compressed (measured with
-# jaxlib 0.10). A diagnosis of four static tests goes round in 24 MB of them, of 43 MB that it needs in all.
+# A process has no more than this of them loaded at a time; what is longest unused is read again when it is needed, in a sixteenth of a
+# second for each megabyte. Loaded, XLA's structures take some ten times what the file holds before it is compressed (measured with
+# jaxlib 0.10; 26 times what a `lean` one has lost). A diagnosis of four static tests needs 15 MB of them in all, one in 20 twice that.
 MOST_LOADED = 24 * 1000**2  # bytes
 # What is read more often in one piece of work (`begin_work`) is part of a larger round: from then on there is room for it beside the
 # others.
@@ -172,45 +173,50 @@ class _Program:
         self.reads = 0
 
     def __call__(self, arrays: list[Any]) -> Any:
-        run = self._ready()
+        run = self.run or self._read()
+        if run is None:
+            return self._compiled(arrays)
+        _loaded.use(self)
         if self.proven:
             return run(arrays)
         try:
             found = jax.block_until_ready(run(arrays))
         except Exception:  # whatever XLA calls what it cannot run
             self.file.unlink(missing_ok=True)
-            found = self._compiled()(arrays)
+            return self._compiled(arrays)
         self.proven = True
         return found
 
-    def _ready(self) -> Callable:
-        """What runs, which makes it the last of those that go."""
-        run = self.run
-        if run is None:
-            try:
-                executable, count, answer = _read(self.file)
-                run = self.run = _callable(executable, count, answer)
-                self.size = len(executable)
-                self.reads += 1
-                _loaded.read.add(self)
-                if self.reads > MOST_READS:
-                    _loaded.room += self.size
-            except Exception:  # nothing there, cut short, or of a release that the words do not tell apart
-                run = self._compiled()
-        _loaded.use(self)
-        return run
+    def _read(self) -> Callable | None:
+        try:
+            executable, count, answer = _read(self.file)
+            self.run = _callable(executable, count, answer)
+        except Exception:  # nothing there, cut short, or of a release that the words do not tell apart
+            return None
+        self.size = len(executable)
+        self.reads += 1
+        _loaded.read.add(self)
+        if self.reads > MOST_READS:
+            _loaded.room += self.size
+        return self.run
 
-    def _compiled(self) -> Callable:
-        run, self.size = _compiled_and_kept(self.function, self.options, self.tree, self.told, self.file)
-        self.run, self.proven = run, True
-        return run
+    def _compiled(self, arrays: list[Any]) -> Any:
+        """What it answers, compiled; from then on it runs as it was kept, which takes an eighth of the memory."""
+        found, self.run, self.size = _compiled_and_kept(
+            self.function, self.options, self.tree, self.told, self.file, arrays
+        )
+        self.proven = True
+        _loaded.use(self)
+        give_memory_back()
+        return found
 
 
 class _Loaded:
     """The programs of this process that could be read again, the longest unused first."""
 
     def __init__(self) -> None:
-        self.programs: dict[_Program, None] = {}
+        self.programs: dict[_Program, int] = {}  # and their sizes
+        self.size = 0
         self.read: set[_Program] = set()  # in this piece of work
         self.room = MOST_LOADED
 
@@ -218,11 +224,11 @@ class _Loaded:
         """It is the last to go; the longest unused go while there are more than there is room for."""
         if not program.size:
             return
-        self.programs.pop(program, None)
-        self.programs[program] = None
-        while sum(each.size for each in self.programs) > self.room and len(self.programs) > 1:
+        self.size += program.size - self.programs.pop(program, 0)
+        self.programs[program] = program.size
+        while self.size > self.room and len(self.programs) > 1:
             longest_unused = next(iter(self.programs))
-            del self.programs[longest_unused]
+            self.size -= self.programs.pop(longest_unused)
             longest_unused.run = None
             give_memory_back()
 
@@ -283,21 +289,61 @@ def _flat(function: Callable, tree: Any, leaves: list[Any], number: int) -> tupl
 
 
 def _compiled_and_kept(
-    function: Callable, options: dict[str, Any], tree: Any, told: list[Any], file: Path
-) -> tuple[Callable, int]:
-    """What runs, and how large it is as it was written, 0 where it could not be. told: leaves, shapes where there are arrays."""
+    function: Callable, options: dict[str, Any], tree: Any, told: list[Any], file: Path, given: list[Any]
+) -> tuple[Any, Callable, int]:
+    """What a program answers to what is given, what runs from then on, and how large that is as it was written, 0 where it could not
+    be. told: leaves, shapes where there are arrays."""
     # No other program has this number: what JAX reads from its own cache, XLA writes without its functions.
     flat, made = _flat(function, tree, told, int(file.stem[-15:], 16))
     arrays = [leaf.traced for leaf in told if isinstance(leaf, _Shape)]
+    lowered = jax.jit(flat, compiler_options=options or None).lower(arrays)
+    _forget_where_from(lowered)
     with _out_of_jax_cache():
-        compiled = jax.jit(flat, compiler_options=options or None).lower(arrays).compile()
-    size = 0
-    # A host callback, an answer that cannot be written: this process has the program all the same.
+        compiled = lowered.compile()
+    answer, written, spoken, size = made["answer"], b"", b"", 0
+    with suppress(
+        Exception
+    ):  # a host callback, an answer that cannot be written: this process has the program all the same
+        spoken = pickle.dumps(answer)
+        written = serialize_executable.serialize(compiled)[
+            0
+        ]  # before it has run: what has sorted cannot be written any more
+    found = jax.block_until_ready(compiled(given))
+    run: Callable = lambda arrays: _answered(compiled(arrays), answer)
     with suppress(Exception):
-        executable = serialize_executable.serialize(compiled)[0]
-        _write(file, (executable, len(arrays), pickle.dumps(made["answer"])))
-        size = len(executable)
-    return lambda arrays: _answered(compiled(arrays), made["answer"]), size
+        if written:
+            shorter = _lean(written, len(arrays), spoken, given, found)
+            written, run = (written, run) if shorter is None else shorter
+            _write(file, (written, len(arrays), spoken))
+            size = len(written)
+    return _answered(found, answer), run, size
+
+
+def _lean(
+    written: bytes, count: int, answer: bytes, given: list[Any], found: list[Any]
+) -> tuple[bytes, Callable] | None:
+    """A program without what only a compiler reads, and what runs of it; None unless it answers what was found, bit by bit."""
+    try:
+        executable = lean(written)
+        program, told = _loadable(executable, count, answer)
+        again = jax.block_until_ready(program(given))
+    except Exception:  # whatever another release of JAX or XLA calls what it does not know
+        return None
+    same = all(np.asarray(a).tobytes() == np.asarray(b).tobytes() for a, b in zip(again, found, strict=True))
+    return (executable, lambda arrays: _answered(program(arrays), told)) if same else None
+
+
+def _forget_where_from(lowered: Any) -> None:
+    """Every operation says from which line of which function of which transformation it comes: a third of a program's file, a sixth of
+    the memory that it takes, and nobody reads it."""
+    with suppress(
+        Exception
+    ):  # of JAX's own, not of its public face: where it looks otherwise, programs are as they were
+        from jax._src.lib.mlir import passmanager
+
+        module = lowered._lowering.stablehlo()
+        with module.context:
+            passmanager.PassManager.parse("builtin.module(strip-debuginfo)").run(module.operation)
 
 
 @contextmanager
@@ -319,13 +365,18 @@ class _Place:
 
 def _callable(executable: bytes, count: int, answer: bytes) -> Callable:
     """What takes a list of so many arrays and gives the answer with those that it has places for."""
+    program, told = _loadable(executable, count, answer)
+    return lambda arrays: _answered(program(arrays), told)
+
+
+def _loadable(executable: bytes, count: int, answer: bytes) -> tuple[Callable, Any]:
+    """(what takes a list of so many arrays, the answer in which those that it gives have their places)."""
     _ready_for_what_lowering_readies()
     told = pickle.loads(answer)
     takes = jax.tree_util.tree_structure((([0] * count,), {}))
     places = sum(isinstance(leaf, _Place) for leaf in jax.tree_util.tree_leaves(told))
     gives = jax.tree_util.tree_structure([0] * (places + 1))
-    program = serialize_executable.deserialize_and_load(executable, takes, gives)
-    return lambda arrays: _answered(program(arrays), told)
+    return serialize_executable.deserialize_and_load(executable, takes, gives), told
 
 
 def _answered(found: list[Any], answer: Any) -> Any:

@@ -37,7 +37,7 @@ from thermohyd.identify.fitting.static_readings import (
 from thermohyd.identify.fitting.static_residuals import channel_layers, rows_of_test
 from thermohyd.identify.noise.whitening import Whitening, whiten
 from thermohyd.kept_programs import KeptProgram
-from thermohyd.numerics import OPTIONS, jitted, known_options
+from thermohyd.numerics import OFTEN, jitted, known_options
 from thermohyd.port_storage import StoredPorts
 from thermohyd.valve import Valve
 
@@ -85,7 +85,8 @@ def split(effects: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
 def library_program(effects: tuple[str, ...]) -> KeptProgram:
     """Compiled (p, args) -> `residual_and_columns`; p in the order of `order_of(effects)`.
 
-    With XLA's default options it takes 1.4 to 2 times as long to compile, and runs no faster.
+    With XLA's default options it takes 1.4 to 2 times as long to compile, and runs no faster. A search beside stored oil calls one
+    thousands of times.
     """
     return _program(effects, classes_of(effects))
 
@@ -93,7 +94,7 @@ def library_program(effects: tuple[str, ...]) -> KeptProgram:
 @functools.cache
 def _program(effects: tuple[str, ...], classes: tuple[type, ...]) -> KeptProgram:
     """classes: what stands behind the names; a user may put another effect under a name."""
-    return jitted(functools.partial(residual_and_columns, effects), known_options(OPTIONS), classes)
+    return jitted(functools.partial(residual_and_columns, effects), known_options(OFTEN), classes)
 
 
 def library_residual(effects: tuple[str, ...]) -> Callable[[Any, Any], Array]:
@@ -103,7 +104,7 @@ def library_residual(effects: tuple[str, ...]) -> Callable[[Any, Any], Array]:
 
 @functools.cache
 def _residual(effects: tuple[str, ...], classes: tuple[type, ...]) -> Callable[[Any, Any], Array]:
-    return jitted(functools.partial(residual_alone, effects), known_options(OPTIONS), classes)
+    return jitted(functools.partial(residual_alone, effects), known_options(OFTEN), classes)
 
 
 def with_amounts(valve: Valve, names: tuple[str, ...], amounts: Sequence[Float[Array, "..."]]) -> Valve:

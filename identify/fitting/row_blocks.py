@@ -22,10 +22,10 @@ from thermohyd.conditions import Conditions
 from thermohyd.effects.library import classes_of, effect_info
 from thermohyd.identify.noise.whitening import whiten_on_host
 from thermohyd.kept_programs import KeptProgram
-from thermohyd.numerics import OPTIONS, jitted, known_options
+from thermohyd.numerics import OFTEN, OPTIONS, jitted, known_options
 
 from .least_squares import Both
-from .library import same_program
+from .library import run_most, same_program
 from .library_program import ENTRIES, MOVES, LibraryArgs, RowTerms, filtered, readings_of_rows, split
 from .parameters import PARAMETERS
 from .place_program import place_program
@@ -97,7 +97,8 @@ def place_in_group(conditions: Mapping[str, Conditions], test: str) -> tuple[str
 @functools.cache
 def _program(effects: tuple[str, ...], classes: tuple[type, ...], test: str, reads: tuple[str, ...]) -> KeptProgram:
     """`readings_and_slopes`, compiled; classes: what stands behind the names; a user may put another effect under a name."""
-    return jitted(functools.partial(readings_and_slopes, effects, test, reads), known_options(OPTIONS), classes)
+    options = known_options(OFTEN if run_most(effects) else OPTIONS)
+    return jitted(functools.partial(readings_and_slopes, effects, test, reads), options, classes)
 
 
 def readings_and_slopes(
@@ -220,7 +221,7 @@ class RowBlocks:
         for i, (reading, column) in enumerate(readings):
             channel, white = self.args.data.channels[i], self.args.whitening[i]
             for name, amount in zip(filters, p[given:], strict=True):
-                reading, column = _filtered(name, float(amount), channel, reading, column, self.args)
+                reading, column = self._behind(name, float(amount), i, reading, column)
             weight = np.asarray(channel.weight)
             column = self.means(channel.test, column) * weight
             residual = (self.means(channel.test, reading) - np.asarray(channel.value)) * weight
@@ -240,6 +241,30 @@ class RowBlocks:
             own = np.asarray(part)[..., : rows.stop - rows.start]
             whole[..., rows] = own if entries is None else own[..., entries, :]
         return whole
+
+    def _behind(
+        self, name: str, amount: float, channel: int, reading: np.ndarray, columns: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """A channel's reading and columns behind a filter, with that of its own amount as the last: compiled for the length of one
+        test alone."""
+        about = self.args.data.channels[channel]
+        if about.test not in effect_info(name).shows:
+            return reading, np.concatenate([columns, np.zeros_like(reading)[None]])
+        together = np.concatenate([np.full_like(reading, amount)[None], reading[None], columns])
+        key = (name, channel, len(columns))
+        if key not in self._filters:
+            none = jnp.zeros(0)
+            alone = replace(about, value=none, weight=none, sensor=None)
+            conditions = {about.test: self.args.data.conditions[about.test]}
+            own = LibraryArgs(self.args.valve, StaticData(conditions, (), {}), (), {})
+            self._filters[key] = _filter(name, classes_of((name,))).bound(together, alone, own)
+        behind = np.asarray(self._filters[key](together))
+        return behind[0], behind[1:]
+
+    @cached_property
+    def _filters(self) -> dict[tuple[str, int, int], Callable[[np.ndarray], Any]]:
+        """By a filter's name, a channel and the number of columns."""
+        return {}
 
     def means(self, test: str, values: np.ndarray) -> np.ndarray:
         """See `StaticData.means`."""
@@ -296,19 +321,16 @@ def _nodes(data: StaticData, test: str) -> int:
     return 1 if test not in data.weights else data.weights[test].shape[1]
 
 
-def _filtered(
-    name: str, amount: float, channel: ChannelRows, reading: np.ndarray, columns: np.ndarray, args: LibraryArgs
-) -> tuple[np.ndarray, np.ndarray]:
-    """See `filtered`: compiled for the length of one test alone."""
-    if channel.test not in effect_info(name).shows:
-        return reading, np.concatenate([columns, np.zeros_like(reading)[None]])
-    none = jnp.zeros(0)
-    alone = replace(channel, value=none, weight=none, sensor=None)
-    own = LibraryArgs(args.valve, StaticData({channel.test: args.data.conditions[channel.test]}, (), {}), (), {})
-    behind, along = _filter(name, classes_of((name,)))(np.asarray(amount), alone, reading, columns, own)
-    return np.asarray(behind), np.asarray(along)
-
-
 @functools.cache
-def _filter(name: str, classes: tuple[type, ...]) -> Callable[..., tuple[Array, Array]]:
-    return jitted(functools.partial(filtered, name), known_options(OPTIONS), classes)
+def _filter(name: str, classes: tuple[type, ...]) -> KeptProgram:
+    """`filtered_together`, compiled; classes: what stands behind the name."""
+    return jitted(functools.partial(filtered_together, name), known_options(OPTIONS), classes)
+
+
+def filtered_together(
+    name: str, together: Float[Array, "given padded"], channel: ChannelRows, args: LibraryArgs
+) -> Float[Array, "behind padded"]:
+    """`filtered`, of one array: a filter's amount (in every row), a reading, and its columns."""
+    amount, reading, columns = together[0, 0], together[1], together[2:]
+    behind, along = filtered(name, amount, channel, reading, columns, args)
+    return jnp.concatenate([behind[None], along])
