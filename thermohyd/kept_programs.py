@@ -11,16 +11,11 @@ own is in the library: what its code stands on is not known here.
 
 import ctypes
 import dataclasses
-import enum
 import functools
 import hashlib
-import importlib.metadata
 import os
 import pickle
-import platform
-import sys
 import tempfile
-import types
 import weakref
 import zlib
 from collections.abc import Callable, Iterator
@@ -36,19 +31,13 @@ from jax.experimental import serialize_executable
 
 from .lean_executables import lean
 from .own_effects import own_effects
+from .program_words import CannotKeepError, said, surroundings
 
 
-PACKAGE = __name__.partition(".")[0]
-# What a program's meaning stands on beside this library's source; their own code changes with their releases alone.
-RELEASES = ("jax", "jaxlib", "equinox", "diffrax", "optimistix", "lineax", "numpy", "jaxtyping", "blackjax")
-TRUSTED = {PACKAGE, *RELEASES, "builtins", "functools", "operator", "math", "typing", "collections", "enum"}
-SETTINGS = ("jax_enable_x64", "jax_numpy_dtype_promotion", "jax_default_matmul_precision", "jax_debug_nans")
-# Packages that read, write, draw and decide: no code of theirs is in a program, or the program is not kept.
-HOST_ONLY = {"app", "checking", "cli", "comparison", "diagnosis", "export", "fleet", "planning", "report"}
 ENDING = ".program"
 # A process has no more than this of them loaded at a time; what is longest unused is read again when it is needed, in a sixteenth of a
 # second for each megabyte. Loaded, XLA's structures take some ten times what the file holds before it is compressed (measured with
-# jaxlib 0.10; 26 times what a `lean` one has lost). A diagnosis of four static tests needs 15 MB of them in all, one in 20 twice that.
+# jaxlib 0.10). A diagnosis of three static tests needs 15 MB of them in all, one of a bench's logs up to 25.
 MOST_LOADED = 24 * 1000**2  # bytes
 # What is read more often in one piece of work (`begin_work`) is part of a larger round: from then on there is room for it beside the
 # others.
@@ -56,10 +45,6 @@ MOST_READS = 3
 
 _folder: Path | None = None
 _programs: "weakref.WeakSet[KeptProgram]" = weakref.WeakSet()
-
-
-class CannotKeepError(Exception):
-    """Something among a program's arguments has no words that mean the same in another process."""
 
 
 def keep_in(folder: Path | None) -> None:
@@ -296,18 +281,14 @@ def _compiled_and_kept(
     # No other program has this number: what JAX reads from its own cache, XLA writes without its functions.
     flat, made = _flat(function, tree, told, int(file.stem[-15:], 16))
     arrays = [leaf.traced for leaf in told if isinstance(leaf, _Shape)]
-    lowered = jax.jit(flat, compiler_options=options or None).lower(arrays)
-    _forget_where_from(lowered)
     with _out_of_jax_cache():
-        compiled = lowered.compile()
+        compiled = jax.jit(flat, compiler_options=options or None).lower(arrays).compile()
     answer, written, spoken, size = made["answer"], b"", b"", 0
-    with suppress(
-        Exception
-    ):  # a host callback, an answer that cannot be written: this process has the program all the same
+    # Written before it has run: what has sorted cannot be any more. Nor can a host callback, or an answer without words: this process
+    # has the program all the same.
+    with suppress(Exception):
         spoken = pickle.dumps(answer)
-        written = serialize_executable.serialize(compiled)[
-            0
-        ]  # before it has run: what has sorted cannot be written any more
+        written = serialize_executable.serialize(compiled)[0]
     found = jax.block_until_ready(compiled(given))
     run: Callable = lambda arrays: _answered(compiled(arrays), answer)
     with suppress(Exception):
@@ -331,19 +312,6 @@ def _lean(
         return None
     same = all(np.asarray(a).tobytes() == np.asarray(b).tobytes() for a, b in zip(again, found, strict=True))
     return (executable, lambda arrays: _answered(program(arrays), told)) if same else None
-
-
-def _forget_where_from(lowered: Any) -> None:
-    """Every operation says from which line of which function of which transformation it comes: a third of a program's file, a sixth of
-    the memory that it takes, and nobody reads it."""
-    with suppress(
-        Exception
-    ):  # of JAX's own, not of its public face: where it looks otherwise, programs are as they were
-        from jax._src.lib.mlir import passmanager
-
-        module = lowered._lowering.stablehlo()
-        with module.context:
-            passmanager.PassManager.parse("builtin.module(strip-debuginfo)").run(module.operation)
 
 
 @contextmanager
@@ -411,127 +379,3 @@ def _write(file: Path, kept: tuple[bytes, int, bytes]) -> None:
         with suppress(OSError):
             os.unlink(name)
         raise
-
-
-# ---------------------------------------------------------------------------------------------------------------- words
-
-
-@functools.cache
-def _source(folder: Path) -> str:
-    """Of all modules of this library that can have a part in a program."""
-    digest = hashlib.sha256()
-    for file in sorted(folder.rglob("*.py")):
-        if set(file.relative_to(folder).parts) & HOST_ONLY:
-            continue
-        digest.update(str(file.relative_to(folder)).encode() + b"\0" + file.read_bytes() + b"\0")
-    return digest.hexdigest()
-
-
-@functools.cache
-def _of_this_machine() -> str:
-    """This library, the releases that it stands on, and the processor for which XLA compiles."""
-    releases = []
-    for name in RELEASES:
-        with suppress(importlib.metadata.PackageNotFoundError):
-            releases.append(f"{name} {importlib.metadata.version(name)}")
-    processor = f"{platform.machine()} {os.cpu_count()}"
-    with suppress(OSError):
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-        processor += next((line for line in lines if line.startswith(("flags", "Features"))), "")
-        processor += next((line for line in lines if line.startswith("model name")), "")
-    package = sys.modules[PACKAGE].__file__
-    assert package is not None
-    return "\n".join((_source(Path(package).parent), platform.python_version(), *releases, processor))
-
-
-def surroundings() -> str:
-    """What decides every program beside its own function and arguments."""
-    settings = [f"{name} {getattr(jax.config, name)}" for name in SETTINGS]
-    named = [f"{name} {os.environ.get(name, '')}" for name in ("XLA_FLAGS", "EQX_ON_ERROR")]
-    device = jax.devices()[0]
-    return "\n".join(
-        (_of_this_machine(), *settings, *named, device.platform, device.device_kind, str(jax.device_count()))
-    )
-
-
-def said(thing: Any) -> Iterator[str]:
-    """Words that decide what a thing does in a program, the same in every process. Raises CannotKeepError where there are none."""
-    if thing is None or (
-        isinstance(thing, (bool, int, float, complex, str, bytes)) and type(thing).__module__ == "builtins"
-    ):
-        yield f"{type(thing).__name__} {thing!r}"
-    elif isinstance(thing, (np.ndarray, np.generic, jax.Array)):
-        value = np.asarray(thing)
-        yield f"array {value.dtype} {value.shape} {hashlib.sha256(value.tobytes()).hexdigest()}"
-    elif isinstance(thing, np.dtype):
-        yield f"dtype {thing}"
-    elif isinstance(thing, enum.Enum):
-        yield from _named(type(thing))
-        yield thing.name
-    elif isinstance(thing, (set, frozenset)):
-        yield f"{type(thing).__name__} {len(thing)}"
-        yield from sorted("\n".join(said(item)) for item in thing)
-    elif isinstance(thing, (dict, types.MappingProxyType)):
-        yield f"{type(thing).__name__} {len(thing)}"
-        for name, value in thing.items():
-            yield from said(name)
-            yield from said(value)
-    elif isinstance(thing, (tuple, list)):
-        yield from _named(type(thing))
-        yield f"{len(thing)}"
-        for item in thing:
-            yield from said(item)
-    elif isinstance(thing, type):
-        yield from _named(thing)
-    elif isinstance(thing, functools.partial):  # jax.tree_util.Partial, too
-        yield type(thing).__qualname__
-        yield from said((thing.func, thing.args, thing.keywords))
-    elif isinstance(thing, types.MethodType):
-        yield "method"
-        yield from said((thing.__self__, thing.__func__))
-    elif isinstance(thing, types.FunctionType):
-        yield from _said_of_function(_unchecked(thing))
-    elif isinstance(thing, (types.BuiltinFunctionType, np.ufunc)):
-        yield f"{getattr(thing, '__module__', 'numpy')}.{thing.__name__}"
-    elif dataclasses.is_dataclass(thing):
-        yield from _named(type(thing))
-        for field in dataclasses.fields(thing):
-            yield field.name
-            yield from said(getattr(thing, field.name, None))
-    elif callable(getattr(thing, "__wrapped__", None)):  # compiled, cached, with derivatives of its own
-        yield f"{type(thing).__module__}.{type(thing).__qualname__}"
-        yield from said(getattr(thing, "__wrapped__", None))
-        yield from said([getattr(thing, rule, None) for rule in ("jvp", "fwd", "bwd")])
-    else:
-        raise CannotKeepError(f"{type(thing)}")
-
-
-def _unchecked(function: Any) -> Any:
-    """The function without the checks of types that a suite of tests puts around it."""
-    checks = ("<@beartype", os.path.join("jaxtyping", "_decorator.py"))
-    while hasattr(function, "__wrapped__") and any(part in function.__code__.co_filename for part in checks):
-        function = function.__wrapped__
-    return function
-
-
-def _said_of_function(function: types.FunctionType) -> Iterator[str]:
-    yield from _named(function)
-    code = function.__code__
-    yield f"line {code.co_firstlineno} {hashlib.sha256(code.co_code).hexdigest()}"
-    yield from said((function.__defaults__, function.__kwdefaults__))
-    for cell in function.__closure__ or ():
-        try:
-            inside = cell.cell_contents
-        except ValueError:
-            raise CannotKeepError(f"{function.__qualname__} is closed over what is not there yet") from None
-        if inside is function:
-            raise CannotKeepError(f"{function.__qualname__} is closed over itself")
-        yield from said(inside)
-
-
-def _named(thing: Any) -> Iterator[str]:
-    """A class or a function by name, whose source the digest of this library or a release stands for."""
-    whose, *packages = thing.__module__.split(".")
-    if whose not in TRUSTED or (whose == PACKAGE and HOST_ONLY & set(packages)):
-        raise CannotKeepError(f"{thing.__module__}.{thing.__qualname__} is none of ours")
-    yield f"{thing.__module__}.{thing.__qualname__}"

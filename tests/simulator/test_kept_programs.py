@@ -12,9 +12,10 @@ import pytest
 from helpers.valves import seed_valve
 
 from thermohyd import kept_programs
-from thermohyd.kept_programs import CannotKeepError, KeptProgram, begin_work, said
+from thermohyd.kept_programs import KeptProgram, begin_work
 from thermohyd.numerics import linear_recursion
 from thermohyd.own_effects import own_effects
+from thermohyd.program_words import CannotKeepError, said
 
 
 KEEP, SOURCE = np.array([0.5, 0.25, 0.5]), np.array([1.0, 2.0, 3.0])

@@ -90,7 +90,6 @@ def test_a_program_that_would_answer_otherwise_is_kept_whole(tmp_path, monkeypat
 
     monkeypatch.setattr(kept_programs, "lean", changed)
     programs = [KeptProgram(function, {}) for function in (jnp.sinh, jnp.cosh)]
-    monkeypatch.setattr(kept_programs, "TRUSTED", {*kept_programs.TRUSTED, "jax"})
     answers = [np.asarray(program(X)) for program in programs]
     np.testing.assert_allclose(answers, [np.sinh(X), np.cosh(X)], rtol=1e-14)
     assert len(list(tmp_path.iterdir())) == 2
