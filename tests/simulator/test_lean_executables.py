@@ -56,7 +56,7 @@ def test_it_answers_bit_by_bit_what_the_whole_one_does(written):
 
 def test_no_body_of_a_fused_loop_stays(written):
     def modules(executable):
-        return serialize_executable.deserialize_and_load(executable, *written[1:]).as_text()
+        return str(serialize_executable.deserialize_and_load(executable, *written[1:]).as_text())
 
     whole, short = modules(written[0]), modules(lean(written[0]))
     assert "fused_computation" in whole
