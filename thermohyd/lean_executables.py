@@ -20,8 +20,8 @@ import jax
 
 MODULE = (1, 1, 1)  # where the HloModuleProto lies: the executable, its module with a configuration, the module
 COMPUTATIONS = 3  # of a module
-INSTRUCTIONS, IS_FUSED = 2, 7  # of a computation
-NAME, OPCODE, SHAPE, CALLED, ID, OPERANDS, AFTER = 1, 2, 3, 28, 35, 36, 37  # of an instruction
+INSTRUCTIONS, COMPUTATION_ID, IS_FUSED = 2, 5, 7  # of a computation
+NAME, OPCODE, SHAPE, CALLED, ID, OPERANDS, AFTER, BODIES = 1, 2, 3, 28, 35, 36, 37, 38  # of an instruction
 VARINT, FIXED64, BYTES, FIXED32 = 0, 1, 2, 5  # kinds of fields
 
 Field = tuple[int, int, Any]  # number, kind, what it holds
@@ -74,22 +74,52 @@ def _changed(message: bytes, path: tuple[int, ...], change: Callable[[bytes], by
 
 
 def _lean_module(module: bytes) -> bytes:
+    fields = list(_fields(module))
+    bodies = {}
+    for number, _, held in fields:
+        if number == COMPUTATIONS:
+            parts = list(_fields(held))
+            if any(part == IS_FUSED and value for part, _, value in parts):
+                bodies[_held(parts, COMPUTATION_ID)] = parts
+    # By the operations in it XLA tells whether a program is worth a thread of its own or runs while the caller waits.
+    alone = {i: len(parts) for i, parts in bodies.items() if not any(map(_calls_a_body, _instructions(parts)))}
+    stays = {max(alone, key=lambda i: alone[i])} if alone else set()
     kept: list[Field] = []
-    for number, kind, held in _fields(module):
+    for number, kind, held in fields:
         if number != COMPUTATIONS:
             kept.append((number, kind, held))
             continue
         parts = list(_fields(held))
-        if not any(part == IS_FUSED and value for part, _, value in parts):
-            lean = ((p, k, _without_body(value) if p == INSTRUCTIONS else value) for p, k, value in parts)
+        own = _held(parts, COMPUTATION_ID)
+        if own in stays:
+            kept.append((number, kind, held))
+        elif own not in bodies:
+            lean = ((p, k, _without_body(value, stays) if p == INSTRUCTIONS else value) for p, k, value in parts)
             kept.append((number, kind, _message(lean)))
     return _message(kept)
 
 
-def _without_body(instruction: bytes) -> bytes:
-    """A call of a fused body as that of something else; any other instruction as it is."""
+def _held(fields: list[Field], which: int) -> Any:
+    for number, _, value in fields:
+        if number == which:
+            return value
+    raise ValueError(f"no field {which} where XLA writes one")
+
+
+def _instructions(computation: list[Field]) -> Iterator[bytes]:
+    return (value for number, _, value in computation if number == INSTRUCTIONS)
+
+
+def _calls_a_body(instruction: bytes) -> bool:
+    return (OPCODE, BYTES, b"fusion") in _fields(instruction)
+
+
+def _without_body(instruction: bytes, stays: set[int]) -> bytes:
+    """A call of a fused body as that of something else, unless the body stays; any other instruction as it is."""
     fields = list(_fields(instruction))
     if (OPCODE, BYTES, b"fusion") not in fields:
+        return instruction
+    if _varint(_held(fields, BODIES), 0)[0] in stays:  # a list of one
         return instruction
     kept = [field for field in fields if field[0] in (NAME, SHAPE, ID, OPERANDS, AFTER)]
     return _message([*kept, (OPCODE, BYTES, b"custom-call"), (CALLED, BYTES, b"a fused loop")])

@@ -54,16 +54,29 @@ def test_it_answers_bit_by_bit_what_the_whole_one_does(written):
     assert lean(short) == lean(lean(short))  # nothing more goes
 
 
-def test_no_body_of_a_fused_loop_stays(written):
+def test_one_body_of_a_fused_loop_stays(written):
+    """By its operations XLA tells that a program is worth a thread of its own."""
+
     def modules(executable):
         return str(serialize_executable.deserialize_and_load(executable, *written[1:]).as_text())
 
+    def bodies(module):
+        return sum(line.startswith("%fused_computation") for line in module.splitlines())
+
     whole, short = modules(written[0]), modules(lean(written[0]))
-    assert "fused_computation" in whole
-    assert " fusion(" in whole
-    assert "fused_computation" not in short
-    assert " fusion(" not in short
+    assert bodies(whole) > 5
+    assert bodies(short) == 1
     assert short.count(" while(") == whole.count(" while(") > 0
+
+
+def test_it_runs_beside_its_caller(tmp_path, monkeypatch):
+    """XLA runs what it takes for trifles while the caller waits, and blocks of rows would no longer run side by side."""
+    monkeypatch.setattr(kept_programs, "_folder", tmp_path)
+    program, many = KeptProgram(jnp.sinh, {}), jnp.linspace(0.1, 2.0, 1_000_000)
+    jax.block_until_ready(program(many))
+    begun = [program(many) for _ in range(20)]
+    assert not begun[-1].is_ready()
+    jax.block_until_ready(begun)
 
 
 @given(st.lists(field, max_size=20))
@@ -110,13 +123,22 @@ def test_what_sorts_is_kept(tmp_path, monkeypatch):
 
 def test_it_is_written_as_it_was_read():
     """A field that nobody knows stays where it was."""
-    inner = _message(
-        [(1, BYTES, b"a module"), (99, VARINT, 7), (3, BYTES, _message([(7, VARINT, 1)])), (98, FIXED32, b"1234")]
+    body = lambda number, size: (
+        3,
+        BYTES,
+        _message([(2, BYTES, _message([(1, BYTES, b"x")]))] * size + [(5, VARINT, number), (7, VARINT, 1)]),
     )
+    call = lambda number: _message(
+        [(1, BYTES, b"name"), (2, BYTES, b"fusion"), (9, BYTES, b"?"), (38, BYTES, bytes([number]))]
+    )
+    gone = _message([(1, BYTES, b"name"), (2, BYTES, b"custom-call"), (28, BYTES, b"a fused loop")])
+    main = lambda *calls: (3, BYTES, _message([*((2, BYTES, c) for c in calls), (5, VARINT, 1), (77, VARINT, 3)]))
+    first, last = (1, BYTES, b"a module"), (98, FIXED32, b"1234")
+    inner = _message([first, body(2, 3), (99, VARINT, 7), body(3, 5), main(call(2), call(3)), last])
     executable = _message([(1, BYTES, _message([(1, BYTES, inner)])), (5, VARINT, 2)])
     head = pickle.dumps("JAX's own")
     assert len(head) < 128
     whole = bytes([len(head)]) + head + _message([(1, BYTES, executable)])
-    without = _message([(1, BYTES, b"a module"), (99, VARINT, 7), (98, FIXED32, b"1234")])
+    without = _message([first, (99, VARINT, 7), body(3, 5), main(gone, call(3)), last])
     want = _message([(1, BYTES, _message([(1, BYTES, _message([(1, BYTES, without)])), (5, VARINT, 2)]))])
     assert without_fused_bodies(whole) == bytes([len(head)]) + head + want
