@@ -3,7 +3,7 @@
 What XLA's CPU backend writes holds the machine code, the plan by which its functions are called, the plan of its buffers, and the whole
 module that all this was made from, most of which are the bodies of fused loops. To load it XLA builds them all again, as objects of some
 3 kB for each operation, and nothing looks at them afterwards: the buffers stand for results of what calls the loops. So the bodies
-go, and what called one is a call of something unnamed, with the same operands and a result of the same shape.
+go, all but the largest, and what called one is a call of something unnamed, with the same operands and a result of the same shape.
 
 Read and written here are protocol buffers (https://protobuf.dev/programming-guides/encoding) of openxla/xla: HloModuleProto and what
 it holds (xla/service/hlo.proto), within CompilationResultProto (xla/service/cpu/executable.proto), within ExecutableAndOptionsProto
@@ -94,8 +94,8 @@ def _lean_module(module: bytes) -> bytes:
         if own in stays:
             kept.append((number, kind, held))
         elif own not in bodies:
-            lean = ((p, k, _without_body(value, stays) if p == INSTRUCTIONS else value) for p, k, value in parts)
-            kept.append((number, kind, _message(lean)))
+            parts = [(p, k, _without_body(value, stays) if p == INSTRUCTIONS else value) for p, k, value in parts]
+            kept.append((number, kind, _message(parts)))
     return _message(kept)
 
 
