@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import jax
+from jax.experimental import serialize_executable
 
 
 MODULE = (1, 1, 1)  # where the HloModuleProto lies: the executable, its module with a configuration, the module
@@ -32,17 +33,16 @@ def lean(written: bytes) -> bytes:
 
     Raises whatever a release raises that writes otherwise.
     """
-    from jax.experimental import serialize_executable as jax_files
 
     class Taken:
         def __init__(self, executable: bytes) -> None:
             self.executable = executable
 
-    class Reader(jax_files._JaxPjrtUnpickler):
+    class Reader(serialize_executable._JaxPjrtUnpickler):
         def persistent_load(self, pid: Any) -> Any:
             return Taken(without_fused_bodies(pid[1])) if pid[0] == "exec" else super().persistent_load(pid)
 
-    class Writer(jax_files._JaxPjrtPickler):
+    class Writer(serialize_executable._JaxPjrtPickler):
         def persistent_id(self, obj: Any) -> Any:
             return ("exec", obj.executable) if isinstance(obj, Taken) else super().persistent_id(obj)
 
@@ -74,24 +74,19 @@ def _changed(message: bytes, path: tuple[int, ...], change: Callable[[bytes], by
 
 
 def _lean_module(module: bytes) -> bytes:
-    fields = list(_fields(module))
-    bodies = {}
-    for number, _, held in fields:
-        if number == COMPUTATIONS:
-            parts = list(_fields(held))
-            if any(part == IS_FUSED and value for part, _, value in parts):
-                bodies[_held(parts, COMPUTATION_ID)] = parts
+    fields = [(n, kind, held, list(_fields(held)) if n == COMPUTATIONS else []) for n, kind, held in _fields(module)]
+    bodies = {
+        _held(parts, COMPUTATION_ID): parts
+        for *_, parts in fields
+        if any(part == IS_FUSED and value for part, _, value in parts)
+    }
     # By the operations in it XLA tells whether a program is worth a thread of its own or runs while the caller waits.
     alone = {i: len(parts) for i, parts in bodies.items() if not any(map(_calls_a_body, _instructions(parts)))}
     stays = {max(alone, key=lambda i: alone[i])} if alone else set()
     kept: list[Field] = []
-    for number, kind, held in fields:
-        if number != COMPUTATIONS:
-            kept.append((number, kind, held))
-            continue
-        parts = list(_fields(held))
-        own = _held(parts, COMPUTATION_ID)
-        if own in stays:
+    for number, kind, held, parts in fields:
+        own = _held(parts, COMPUTATION_ID) if parts else None
+        if own is None or own in stays:
             kept.append((number, kind, held))
         elif own not in bodies:
             parts = [(p, k, _without_body(value, stays) if p == INSTRUCTIONS else value) for p, k, value in parts]
@@ -116,9 +111,9 @@ def _calls_a_body(instruction: bytes) -> bool:
 
 def _without_body(instruction: bytes, stays: set[int]) -> bytes:
     """A call of a fused body as that of something else, unless the body stays; any other instruction as it is."""
-    fields = list(_fields(instruction))
-    if (OPCODE, BYTES, b"fusion") not in fields:
+    if not _calls_a_body(instruction):
         return instruction
+    fields = list(_fields(instruction))
     if _varint(_held(fields, BODIES), 0)[0] in stays:  # a list of one
         return instruction
     kept = [field for field in fields if field[0] in (NAME, SHAPE, ID, OPERANDS, AFTER)]

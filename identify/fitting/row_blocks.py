@@ -77,7 +77,7 @@ def _rows_of_blocks(count: int) -> list[np.ndarray]:
 def _in_blocks(conditions: Conditions, count: int) -> list[Conditions]:
     whole = jax.tree.map(np.asarray, complete(conditions))
     blocks = [jax.tree.map(lambda column, rows=rows: column[rows], whole) for rows in _rows_of_blocks(count)]
-    return jax.device_put(blocks)  # at once, in a third of the time
+    return jax.device_put(blocks)
 
 
 def complete(conditions: Conditions) -> Conditions:
