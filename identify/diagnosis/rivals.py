@@ -13,9 +13,9 @@ from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.fitting.problem_fit import Fit
 
 from .max_t import NoiseFreedom, normal_score
-from .screening import screen
+from .screening import Screen, screen
 from .screening_faults import SHARE, screen_of_faults
-from .search import FAULTS, LEVEL, penalty
+from .search import FAULTS, LEVEL, MOST_EFFECTS, NEARLY, PAIR_PENALTY, best_pairs, merit, needed_beside, penalty
 from .stored_oil import REACH, could_explain, within_reach
 
 
@@ -25,7 +25,7 @@ ALIKE = 6.0
 # of the one beside the other, (1 - 0.97^2) 10^2, is then `ALIKE`.
 SAME_SHAPE = 0.97
 SAME_THING = 0.9999  # likewise of 170 standard errors
-MOST_REFITS, MOST_SWAPS = 8, 3  # what is asked at most: cost alone
+MOST_REFITS, MOST_PAIRS, MOST_SWAPS = 8, 3, 3  # what is asked at most: cost alone
 BETTER = 0.01  # chi-square: ten times what a refit that is only compared is wrong by (`problem.CLOSE_TO_COMPARE`)
 FAR_BEHIND = 5.0 * ALIKE  # chi-square
 
@@ -44,13 +44,15 @@ class Rival:
 class Rivals:
     """For one named effect: the fit without it, and the refits of what was put in its place, the best first.
 
-    p_value: of the final model with it removed, corrected for the size of the library.
+    p_value: of the final model with it removed, corrected for the size of the library. two: the fit with two others in its place, where
+    these do better by more than chance gives all pairs.
     """
 
     instead_of: str
     without: Fit
     tried: tuple[Rival, ...]
     p_value: float = 1.0
+    two: Fit | None = None
 
     @property
     def alike(self) -> tuple[Rival, ...]:
@@ -126,7 +128,33 @@ def rivals_of(
     known = np.inf if named is None or freedom is None else freedom.along(named.direction, without.used)
     strength = normal_score(float(np.sqrt(max(gain / scale, 0.0))), known)
     p = law.p_value(strength, two_sided=info_of(name).lower < 0.0)
-    return Rivals(name, without, tuple(sorted(tried, key=lambda r: r.chi2_more)), min(1.0, p / share))
+    two = None if is_fault(name) else _two_in_its_place(problem, final, name, without, scores)
+    return Rivals(name, without, tuple(sorted(tried, key=lambda r: r.chi2_more)), min(1.0, p / share), two)
+
+
+def _two_in_its_place(problem: Problem, final: Fit, name: str, without: Fit, scores: Screen) -> Fit | None:
+    """The best refit with two effects in the place of a named one, if they do better by what a pair must in the search.
+
+    One effect that resembles two together is found before either, and beside it neither is missed enough to be added: a leak over
+    the lands that grows with the square root of the pressure, say, for one in proportion to it and an offset of the flow meter.
+    """
+    own = scores.best(name)
+    if own is None or len(final.effects) >= MOST_EFFECTS:
+        return None
+    others = without.effects
+    needed = (scores.critical**2 + PAIR_PENALTY) * max(1.0, needed_beside(final))
+    ready = lambda a, b: (
+        (asks_for_more(final.effects) or not (stores(a) or stores(b)))
+        and (expensive_to_compile(final.effects) or not expensive_to_compile((*others, a, b)))
+    )
+    pairs = best_pairs(scores, [s for s in scores.ranked if s.name != name])
+    likely = [(a, b) for (a, b), gain in pairs if gain > own.gain + needed - NEARLY and ready(a.name, b.name)]
+    fits = [
+        problem.fit((*others, a.name, b.name), {**without.values, a.name: a.estimate, b.name: b.estimate})
+        for a, b in likely[:MOST_PAIRS]
+    ]
+    best = min(fits, key=merit, default=None)
+    return best if best is not None and merit(final) - merit(best) > needed else None
 
 
 def of_another_test(faults: Mapping[str, BenchFault], one: str, other: str) -> bool:
@@ -189,7 +217,8 @@ def _more(fit: Fit, final: Fit, scale: float) -> float:
 def settle_rivals(
     problem: Problem, final: Fit, steps: dict, *, scale: float = 1.0, freedom: NoiseFreedom | None = None
 ) -> tuple[Fit, dict[str, Rivals]]:
-    """The rivals of every effect of `final`; where one does better on all rows, it takes the place and all is asked again.
+    """The rivals of every effect of `final`; where one does better on all rows, or two by more than chance, it takes the place and
+    all is asked again.
 
     Among equals the data of all rows decide who is named first; that they are equals is said either way.
     """
@@ -198,7 +227,11 @@ def settle_rivals(
         rivals = all_rivals(problem, final, steps, scale, freedom, hopeless)
         best = min((r for rival in rivals.values() for r in rival.tried), key=lambda r: r.chi2_more, default=None)
         if best is None or best.chi2_more >= -BETTER:
-            return final, rivals
+            two = min((r.two for r in rivals.values() if r.two is not None), key=merit, default=None)
+            if two is None:
+                return final, rivals
+            final, hopeless = problem.fit(two.effects, two.values, hop_basins=True), {}
+            continue
         # What was further behind than the swap gains will not draw level by it.
         behind = FAR_BEHIND - best.chi2_more
         hopeless = {n: frozenset(r.name for r in rival.tried if r.chi2_more > behind) for n, rival in rivals.items()}

@@ -14,6 +14,7 @@ from thermohyd.identify.diagnosis.rivals import ALIKE, rivals_of, settle_rivals,
 
 ROWS = 768  # of a small bench
 TRUE, TWIN, COUSIN = "hysteresis", "position_scale", "flowmeter_offset"
+BLEND = "land_leakage"
 STRENGTH = 20.0
 
 
@@ -73,6 +74,38 @@ def test_the_better_of_two_takes_the_place():
     assert list(rivals) == [TRUE]
     again, _ = settle_rivals(problem, problem.fit([TRUE]), {})
     assert again.chi2 == pytest.approx(final.chi2)
+
+
+def blend(first: float, second: float, of_both: float, seed: int = 0) -> LinearProblem:
+    """`BLEND` does nearly what `TRUE` and `COUSIN` do together; the record misses so many standard errors of each of the three."""
+    rng = np.random.default_rng(seed)
+    u, v, w, x, y = unit(rng.normal(size=(ROWS, 5))).T
+    both = unit((u + w + 0.3 * v)[:, None])[:, 0]
+    shapes = {TRUE: u, COUSIN: w, BLEND: both, "viscosity_shift": x, "flowmeter_scale": y}
+    signatures = {name: 10.0 * shape for name, shape in shapes.items()}
+    misfit = first * u + second * w + of_both * both
+    return linear_library(rng.normal(size=ROWS) - misfit, unit(rng.normal(size=(ROWS, 6))), signatures)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_two_take_the_place_of_one_that_resembles_both(seed):
+    """Beside the one neither of them is missed enough to be added: only both in its place show that it stands for them."""
+    problem = blend(20.0, 16.0, 0.0, seed)
+    one = problem.fit([BLEND])
+    beside = [one.chi2 - problem.fit([BLEND, name]).chi2 for name in (TRUE, COUSIN)]
+    instead = one.chi2 - problem.fit([TRUE, COUSIN]).chi2
+    assert instead > max(beside) + 10.0
+    settled, rivals = settle_rivals(problem, one, {})
+    assert set(settled.effects) == {TRUE, COUSIN} == set(rivals)
+    assert settled.chi2 < one.chi2 - 20.0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_two_do_not_take_the_place_of_one_that_is_there(seed):
+    problem = blend(0.0, 0.0, 25.0, seed)
+    settled, rivals = settle_rivals(problem, problem.fit([BLEND]), {})
+    assert settled.effects == (BLEND,)
+    assert rivals[BLEND].two is None
 
 
 def test_nothing_named_has_no_rivals():
