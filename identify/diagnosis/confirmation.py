@@ -16,10 +16,11 @@ from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.fitting.problem_fit import Fit
 from thermohyd.identify.reduction.monotone_pieces import piece_bounds, run_ids
 
-from .result import WEAK
-
 
 PROVEN = 10.6  # 2 ln 200: a likelihood ratio of 200 on rows not seen, a p-value of 0.005 at most
+# Standard errors from which on an effect would be beyond chance even if the noise had twice the variance that was estimated: the squared
+# critical score of a library is 14 to 16.
+NEAR_CHANCE = 5.5
 # Parts that are left out in turn: about the five to ten of Hastie et al., The Elements of Statistical Learning, 2009, section 7.10.
 FEWEST, MOST = 4, 8
 STRETCHES = 12  # of each sweep, where a record has too few conditions and runs
@@ -106,7 +107,7 @@ def _scale(name: str, fit: Fit) -> float:
 class Confirmation:
     """2 ln E of all effects together over the model without them, and of each over the model without it. scale: of chi-square.
 
-    held_out: of each that is weak, on the rows alone that took no part in its choice, predicted by a fit that did not see them.
+    held_out: of each that is near chance, on the rows alone that took no part in its choice, predicted by a fit that did not see them.
     """
 
     together: float
@@ -134,9 +135,9 @@ def confirmation(
     there = lambda f: float(np.sum(predicted_apart(f, np.where(held, 1, -1))[held] ** 2))
     own = square(fit)
     each = {name: (square(without[name]) - own) / scale for name in fit.physics}
-    weak = [name for name in fit.physics if strength(fit, without[name], scale) < WEAK]
-    own_there = there(fit) if weak else 0.0
-    held_out = {name: (there(without[name]) - own_there) / scale for name in weak}
+    near = [name for name in fit.physics if strength(fit, without[name], scale) < NEAR_CHANCE]
+    own_there = there(fit) if near else 0.0
+    held_out = {name: (there(without[name]) - own_there) / scale for name in near}
     return Confirmation((square(base) - own) / scale, each, held_out)
 
 
@@ -147,7 +148,7 @@ def strength(fit: Fit, without: Fit, scale: float) -> float:
 
 def unproven(found: Confirmation, names: Iterable[str], most_alike: int = 3) -> str | None:
     """The effect that has to go: the weakest where it makes things worse, or where all together, or of many each, prove nothing; and
-    a weak one that makes the rows worse which took no part in its choice."""
+    one near chance that makes the rows worse which took no part in its choice."""
     names = tuple(names)
     if not names:
         return None

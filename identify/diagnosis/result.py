@@ -75,8 +75,8 @@ class Alternative:
 # Times the largest usual amount, from which on an amount is no amount of the effect any more. "Usual" are data sheets and worn valves;
 # an oil twice as viscous as stated is 3.3 times that and happens.
 MOST_USUAL = 5.0
-# Standard errors up to which an effect is weak. A true one of eight closes something on a quarter of the rows in 98 cases of 100,
-# one of four in 84; what chance made of the other rows in half of the cases.
+# Standard errors up to which a suspect alone is no misfit: a true effect of eight closes something on a quarter of the rows in 98
+# cases of 100, one of four in 84; what chance made of the other rows in half of the cases.
 WEAK = 8.0
 
 
@@ -87,8 +87,8 @@ class Suspect:
 
     Or a typed term does better than all names together (`outdone_by`, in words).
     value: SI. evidence: 2 ln E on rows left out, of the model with it over the model without it; 10.6 would be a proof.
-    times_usual: the amount over the largest that is usual. strength: in standard errors, of the rows that it is fitted to. held_out: of
-    a weak one, 2 ln E on the rows that took no part in its choice; None where that was not asked.
+    times_usual: the amount over the largest that is usual. strength: in standard errors, of the rows that it is fitted to. held_out: of one
+    near chance, 2 ln E on the rows that took no part in its choice; None where that was not asked.
     """
 
     name: str

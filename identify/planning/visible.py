@@ -2,7 +2,7 @@
 
 An effect of amount a changes the readings by f(a) - f(0); what the free parameters leave of it, in units of the noise, is the score
 that it will have (docs/diagnosis.md section 7), but for the noise itself. It is found where the score passes the critical one and,
-if it is below eight, where a quarter of the rows predicted from the others says so too (section 11.1). Another effect explains it as well
+if it is near that, where a quarter of the rows predicted from the others says so too (section 11.1). Another effect explains it as well
 where it comes within a likelihood ratio of 20 (section 10), in records in which the effect is found.
 """
 
@@ -15,7 +15,8 @@ from scipy.special import log_ndtr, ndtr, ndtri
 
 from thermohyd.effects.library import effect_info
 from thermohyd.identify.diagnosis.case import LEVEL_OF_ALL_ROWS
-from thermohyd.identify.diagnosis.result import MOST_USUAL, WEAK
+from thermohyd.identify.diagnosis.confirmation import NEAR_CHANCE
+from thermohyd.identify.diagnosis.result import MOST_USUAL
 from thermohyd.identify.diagnosis.rivals import ALIKE
 from thermohyd.identify.diagnosis.screening import LEAST_KEPT, Projection, finite_steps, screen
 from thermohyd.identify.diagnosis.search import BEYOND_TYPICAL
@@ -67,25 +68,30 @@ class View:
         return next(i for i, sight in enumerate(self.sights) if sight.name == name)
 
 
+HELD = 0.25  # of the rows, about, take no part in the choice
+
+
 def chance_of_naming(score: float, critical: float) -> float:
     """Share of records in which an effect of this expected score is found.
 
-    A quarter of the rows holds half of the score; with the amount of the others it does better by 2 a h - a^2, h its own estimate: in
-    a share Phi(score/4) of records.
+    Its score by the rows that take part in the choice is z, normal about sqrt(3/4) of what is expected, by the others h, about half; by all
+    sqrt(3/4) z + h/2. With the amount of the first the others do better by 2 a h - a^2, where a = z/sqrt(3): that is above 0, or the score
+    by all is at least `NEAR_CHANCE`.
     """
-    passes = float(ndtr(score - critical))
-    return passes if score >= WEAK else passes * float(ndtr(0.25 * score))
+    own, other = float(np.sqrt(1.0 - HELD)), float(np.sqrt(HELD))
+    normal, weight = np.polynomial.hermite_e.hermegauss(80)
+    z = own * score + normal
+    least = lambda total: (total - own * z) / other  # h at which the score by all is so large
+    needed = np.maximum(least(critical), np.minimum(0.5 * other / own * z, least(NEAR_CHANCE)))
+    return float(weight @ ndtr(other * score - needed) / weight.sum())
 
 
 def score_found(critical: float) -> float:
     """The expected score of an effect that is found in a share `POWER` of records."""
-    wanted = lambda score: chance_of_naming(score, critical) - POWER
     least = critical + float(ndtri(POWER))
-    if wanted(least) >= 0.0:
-        return least
-    if wanted(WEAK - 1e-9) <= 0.0:
-        return WEAK
-    return float(root_scalar(wanted, bracket=(least, WEAK - 1e-9), method="brentq").root)
+    return float(
+        root_scalar(lambda score: chance_of_naming(score, critical) - POWER, bracket=(0.5 * least, 2.0 * least)).root
+    )
 
 
 def view_of(prospect: Prospect, say: Callable[[str], None] = lambda _: None) -> View:

@@ -8,6 +8,7 @@ from helpers.small_diagnosis import small_diagnosis
 
 from thermohyd.identify.diagnosis.confirmation import (
     FEWEST,
+    NEAR_CHANCE,
     PROVEN,
     Confirmation,
     confirmation,
@@ -16,7 +17,7 @@ from thermohyd.identify.diagnosis.confirmation import (
     strength,
     unproven,
 )
-from thermohyd.identify.diagnosis.result import WEAK, Suspect
+from thermohyd.identify.diagnosis.result import Suspect
 from thermohyd.identify.noise.correlation import NoiseCorrelation
 from thermohyd.identify.report.diagnosis_report import suspect_sentences
 
@@ -78,7 +79,7 @@ def test_what_one_condition_alone_asks_for_is_not_proven(one):
     base, fit = problem.fit(), problem.fit(["viscosity_shift"])
     found = confirmation(problem, fit, base, {"viscosity_shift": base}, 1.0, PARTS == 1)
     # Of a strong effect nothing is asked on the rows held out.
-    assert bool(found.held_out) == (strength(fit, base, 1.0) < WEAK)
+    assert bool(found.held_out) == (strength(fit, base, 1.0) < NEAR_CHANCE)
     if one:
         assert base.chi2 - fit.chi2 > PROVEN  # the rows that it is fitted to ask for it
         assert found.together < PROVEN
@@ -95,12 +96,12 @@ def test_a_weak_effect_must_do_better_on_the_rows_held_out(everywhere):
     held = PARTS == 1
     rng = np.random.default_rng(5)
     column = signature(False) / np.linalg.norm(signature(False))
-    misfit = 6.0 * np.where(held & (not everywhere), -0.3 * column, column)
+    misfit = 5.0 * np.where(held & (not everywhere), -0.3 * column, column)
     misfit = misfit + rng.standard_normal(len(column)) * 0.3
     problem = linear_library(misfit, np.zeros((len(column), 1)), {"viscosity_shift": column})
     base, fit = problem.fit(), problem.fit(["viscosity_shift"])
     found = confirmation(problem, fit, base, {"viscosity_shift": base}, 1.0, held)
-    assert 3.0 < strength(fit, base, 1.0) < WEAK
+    assert 3.0 < strength(fit, base, 1.0) < NEAR_CHANCE
     assert found.together > PROVEN
     assert (found.held_out["viscosity_shift"] > 0.0) == everywhere
     assert unproven(found, fit.physics) == (None if everywhere else "viscosity_shift")

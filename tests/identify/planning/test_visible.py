@@ -9,6 +9,7 @@ from helpers.small_bench import REACH
 from scipy.special import ndtri
 
 from thermohyd.effects.library import effect_info
+from thermohyd.identify.diagnosis.confirmation import NEAR_CHANCE
 from thermohyd.identify.diagnosis.screening import Projection
 from thermohyd.identify.fitting.parameters import PARAMETERS
 from thermohyd.identify.planning.planned_problem import Prospect
@@ -80,9 +81,20 @@ def test_the_least_amount_scores_as_the_search_asks(view: View):
         assert chance_of_finding(sight, sight.amount, view.critical) == pytest.approx(POWER, abs=0.02)
         assert chance_of_finding(sight, 0.5 * sight.amount, view.critical) < 0.2
     assert 3.0 < view.critical < 4.0
-    assert view.critical + float(ndtri(POWER)) < view.wanted < 8.0  # below eight the rows held out have a say
+    assert view.critical + float(ndtri(POWER)) < view.wanted < 6.0  # near chance the rows held out have a say
     assert chance_of_naming(view.wanted, view.critical) == pytest.approx(POWER)
     assert chance_of_naming(8.0, view.critical) > 0.999
+
+
+def test_the_share_of_records_in_which_an_effect_is_found():
+    """As drawn: the score by three quarters of the rows, by the others, and by all."""
+    rng, critical = np.random.default_rng(11), 3.9
+    for expected in (3.0, 4.5, 5.5, 7.0):
+        z = np.sqrt(0.75) * expected + rng.standard_normal(400_000)
+        h = 0.5 * expected + rng.standard_normal(400_000)
+        score, amount = np.sqrt(0.75) * z + 0.5 * h, z / np.sqrt(3.0)
+        found = (score > critical) & ((score >= NEAR_CHANCE) | (2.0 * amount * h > amount**2))
+        assert chance_of_naming(expected, critical) == pytest.approx(np.mean(found), abs=4e-3)
 
 
 def test_what_the_parameters_do_and_what_is_too_small(view: View):
