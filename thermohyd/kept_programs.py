@@ -121,7 +121,14 @@ class KeptProgram:
     def _jitted(self, tree: Any, leaves: list[Any]) -> Callable:
         flat, made = _flat(self.function, tree, leaves, 0)
         jitted = jax.jit(flat, compiler_options=self.options or None)
-        return lambda arrays: _answered(jitted(arrays), made["answer"])
+
+        def run(arrays: list[Any]) -> Any:
+            found = jitted(arrays)
+            if "answered" not in made:
+                made["answered"] = _answering(made["answer"])
+            return made["answered"](found)
+
+        return run
 
     def _program(self, tree: Any, leaves: list[Any]) -> Callable | None:
         """What takes the arrays among these leaves; None where it cannot be kept."""
@@ -290,14 +297,15 @@ def _compiled_and_kept(
         spoken = pickle.dumps(answer)
         written = serialize_executable.serialize(compiled)[0]
     found = jax.block_until_ready(compiled(given))
-    run: Callable = lambda arrays: _answered(compiled(arrays), answer)
+    answered = _answering(answer)
+    run: Callable = lambda arrays: answered(compiled(arrays))
     with suppress(Exception):
         if written:
             shorter = _lean(written, len(arrays), spoken, given, found)
             written, run = (written, run) if shorter is None else shorter
             _write(file, (written, len(arrays), spoken))
             size = len(written)
-    return _answered(found, answer), run, size
+    return answered(found), run, size
 
 
 def _lean(
@@ -306,12 +314,12 @@ def _lean(
     """A program without what only a compiler reads, and what runs of it; None unless it answers what was found, bit by bit."""
     try:
         executable = lean(written)
-        program, told = _loadable(executable, count, answer)
+        program, answered = _loadable(executable, count, answer)
         again = jax.block_until_ready(program(given))
     except Exception:  # whatever another release of JAX or XLA calls what it does not know
         return None
     same = all(np.asarray(a).tobytes() == np.asarray(b).tobytes() for a, b in zip(again, found, strict=True))
-    return (executable, lambda arrays: _answered(program(arrays), told)) if same else None
+    return (executable, lambda arrays: answered(program(arrays))) if same else None
 
 
 @contextmanager
@@ -333,26 +341,32 @@ class _Place:
 
 def _callable(executable: bytes, count: int, answer: bytes) -> Callable:
     """What takes a list of so many arrays and gives the answer with those that it has places for."""
-    program, told = _loadable(executable, count, answer)
-    return lambda arrays: _answered(program(arrays), told)
+    program, answered = _loadable(executable, count, answer)
+    return lambda arrays: answered(program(arrays))
 
 
-def _loadable(executable: bytes, count: int, answer: bytes) -> tuple[Callable, Any]:
-    """(what takes a list of so many arrays, the answer in which those that it gives have their places)."""
+def _loadable(executable: bytes, count: int, answer: bytes) -> tuple[Callable, Callable]:
+    """(what takes a list of so many arrays, what makes the answer of those that it gives)."""
     _ready_for_what_lowering_readies()
     told = pickle.loads(answer)
     takes = jax.tree_util.tree_structure((([0] * count,), {}))
     places = sum(isinstance(leaf, _Place) for leaf in jax.tree_util.tree_leaves(told))
     gives = jax.tree_util.tree_structure([0] * (places + 1))
-    return serialize_executable.deserialize_and_load(executable, takes, gives), told
+    return serialize_executable.deserialize_and_load(executable, takes, gives), _answering(told)
 
 
-def _answered(found: list[Any], answer: Any) -> Any:
-    """The answer with the arrays that were found in their places."""
+def _answering(answer: Any) -> Callable[[list[Any]], Any]:
+    """What puts the arrays that were found into their places in the answer."""
     leaves, tree = jax.tree_util.tree_flatten(answer)
-    return jax.tree_util.tree_unflatten(
-        tree, [found[leaf.number] if isinstance(leaf, _Place) else leaf for leaf in leaves]
-    )
+    places = [(i, leaf.number) for i, leaf in enumerate(leaves) if isinstance(leaf, _Place)]
+
+    def answered(found: list[Any]) -> Any:
+        whole = list(leaves)
+        for i, number in places:
+            whole[i] = found[number]
+        return tree.unflatten(whole)
+
+    return answered
 
 
 @functools.cache

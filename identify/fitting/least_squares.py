@@ -124,8 +124,28 @@ def screened_starts(
 # residual(p, args) -> (m,) whitened residuals; p (n,) physical values in the boxes' order, args a pytree of arrays.
 Residual = Callable[[jax.Array, Any], jax.Array]
 
-# both(p, args) -> residual (m,) and its columns (n, m) to p (n,), NumPy.
+# both(p, args) -> residual (m,) and its columns (n, m) to p (n,), NumPy or `Columns`.
 Both = Callable[[np.ndarray, Any], tuple[Any, Any]]
+
+
+class Columns:
+    """Columns (n, m) that are worked out when they are asked for: a search needs those of its free variables at every trial, and the others
+    where it ends. In NumPy's hands it is an array; `columns[numbers]` gives some of them."""
+
+    def __init__(self, count: int, work_out: Callable[[np.ndarray], np.ndarray]) -> None:
+        """work_out: numbers (k,) of columns -> (k, m)."""
+        self._count, self._work_out = count, work_out
+
+    def __len__(self) -> int:
+        return self._count
+
+    def __getitem__(self, numbers: np.ndarray) -> np.ndarray:
+        return self._work_out(np.asarray(numbers, dtype=int))
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        found = self._work_out(np.arange(self._count))
+        return found if dtype is None else found.astype(dtype, copy=False)
+
 
 # Relative offset at which a solve stops; BELIEVE_BELOW is what the verdict demands.
 STOP_AT = 1e-7
@@ -204,12 +224,13 @@ def _step_by_step(
     free: Any = np.append(np.asarray(z, dtype=float)[moving], np.zeros(size - n))
     p, slope = everything.physical(np.asarray(z, dtype=float)), own.slope(free)
     state: State = _begin(free)
-    kept: tuple[np.ndarray, np.ndarray] | None = None
+    kept: tuple[np.ndarray, Any] | None = None
     for _ in range(max_steps):
-        residual, columns = (np.asarray(part) for part in both(p.copy(), args))
+        residual, columns = both(p.copy(), args)
+        residual, freed = np.asarray(residual), np.asarray(columns[moving])
         gained = np.asarray(0.0 if kept is None else fall_of_cost(kept[0], residual))
-        reduced = reduced_on_host(columns[moving] * slope[:n, None], residual, size)
-        finite = np.asarray(np.all(np.isfinite(residual)) and np.all(np.isfinite(columns[moving])))
+        reduced = reduced_on_host(freed * slope[:n, None], residual, size)
+        finite = np.asarray(np.all(np.isfinite(residual)) and np.all(np.isfinite(freed)))
         free, state, trial, slopes = _advance(own, free, state, gained, finite, reduced, tolerance, enough)
         accepted, done, trial, slope = jax.device_get((state.accepted, state.done, trial, slopes))
         if kept is None or accepted:
@@ -221,7 +242,7 @@ def _step_by_step(
     end = np.array(z, dtype=float)
     end[moving] = np.asarray(free)[:n]
     residual, columns = kept
-    columns = columns * everything.slope(end)[:, None]
+    columns = np.asarray(columns) * everything.slope(end)[:, None]
     lengths = np.sqrt(np.sum(columns**2, axis=1))
     lengths[moving] = np.asarray(state.size)[:n]
     small = np.stack([end, everything.physical(end), everything.slope(end), lengths])

@@ -23,7 +23,7 @@ from thermohyd.identify.reduction.monotone_pieces import run_ids
 from .bench_faults import BenchFault, allowance_of, info_of, is_fault
 from .boxes import Box
 from .discrepancy import Discrepancy
-from .least_squares import LeastSquaresResult, solve
+from .least_squares import Columns, LeastSquaresResult, solve
 from .library import Library, coupled, library_for, relative_cost, stores, with_heat
 from .library_program import ENTRIES
 from .parameters import IN_MOTION, PARAMETERS, SEEN_IN_MOTION, ParameterPlan
@@ -317,7 +317,7 @@ class Problem:
         residual, columns = self._both(programs, order)(point, None)
         still = np.zeros(len(point), dtype=int)
         cost = float(np.sum(residual**2))
-        result = LeastSquaresResult(point, point, point, cost, residual, columns.T, still, True, "", 0, 0.0)
+        result = LeastSquaresResult(point, point, point, cost, residual, np.asarray(columns).T, still, True, "", 0, 0.0)
         return self._result((), order, (), result)
 
     def with_all_columns(self, fit: Fit) -> Fit:
@@ -410,22 +410,32 @@ class Problem:
                 residual = np.array(residual)
                 if more is not None:
                     residual += more
-                block = np.zeros((len(order), len(residual)))
-                block[places] = np.asarray(columns)
-                for signal in signals:
-                    signal.act(residual, block, values, order)
+                if signals:
+                    block = np.zeros((len(order), len(residual)))
+                    block[places] = np.asarray(columns)
+                    for signal in signals:
+                        signal.act(residual, block, values, order)
+                    places, columns = range(len(order)), block
                 for name, column in shifts.items():
-                    block[order.index(name)] = column
                     residual += values[name] * column
+                columns = columns if isinstance(columns, Columns) else np.asarray(columns)
+                own = {place: i for i, place in enumerate(places)}
+                fixed = {order.index(name): column for name, column in shifts.items()}
+                blocks.append((own, columns, fixed, len(residual)))
                 residuals.append(residual)
-                blocks.append(block)
             residuals.append((vector[:count] - value) * weight)
-            residual, columns = np.concatenate(residuals), np.concatenate([*blocks, slopes], axis=1)
+            residual = np.concatenate(residuals)
+            real = None if self.discrepancy is None else self._real_rows(len(residual))
             if self.discrepancy is not None:
-                real = self._real_rows(len(residual))
                 residual[real] = self.discrepancy.whitened(residual[real])
-                columns[:, real] = self.discrepancy.whitened(columns[:, real])
-            return residual, columns
+
+            def work_out(numbers: np.ndarray) -> np.ndarray:
+                found = np.concatenate([*(_rows_of(numbers, *block) for block in blocks), slopes[numbers]], axis=1)
+                if self.discrepancy is not None:
+                    found[:, real] = self.discrepancy.whitened(found[:, real])
+                return found
+
+            return residual, Columns(len(order), work_out)
 
         return both
 
@@ -555,6 +565,20 @@ class Problem:
             chosen, order, free, values, result.cost, result.residual[real], result.jacobian[real], used, pressed,
             result.converged, result.message, result, allowance_of(chosen, self.faults),
         )  # fmt: skip
+
+
+def _rows_of(
+    numbers: np.ndarray, own: Mapping[int, int], columns: Any, given: Mapping[int, np.ndarray], rows: int
+) -> np.ndarray:
+    """(k, rows): of these entries of the whole vector the columns in one kind of readings, which has its `own` at other numbers, and
+    where a fault shifts what was read they are `given`."""
+    found = np.zeros((len(numbers), rows))
+    there = [i for i, number in enumerate(numbers.tolist()) if number in own]
+    found[there] = columns[np.array([own[number] for number in numbers[there].tolist()], dtype=int)]
+    for i, number in enumerate(numbers.tolist()):
+        if number in given:
+            found[i] = given[number]
+    return found
 
 
 def _in_motion(terms: tuple[LearnedTerm | TypedTerm, ...]) -> tuple[TypedTerm, ...]:

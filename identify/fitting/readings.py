@@ -23,10 +23,11 @@ from thermohyd.identify.noise.whitening import Whitening, whiten_on_host, whiten
 from thermohyd.identify.reduction.monotone_pieces import run_ids
 
 from .bench_faults import BenchFault, corrected
+from .least_squares import Columns
 from .library import Library, stores, with_heat
 from .library_program import ENTRIES, LibraryArgs, RowTerms, order_of
 from .parameters import PARAMETERS, ParameterPlan
-from .row_blocks import RowBlocks
+from .row_blocks import Evaluated, RowBlocks
 from .row_sizes import coarse_size
 from .static_readings import (
     FIELDS,
@@ -44,7 +45,7 @@ from .uncertainty import Key
 
 STEP = 1e-3  # of a fault's scale: for a difference, whose error is far below a standard error
 
-# residual (rows,) and its columns (entries, rows) at a point (entries,), readings only
+# residual (rows,) and its columns (entries, rows), NumPy or `Columns`, at a point (entries,), readings only
 Evaluation = Callable[[np.ndarray], tuple[Any, Any]]
 
 
@@ -73,6 +74,14 @@ class Noise:
 def white_noise(noise: Mapping[Key, ChannelNoise]) -> Noise:
     """Independent readings with the standard deviations that a plain fit uses."""
     return Noise({key: n.used for key, n in noise.items()}, dict.fromkeys(noise, NoiseCorrelation()))
+
+
+def _all_of(rows: RowBlocks | TiedRows, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(residuals, columns, by_row) with every entry of the program."""
+    found = rows.evaluate(p)
+    if isinstance(found, Evaluated):
+        return found.residuals, found.columns(np.arange(len(p))), found.by_row
+    return found
 
 
 @runtime_checkable
@@ -139,7 +148,7 @@ class StaticReadings:
 
     def evaluation(self, program: tuple[str, ...], faults: tuple[BenchFault, ...] = ()) -> Evaluation:
         if not faults:
-            return lambda p: self._evaluated(program, p)[:2]
+            return lambda p: self._at(program, p)
         place = {column: i for i, column in enumerate(FIELDS)}
         steps = np.diag([STEP * fault.info.scale for fault in faults])
         white = {
@@ -152,7 +161,7 @@ class StaticReadings:
             own, amounts = p[: -len(faults)], p[-len(faults) :]
             moved = lambda by: self._moved(dict(zip(faults, (amounts + by).tolist(), strict=True)))
             rows = self._blocks(program).moved(moved(0.0))
-            residual, columns, by_row = rows.evaluate(own)[:3]
+            residual, columns, by_row = _all_of(rows, own)
             slopes = [self._of_rows(fault, by_row[place[fault.info.moves]], white) for fault in faults]
             for fault, slope, step in zip(faults, slopes, steps, strict=True):
                 if isinstance(rows, TiedRows):
@@ -194,16 +203,23 @@ class StaticReadings:
     def with_places(self, program: tuple[str, ...], p: np.ndarray) -> tuple[np.ndarray, States]:
         """(entries, padded rows): what a shift of each of `ENTRIES` at a reading's own row does to its weighted residual, and what
         the model's rows could read at that point, SI. The readings must have states, and no effect may store oil."""
-        _, _, slopes, found = self._evaluated(program, p)
+        found = self._evaluated(program, p)
+        assert isinstance(found, Evaluated)
         states = {
             test: {name: value[: self.tests[test].rows] for name, value in own.items()}
             | {THINNING: thinning(self.record.oil, self.tests[test].temperature)}
-            for test, own in found.items()
+            for test, own in found.states.items()
         }
-        return slopes, states
+        return found.by_row, states
+
+    def _at(self, program: tuple[str, ...], p: np.ndarray) -> tuple[np.ndarray, Any]:
+        found = self._evaluated(program, p)
+        if isinstance(found, Evaluated):
+            return found.residuals, Columns(len(p), found.columns)
+        return found[:2]
 
     def _evaluated(self, program: tuple[str, ...], p: np.ndarray) -> Any:
-        """What `RowBlocks.evaluate` gives at a point; asked again for the same one, it is not computed again."""
+        """What `RowBlocks.evaluate` or `TiedRows.evaluate` gives at a point; asked again for the same one, it is not computed again."""
         key = (program, np.asarray(p, dtype=float).tobytes())
         if self._last.get("key") != key:
             self._last.update(key=key, found=self._blocks(program).evaluate(np.asarray(p, dtype=float)))

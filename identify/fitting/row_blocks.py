@@ -7,7 +7,7 @@ a rate) is 0 there. What ties rows together (a meter's lag, means over bins, the
 """
 
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -20,7 +20,7 @@ from jaxtyping import Array, Float
 
 from thermohyd.conditions import Conditions
 from thermohyd.effects.library import classes_of, effect_info
-from thermohyd.identify.noise.whitening import whiten_on_host
+from thermohyd.identify.noise.whitening import HostWhitening
 from thermohyd.kept_programs import KeptProgram
 from thermohyd.numerics import OFTEN, OPTIONS, jitted, known_options
 
@@ -179,71 +179,73 @@ class RowBlocks:
             for test, blocks in self.blocks.items()
         }
 
-    def readings(self, p: np.ndarray) -> tuple[list[tuple[np.ndarray, np.ndarray]], dict[str, dict[str, np.ndarray]]]:
+    @cached_property
+    def kinds(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """The program's effects: those that act row by row, and the filters."""
+        return split(self.program)
+
+    @cached_property
+    def entries(self) -> np.ndarray:
+        """Where the entries of a row stand among those of the compiled programs: parameters, amounts, and what stands behind them."""
+        count = len(PARAMETERS) + len(self.shared)
+        own = (len(PARAMETERS) + self.shared.index(name) for name in self.kinds[0])
+        return np.array([*range(len(PARAMETERS)), *own, *range(count, count + self.behind)], dtype=int)
+
+    @cached_property
+    def read_by(self) -> list[tuple[str, int]]:
+        """Of each channel its test, and the number of what it reads there."""
+        return [(c.test, self.reads[c.test].index(c.reads)) for c in self.args.data.channels]
+
+    @cached_property
+    def weighing(self) -> list[tuple[np.ndarray, np.ndarray, HostWhitening]]:
+        """Of each channel the weights and the readings (padded,), and its filter."""
+        both = zip(self.args.data.channels, self.args.whitening, strict=True)
+        return [(np.asarray(c.weight), np.asarray(c.value), HostWhitening.of(white)) for c, white in both]
+
+    def _begun(self, p: np.ndarray) -> dict[str, list[Any]]:
+        """What the programs give for the blocks of each test; p: parameters, then amounts of the row-wise effects of the program. All are
+        begun before any is waited for: blocks run side by side."""
+        whole = np.zeros(len(PARAMETERS) + len(self.shared))
+        whole[self.entries[: len(p)]] = p
+        return {test: [program(whole) for program in programs] for test, programs in self.programs.items()}
+
+    def readings(self, p: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
         """Of each channel (reading (padded,), slopes (entries, padded)) before any filter and any mean, pads, which weigh nothing, being
-        0; and with places what the rows could read: {test: {reading: (padded,)}}.
+        0.
 
-        p: parameters, then amounts of the row-wise effects of the program. entries: these, and what was read in the order of FIELDS,
-        or the shifts of `ENTRIES`.
+        p: as in `_begun`. entries: these, and what was read in the order of FIELDS, or the shifts of `ENTRIES`.
         """
-        rowwise, _ = split(self.program)
-        data, count = self.args.data, len(PARAMETERS) + len(self.shared)
-        entries = [*range(len(PARAMETERS)), *(len(PARAMETERS) + self.shared.index(name) for name in rowwise)]
-        whole = np.zeros(count)
-        whole[entries] = p
-        entries += range(count, count + self.behind)
-        # All are begun before any is waited for: blocks run side by side.
-        begun = {test: [program(whole) for program in programs] for test, programs in self.programs.items()}
-        found = {
-            test: (
-                self._joined(test, [part[0] for part in parts]),
-                self._joined(test, [part[1] for part in parts], entries),
-            )
-            for test, parts in begun.items()
-        }
-        states = {
-            test: {name: self._joined(test, [part[2][name] for part in parts]) for name in parts[0][2]}
-            for test, parts in (begun.items() if self.places else ())
-        }
-        at = [(found[c.test], self.reads[c.test].index(c.reads)) for c in data.channels]
-        return [(values[i], slopes[i]) for (values, slopes), i in at], states
+        begun = self._begun(p)
+        return [
+            (self.reading_of(begun[test], test, i), self.slopes_of(begun[test], test, i, self.entries))
+            for test, i in self.read_by
+        ]
 
-    def evaluate(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, dict[str, dict[str, np.ndarray]]]:
-        """(residuals, columns (entries, rows), by_row (fields, rows), states) of p in the order of `order_of(program)`.
+    def evaluate(self, p: np.ndarray) -> "Evaluated":
+        """Everything at p, which is in the order of `order_of(program)`."""
+        given = len(PARAMETERS) + len(self.kinds[0])
+        return Evaluated(self, np.asarray(p[given:], dtype=float), self._begun(p[:given]))
 
-        by_row: what a change of a row's own operating point, in the order of FIELDS, or a shift of each of `ENTRIES`, does to its residual
-        before whitening. states: with places what the model's readings could be of: {test: {reading: (padded,)}}, SI.
-        """
-        rowwise, filters = split(self.program)
-        given = len(PARAMETERS) + len(rowwise)
-        own = slice(given, given + self.behind)
-        residuals, columns, by_row = [], [], []
-        readings, states = self.readings(p[:given])
-        for i, (reading, column) in enumerate(readings):
-            channel, white = self.args.data.channels[i], self.args.whitening[i]
-            for name, amount in zip(filters, p[given:], strict=True):
-                reading, column = self._behind(name, float(amount), i, reading, column)
-            weight = np.asarray(channel.weight)
-            column = self.means(channel.test, column) * weight
-            residual = (self.means(channel.test, reading) - np.asarray(channel.value)) * weight
-            residuals.append(whiten_on_host(white, residual))
-            columns.append(whiten_on_host(white, np.delete(column, own, axis=0).T).T)
-            by_row.append(column[own])
-        states = {test: {n: self.means(test, v) for n, v in found.items()} for test, found in states.items()}
-        return np.concatenate(residuals), np.concatenate(columns, axis=1), np.concatenate(by_row, axis=1), states
+    def reading_of(self, parts: list[Any], test: str, i: int) -> np.ndarray:
+        """(padded,), of what the blocks of a test gave the i-th of what is read there."""
+        return self.joined(test, [np.asarray(part[0])[i] for part in parts])
 
-    def _joined(self, test: str, parts: list[Array], entries: list[int] | None = None) -> np.ndarray:
+    def slopes_of(self, parts: list[Any], test: str, i: int, entries: np.ndarray) -> np.ndarray:
+        """(entries, padded): its slopes to some of the programs' entries."""
+        return self.joined(test, [np.asarray(part[1])[i] for part in parts], entries)
+
+    def joined(self, test: str, parts: list[np.ndarray], entries: np.ndarray | None = None) -> np.ndarray:
         """(..., padded) of a test's blocks (..., block); entries: of the last axis but one."""
-        first, padded = np.asarray(parts[0]), len(self.args.data.conditions[test].position)
-        lead = first.shape[:-1] if entries is None else (*first.shape[:-2], len(entries))
-        whole, size = np.zeros((*lead, padded)), block_size(self.rows[test])
+        padded, size = len(self.args.data.conditions[test].position), block_size(self.rows[test])
+        lead = parts[0].shape[:-1] if entries is None else (len(entries),)
+        whole = np.zeros((*lead, padded))
         for number, part in enumerate(parts):
             rows = slice(number * size, min((number + 1) * size, self.rows[test]))
-            own = np.asarray(part)[..., : rows.stop - rows.start]
-            whole[..., rows] = own if entries is None else own[..., entries, :]
+            own = part[..., : rows.stop - rows.start]
+            whole[..., rows] = own if entries is None else own[entries]
         return whole
 
-    def _behind(
+    def behind_filter(
         self, name: str, amount: float, channel: int, reading: np.ndarray, columns: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """A channel's reading and columns behind a filter, with that of its own amount as the last: compiled for the length of one
@@ -276,6 +278,83 @@ class RowBlocks:
         return np.sum(values.reshape(*values.shape[:-1], *weight.shape) * weight, axis=-1)
 
 
+@dataclass(frozen=True)
+class Evaluated:
+    """The readings at a point, as the programs gave them for the blocks of each test; amounts: of the filters.
+
+    What a fit asks of them at every trial is a fraction of what they hold, and is worked out when it is asked for.
+    """
+
+    rows: RowBlocks
+    amounts: np.ndarray
+    begun: dict[str, list[Any]]
+
+    @cached_property
+    def residuals(self) -> np.ndarray:
+        """(rows,), all channels behind one another."""
+        if self._filtered:
+            return self._whole[0]
+        found = []
+        for (test, i), (weight, value, white) in self._channels:
+            reading = self.rows.reading_of(self.begun[test], test, i)
+            found.append(white((self.rows.means(test, reading) - value) * weight))
+        return np.concatenate(found)
+
+    def columns(self, numbers: np.ndarray) -> np.ndarray:
+        """(k, rows): those of these entries, numbers in `order_of(program)`."""
+        given = len(PARAMETERS) + len(self.rows.kinds[0])
+        if self._filtered or np.any(numbers >= given):
+            return self._whole[1][numbers]
+        found = []
+        for (test, i), (weight, _, white) in self._channels:
+            slopes = self.rows.slopes_of(self.begun[test], test, i, self.rows.entries[numbers])
+            found.append(white((self.rows.means(test, slopes) * weight).T).T)
+        return np.concatenate(found, axis=1)
+
+    @property
+    def by_row(self) -> np.ndarray:
+        """(fields, rows): what a change of a row's own operating point, in the order of FIELDS, or a shift of each of `ENTRIES`, does to
+        its residual before whitening."""
+        return self._whole[2]
+
+    @property
+    def states(self) -> dict[str, dict[str, np.ndarray]]:
+        """With places what the model's readings could be of: {test: {reading: (padded,)}}, SI."""
+        read = lambda test, parts, name: self.rows.means(
+            test, self.rows.joined(test, [np.asarray(p[2][name]) for p in parts])
+        )
+        return {
+            test: {name: read(test, parts, name) for name in parts[0][2]}
+            for test, parts in (self.begun.items() if self.rows.places else ())
+        }
+
+    @property
+    def _channels(self) -> Iterable[tuple[tuple[str, int], tuple[np.ndarray, np.ndarray, HostWhitening]]]:
+        return zip(self.rows.read_by, self.rows.weighing, strict=True)
+
+    @property
+    def _filtered(self) -> bool:
+        """Whether a filter does anything: one at 0 leaves readings and slopes as they are."""
+        return bool(np.any(self.amounts != 0.0))
+
+    @cached_property
+    def _whole(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(residuals, columns (entries, rows), by_row) with every entry of the program."""
+        rowwise, filters = self.rows.kinds
+        own = slice(len(PARAMETERS) + len(rowwise), len(PARAMETERS) + len(rowwise) + self.rows.behind)
+        residuals, columns, by_row = [], [], []
+        for number, ((test, i), (weight, value, white)) in enumerate(self._channels):
+            reading = self.rows.reading_of(self.begun[test], test, i)
+            column = self.rows.slopes_of(self.begun[test], test, i, self.rows.entries)
+            for name, amount in zip(filters, self.amounts, strict=True):
+                reading, column = self.rows.behind_filter(name, float(amount), number, reading, column)
+            column = self.rows.means(test, column) * weight
+            residuals.append(white((self.rows.means(test, reading) - value) * weight))
+            columns.append(white(np.delete(column, own, axis=0).T).T)
+            by_row.append(column[own])
+        return np.concatenate(residuals), np.concatenate(columns, axis=1), np.concatenate(by_row, axis=1)
+
+
 def plain_by_rows(names: tuple[str, ...], args: FitArgs) -> Both:
     """(p, unused) -> residuals and columns of a plain fit of these parameters, as `static_residuals.residual_and_columns` gives them."""
     data, own = args.data, own_entries(names)
@@ -296,7 +375,7 @@ def plain_by_rows(names: tuple[str, ...], args: FitArgs) -> Both:
         given, p = dict(zip(names, values, strict=True)), begin.copy()
         p[places] = values[own]
         residuals, columns = [], []
-        for channel, (reading, slopes) in zip(data.channels, rows.readings(p)[0], strict=True):
+        for channel, (reading, slopes) in zip(data.channels, rows.readings(p), strict=True):
             reading, slopes = rows.means(channel.test, reading), rows.means(channel.test, slopes[places])
             column = np.zeros((len(names), len(reading)))
             if (sensor := channel.sensor) is not None:

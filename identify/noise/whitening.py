@@ -4,6 +4,8 @@ Kalman, "A new approach to linear filtering and prediction problems", 1960: y_t 
 before, over the prediction's standard deviation, is white. Linear in y, so it acts on residuals and Jacobians alike.
 """
 
+from dataclasses import dataclass
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -88,14 +90,34 @@ def whiten(filter_: Whitening, values: Float[Array, "*columns rows"]) -> Float[A
     return (values - predicted) * filter_.weight
 
 
+@dataclass(frozen=True)
+class HostWhitening:
+    """The same filter in NumPy, laid out once for what is whitened many times: called with (rows,) or (rows, columns).
+
+    band (2, rows): of the recursion; None where nothing is remembered.
+    """
+
+    learn: np.ndarray
+    weight: np.ndarray
+    band: np.ndarray | None
+
+    @classmethod
+    def of(cls, filter_: Whitening) -> "HostWhitening":
+        learn, weight = np.asarray(filter_.learn), np.asarray(filter_.weight)
+        band = np.stack([np.ones(len(learn)), -np.asarray(filter_.keep)]) if np.any(learn) else None
+        return cls(learn, weight, band)
+
+    def __call__(self, values: np.ndarray) -> np.ndarray:
+        weight = self.weight.reshape(-1, *[1] * (values.ndim - 1))
+        if self.band is None:
+            return values * weight
+        # predicted_(t+1) - keep_t predicted_t = learn_t y_t: one forward substitution, as no entry of the band exceeds the diagonal.
+        ahead = np.zeros_like(values, dtype=float)
+        ahead[1:] = (values.T * self.learn).T[:-1]
+        predicted = solve_banded((1, 0), self.band, ahead, check_finite=False)
+        return (values - predicted) * weight
+
+
 def whiten_on_host(filter_: Whitening, values: np.ndarray) -> np.ndarray:
     """The same in NumPy, (rows,) or (rows, columns), for what never enters a compiled fit."""
-    weight = filter_.weight.reshape(-1, *[1] * (values.ndim - 1))
-    if not np.any(filter_.learn):
-        return values * weight
-    # predicted_(t+1) - keep_t predicted_t = learn_t y_t: one forward substitution, as no entry of the band exceeds the diagonal.
-    ahead = np.zeros_like(values, dtype=float)
-    ahead[1:] = (values.T * filter_.learn).T[:-1]
-    band = np.stack([np.ones(len(values)), -np.asarray(filter_.keep)])
-    predicted = solve_banded((1, 0), band, ahead, check_finite=False)
-    return (values - predicted) * weight
+    return HostWhitening.of(filter_)(values)

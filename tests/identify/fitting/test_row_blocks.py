@@ -83,6 +83,25 @@ def test_residuals_and_columns_are_those_of_one_program(change):
     np.testing.assert_allclose(columns / size, np.asarray(whole_columns) / size, atol=1e-9)
 
 
+@pytest.mark.parametrize("change", CHANGES)
+@pytest.mark.parametrize("lag", [0.0, 0.2])
+def test_some_columns_are_those_of_all_of_them(change, lag):
+    """A search asks for those of its free variables; a filter at 0 leaves readings and slopes as they are, to the last bit."""
+    readings = readings_of(CHANGES[change])
+    program = readings.program(())
+    order = readings.order(program)
+    if "flowmeter_lag" not in order and lag:
+        pytest.skip("without time a lag is not asked for")
+    p = point(readings, program, {"position_scale": 0.01, "flowmeter_lag": lag})
+    residual, columns = readings.evaluation(program)(p)
+    whole = np.asarray(columns)
+    evaluated = readings._evaluated(program, p)
+    assert np.array_equal(residual, evaluated._whole[0])
+    assert np.array_equal(whole, evaluated._whole[1])
+    for numbers in ([0, 3], [order.index("position_scale"), 1], [len(order) - 1, 2], []):
+        assert np.array_equal(columns[np.array(numbers, dtype=int)], whole[numbers])
+
+
 def test_records_share_their_programs():
     readings = readings_of(CHANGES["as it is"])
     readings.evaluation(readings.program(()))(point(readings, readings.program(()), {}))
