@@ -225,7 +225,8 @@ def settle_rivals(
     hopeless: dict[str, frozenset[str]] = {}
     for _ in range(MOST_SWAPS):
         rivals = all_rivals(problem, final, steps, scale, freedom, hopeless)
-        best = min((r for rival in rivals.values() for r in rival.tried), key=lambda r: r.chi2_more, default=None)
+        tried: list[Rival] = [r for rival in rivals.values() for r in rival.tried]
+        best = min(tried, key=lambda r: r.chi2_more, default=None)
         if best is None or best.chi2_more >= -BETTER:
             two = min((r.two for r in rivals.values() if r.two is not None), key=merit, default=None)
             if two is None:
