@@ -124,8 +124,6 @@ class KeptProgram:
 
         def run(arrays: list[Any]) -> Any:
             found = jitted(arrays)
-            if "answered" not in made:
-                made["answered"] = _answering(made["answer"])
             return made["answered"](found)
 
         return run
@@ -259,7 +257,7 @@ def _key(tree: Any, leaves: list[Any]) -> Any:
 
 def _flat(function: Callable, tree: Any, leaves: list[Any], number: int) -> tuple[Callable, dict[str, Any]]:
     """The function of the arrays (or their shapes) among these leaves, which gives a list of arrays with this number behind them, and
-    what says under "answer", once it was traced, where they stand."""
+    what says under "answer", once it was traced, where they stand, and under "answered" puts them there."""
     there = [eqx.is_array(leaf) or isinstance(leaf, _Shape) for leaf in leaves]
     fixed = [None if array else leaf for array, leaf in zip(there, leaves, strict=True)]
     made: dict[str, Any] = {}
@@ -274,6 +272,7 @@ def _flat(function: Callable, tree: Any, leaves: list[Any], number: int) -> tupl
         places = iter(range(len(arrays_out)))
         spoken = [_Place(next(places)) if eqx.is_array(value) else value for value in out]
         made["answer"] = jax.tree_util.tree_unflatten(out_tree, spoken)
+        made["answered"] = _answering(made["answer"])
         return [*arrays_out, np.int64(number)]
 
     flat.__name__ = flat.__qualname__ = _name_of(function)
@@ -297,7 +296,7 @@ def _compiled_and_kept(
         spoken = pickle.dumps(answer)
         written = serialize_executable.serialize(compiled)[0]
     found = jax.block_until_ready(compiled(given))
-    answered = _answering(answer)
+    answered = made["answered"]
     run: Callable = lambda arrays: answered(compiled(arrays))
     with suppress(Exception):
         if written:

@@ -136,9 +136,6 @@ class Columns:
         """work_out: numbers (k,) of columns -> (k, m)."""
         self._count, self._work_out = count, work_out
 
-    def __len__(self) -> int:
-        return self._count
-
     def __getitem__(self, numbers: np.ndarray) -> np.ndarray:
         return self._work_out(np.asarray(numbers, dtype=int))
 

@@ -418,10 +418,12 @@ class Problem:
                     places, columns = range(len(order)), block
                 for name, column in shifts.items():
                     residual += values[name] * column
-                columns = columns if isinstance(columns, Columns) else np.asarray(columns)
-                own = {place: i for i, place in enumerate(places)}
+                own = np.full(len(order), -1)  # where each entry of the whole vector stands among those of the part
+                own[places] = np.arange(len(places))
                 fixed = {order.index(name): column for name, column in shifts.items()}
-                blocks.append((own, columns, fixed, len(residual)))
+                blocks.append(
+                    (own, columns if isinstance(columns, Columns) else np.asarray(columns), fixed, len(residual))
+                )
                 residuals.append(residual)
             residuals.append((vector[:count] - value) * weight)
             residual = np.concatenate(residuals)
@@ -568,16 +570,15 @@ class Problem:
 
 
 def _rows_of(
-    numbers: np.ndarray, own: Mapping[int, int], columns: Any, given: Mapping[int, np.ndarray], rows: int
+    numbers: np.ndarray, own: np.ndarray, columns: Any, given: Mapping[int, np.ndarray], rows: int
 ) -> np.ndarray:
-    """(k, rows): of these entries of the whole vector the columns in one kind of readings, which has its `own` at other numbers, and
-    where a fault shifts what was read they are `given`."""
+    """(k, rows): of these entries of the whole vector the columns in one kind of readings, which has them at its `own` numbers, -1 where it
+    has not, and where a fault shifts what was read they are `given`."""
     found = np.zeros((len(numbers), rows))
-    there = [i for i, number in enumerate(numbers.tolist()) if number in own]
-    found[there] = columns[np.array([own[number] for number in numbers[there].tolist()], dtype=int)]
-    for i, number in enumerate(numbers.tolist()):
-        if number in given:
-            found[i] = given[number]
+    there = own[numbers] >= 0
+    found[there] = columns[own[numbers[there]]]
+    for number, column in given.items():
+        found[numbers == number] = column
     return found
 
 

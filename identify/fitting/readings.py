@@ -76,14 +76,6 @@ def white_noise(noise: Mapping[Key, ChannelNoise]) -> Noise:
     return Noise({key: n.used for key, n in noise.items()}, dict.fromkeys(noise, NoiseCorrelation()))
 
 
-def _all_of(rows: RowBlocks | TiedRows, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(residuals, columns, by_row) with every entry of the program."""
-    found = rows.evaluate(p)
-    if isinstance(found, Evaluated):
-        return found.residuals, found.columns(np.arange(len(p))), found.by_row
-    return found
-
-
 @runtime_checkable
 class Readings(Protocol):
     """The tests of one kind as a function of named entries: parameters first, then amounts of effects."""
@@ -161,7 +153,7 @@ class StaticReadings:
             own, amounts = p[: -len(faults)], p[-len(faults) :]
             moved = lambda by: self._moved(dict(zip(faults, (amounts + by).tolist(), strict=True)))
             rows = self._blocks(program).moved(moved(0.0))
-            residual, columns, by_row = _all_of(rows, own)
+            residual, columns, by_row = rows.evaluate(own)
             slopes = [self._of_rows(fault, by_row[place[fault.info.moves]], white) for fault in faults]
             for fault, slope, step in zip(faults, slopes, steps, strict=True):
                 if isinstance(rows, TiedRows):
@@ -210,7 +202,7 @@ class StaticReadings:
             | {THINNING: thinning(self.record.oil, self.tests[test].temperature)}
             for test, own in found.states.items()
         }
-        return found.by_row, states
+        return found.whole[2], states
 
     def _at(self, program: tuple[str, ...], p: np.ndarray) -> tuple[np.ndarray, Any]:
         found = self._evaluated(program, p)
@@ -219,10 +211,12 @@ class StaticReadings:
         return found[:2]
 
     def _evaluated(self, program: tuple[str, ...], p: np.ndarray) -> Any:
-        """What `RowBlocks.evaluate` or `TiedRows.evaluate` gives at a point; asked again for the same one, it is not computed again."""
+        """What `RowBlocks.at` or `TiedRows.evaluate` gives at a point; asked again for the same one, it is not computed again."""
         key = (program, np.asarray(p, dtype=float).tobytes())
         if self._last.get("key") != key:
-            self._last.update(key=key, found=self._blocks(program).evaluate(np.asarray(p, dtype=float)))
+            rows = self._blocks(program)
+            ask = rows.at if isinstance(rows, RowBlocks) else rows.evaluate
+            self._last.update(key=key, found=ask(np.asarray(p, dtype=float)))
         return self._last["found"]
 
     @cached_property

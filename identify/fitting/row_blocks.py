@@ -7,7 +7,7 @@ a rate) is 0 there. What ties rows together (a meter's lag, means over bins, the
 """
 
 import functools
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -197,10 +197,15 @@ class RowBlocks:
         return [(c.test, self.reads[c.test].index(c.reads)) for c in self.args.data.channels]
 
     @cached_property
-    def weighing(self) -> list[tuple[np.ndarray, np.ndarray, HostWhitening]]:
-        """Of each channel the weights and the readings (padded,), and its filter."""
+    def weighing(self) -> list[tuple[str, np.ndarray, np.ndarray, HostWhitening]]:
+        """Of each channel its test, weights and readings (padded,), and its filter: laid out once, asked for at every point."""
         both = zip(self.args.data.channels, self.args.whitening, strict=True)
-        return [(np.asarray(c.weight), np.asarray(c.value), HostWhitening.of(white)) for c, white in both]
+        return [(c.test, np.asarray(c.weight), np.asarray(c.value), HostWhitening.of(white)) for c, white in both]
+
+    @property
+    def given(self) -> int:
+        """Entries of a row's parameters and amounts: those of `order_of(program)` without the filters'."""
+        return len(PARAMETERS) + len(self.kinds[0])
 
     def _begun(self, p: np.ndarray) -> dict[str, list[Any]]:
         """What the programs give for the blocks of each test; p: parameters, then amounts of the row-wise effects of the program. All are
@@ -209,30 +214,23 @@ class RowBlocks:
         whole[self.entries[: len(p)]] = p
         return {test: [program(whole) for program in programs] for test, programs in self.programs.items()}
 
-    def readings(self, p: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Of each channel (reading (padded,), slopes (entries, padded)) before any filter and any mean, pads, which weigh nothing, being
-        0.
+    def at(self, p: np.ndarray) -> "Evaluated":
+        """What the programs say at p, which is in the order of `order_of(program)`."""
+        return Evaluated(self, np.asarray(p[self.given :], dtype=float), self._begun(p[: self.given]))
 
-        p: as in `_begun`. entries: these, and what was read in the order of FIELDS, or the shifts of `ENTRIES`.
-        """
-        begun = self._begun(p)
-        return [
-            (self.reading_of(begun[test], test, i), self.slopes_of(begun[test], test, i, self.entries))
-            for test, i in self.read_by
-        ]
+    def evaluate(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(residuals, columns (entries, rows), by_row (fields, rows)) of p: see `Evaluated.whole`."""
+        return self.at(p).whole
 
-    def evaluate(self, p: np.ndarray) -> "Evaluated":
-        """Everything at p, which is in the order of `order_of(program)`."""
-        given = len(PARAMETERS) + len(self.kinds[0])
-        return Evaluated(self, np.asarray(p[given:], dtype=float), self._begun(p[:given]))
+    def residual_of(self, number: int, reading: np.ndarray) -> np.ndarray:
+        """(rows,): a channel's whitened residuals, of its reading (padded,)."""
+        test, weight, value, white = self.weighing[number]
+        return white((self.means(test, reading) - value) * weight)
 
-    def reading_of(self, parts: list[Any], test: str, i: int) -> np.ndarray:
-        """(padded,), of what the blocks of a test gave the i-th of what is read there."""
-        return self.joined(test, [np.asarray(part[0])[i] for part in parts])
-
-    def slopes_of(self, parts: list[Any], test: str, i: int, entries: np.ndarray) -> np.ndarray:
-        """(entries, padded): its slopes to some of the programs' entries."""
-        return self.joined(test, [np.asarray(part[1])[i] for part in parts], entries)
+    def weighed(self, number: int, slopes: np.ndarray) -> np.ndarray:
+        """(entries, rows): a channel's slopes (entries, padded) in units of its noise, not whitened."""
+        test, weight, _, _ = self.weighing[number]
+        return self.means(test, slopes) * weight
 
     def joined(self, test: str, parts: list[np.ndarray], entries: np.ndarray | None = None) -> np.ndarray:
         """(..., padded) of a test's blocks (..., block); entries: of the last axis but one."""
@@ -293,66 +291,73 @@ class Evaluated:
     def residuals(self) -> np.ndarray:
         """(rows,), all channels behind one another."""
         if self._filtered:
-            return self._whole[0]
-        found = []
-        for (test, i), (weight, value, white) in self._channels:
-            reading = self.rows.reading_of(self.begun[test], test, i)
-            found.append(white((self.rows.means(test, reading) - value) * weight))
-        return np.concatenate(found)
+            return self.whole[0]
+        return np.concatenate([self.rows.residual_of(n, self._reading(n)) for n in self._channels])
 
     def columns(self, numbers: np.ndarray) -> np.ndarray:
         """(k, rows): those of these entries, numbers in `order_of(program)`."""
-        given = len(PARAMETERS) + len(self.rows.kinds[0])
-        if self._filtered or np.any(numbers >= given):
-            return self._whole[1][numbers]
-        found = []
-        for (test, i), (weight, _, white) in self._channels:
-            slopes = self.rows.slopes_of(self.begun[test], test, i, self.rows.entries[numbers])
-            found.append(white((self.rows.means(test, slopes) * weight).T).T)
-        return np.concatenate(found, axis=1)
+        if self._filtered or np.any(numbers >= self.rows.given):
+            return self.whole[1][numbers]
+        entries = self.rows.entries[numbers]
+        weighed = [self.rows.weighed(n, self._slopes(n, entries)) for n in self._channels]
+        return np.concatenate(self._whitened(weighed), axis=1)
+
+    @cached_property
+    def whole(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(residuals, columns (entries, rows), by_row (fields, rows)) with every entry of the program.
+
+        by_row: what a change of a row's own operating point, in the order of FIELDS, or a shift of each of `ENTRIES`, does to its residual
+        before whitening.
+        """
+        own = slice(self.rows.given, self.rows.given + self.rows.behind)
+        residuals, weighed = [], []
+        for n in self._channels:
+            reading, slopes = self._reading(n), self._slopes(n, self.rows.entries)
+            for name, amount in zip(self.rows.kinds[1], self.amounts, strict=True):
+                reading, slopes = self.rows.behind_filter(name, float(amount), n, reading, slopes)
+            residuals.append(self.rows.residual_of(n, reading))
+            weighed.append(self.rows.weighed(n, slopes))
+        columns = self._whitened([np.delete(slopes, own, axis=0) for slopes in weighed])
+        by_row = [slopes[own] for slopes in weighed]
+        return np.concatenate(residuals), np.concatenate(columns, axis=1), np.concatenate(by_row, axis=1)
 
     @property
-    def by_row(self) -> np.ndarray:
-        """(fields, rows): what a change of a row's own operating point, in the order of FIELDS, or a shift of each of `ENTRIES`, does to
-        its residual before whitening."""
-        return self._whole[2]
+    def readings(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Of each channel (reading (padded,), slopes (entries, padded)) before any filter and any mean, pads, which weigh nothing, being 0.
+
+        entries: parameters, amounts of the row-wise effects of the program, and what was read in the order of FIELDS, or the shifts of
+        `ENTRIES`.
+        """
+        return [(self._reading(n), self._slopes(n, self.rows.entries)) for n in self._channels]
 
     @property
     def states(self) -> dict[str, dict[str, np.ndarray]]:
         """With places what the model's readings could be of: {test: {reading: (padded,)}}, SI."""
-        read = lambda test, parts, name: self.rows.means(
-            test, self.rows.joined(test, [np.asarray(p[2][name]) for p in parts])
-        )
+        states = lambda test, parts, name: self.rows.joined(test, [np.asarray(part[2][name]) for part in parts])
         return {
-            test: {name: read(test, parts, name) for name in parts[0][2]}
+            test: {name: self.rows.means(test, states(test, parts, name)) for name in parts[0][2]}
             for test, parts in (self.begun.items() if self.rows.places else ())
         }
 
     @property
-    def _channels(self) -> Iterable[tuple[tuple[str, int], tuple[np.ndarray, np.ndarray, HostWhitening]]]:
-        return zip(self.rows.read_by, self.rows.weighing, strict=True)
+    def _channels(self) -> range:
+        return range(len(self.rows.read_by))
 
     @property
     def _filtered(self) -> bool:
         """Whether a filter does anything: one at 0 leaves readings and slopes as they are."""
         return bool(np.any(self.amounts != 0.0))
 
-    @cached_property
-    def _whole(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(residuals, columns (entries, rows), by_row) with every entry of the program."""
-        rowwise, filters = self.rows.kinds
-        own = slice(len(PARAMETERS) + len(rowwise), len(PARAMETERS) + len(rowwise) + self.rows.behind)
-        residuals, columns, by_row = [], [], []
-        for number, ((test, i), (weight, value, white)) in enumerate(self._channels):
-            reading = self.rows.reading_of(self.begun[test], test, i)
-            column = self.rows.slopes_of(self.begun[test], test, i, self.rows.entries)
-            for name, amount in zip(filters, self.amounts, strict=True):
-                reading, column = self.rows.behind_filter(name, float(amount), number, reading, column)
-            column = self.rows.means(test, column) * weight
-            residuals.append(white((self.rows.means(test, reading) - value) * weight))
-            columns.append(white(np.delete(column, own, axis=0).T).T)
-            by_row.append(column[own])
-        return np.concatenate(residuals), np.concatenate(columns, axis=1), np.concatenate(by_row, axis=1)
+    def _reading(self, number: int) -> np.ndarray:
+        test, i = self.rows.read_by[number]
+        return self.rows.joined(test, [np.asarray(part[0])[i] for part in self.begun[test]])
+
+    def _slopes(self, number: int, entries: np.ndarray) -> np.ndarray:
+        test, i = self.rows.read_by[number]
+        return self.rows.joined(test, [np.asarray(part[1])[i] for part in self.begun[test]], entries)
+
+    def _whitened(self, weighed: list[np.ndarray]) -> list[np.ndarray]:
+        return [white(slopes.T).T for (*_, white), slopes in zip(self.rows.weighing, weighed, strict=True)]
 
 
 def plain_by_rows(names: tuple[str, ...], args: FitArgs) -> Both:
@@ -375,7 +380,7 @@ def plain_by_rows(names: tuple[str, ...], args: FitArgs) -> Both:
         given, p = dict(zip(names, values, strict=True)), begin.copy()
         p[places] = values[own]
         residuals, columns = [], []
-        for channel, (reading, slopes) in zip(data.channels, rows.readings(p), strict=True):
+        for channel, (reading, slopes) in zip(data.channels, rows.at(p).readings, strict=True):
             reading, slopes = rows.means(channel.test, reading), rows.means(channel.test, slopes[places])
             column = np.zeros((len(names), len(reading)))
             if (sensor := channel.sensor) is not None:

@@ -109,11 +109,11 @@ class TiedRows:
         found: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
         if self._others is not None:
             own = [order.index(name) for name in order_of(self._others.program)]
-            others = self._others.evaluate(p[own])
-            every = np.zeros((len(order), len(others.residuals)))
-            every[own] = others.columns(np.arange(len(own)))
+            residual, columns, by_row = self._others.evaluate(p[own])
+            every = np.zeros((len(order), columns.shape[1]))
+            every[own] = columns
             for test, rows in rows_of_tests(self._others.args.data.channels).items():
-                found[test] = others.residuals[rows], every[:, rows], others.by_row[:MOVES, rows]
+                found[test] = residual[rows], every[:, rows], by_row[:MOVES, rows]
         for test, (residual, columns, by_row) in begun.items():
             found[test] = np.asarray(residual), np.asarray(columns)[places], np.asarray(by_row)[:MOVES]
         residuals, columns, by_row = zip(*(found[test] for test in rows_of_tests(self.args.data.channels)), strict=True)

@@ -6,6 +6,7 @@ if it is near that, where a quarter of the rows predicted from the others says s
 where it comes within a likelihood ratio of 20 (section 10), in records in which the effect is found.
 """
 
+import functools
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
@@ -16,6 +17,7 @@ from scipy.special import log_ndtr, ndtr, ndtri
 from thermohyd.effects.library import effect_info
 from thermohyd.identify.diagnosis.case import LEVEL_OF_ALL_ROWS
 from thermohyd.identify.diagnosis.confirmation import NEAR_CHANCE
+from thermohyd.identify.diagnosis.held_out import SHARE
 from thermohyd.identify.diagnosis.result import MOST_USUAL
 from thermohyd.identify.diagnosis.rivals import ALIKE
 from thermohyd.identify.diagnosis.screening import LEAST_KEPT, Projection, finite_steps, screen
@@ -68,9 +70,6 @@ class View:
         return next(i for i, sight in enumerate(self.sights) if sight.name == name)
 
 
-HELD = 0.25  # of the rows, about, take no part in the choice
-
-
 def chance_of_naming(score: float, critical: float) -> float:
     """Share of records in which an effect of this expected score is found.
 
@@ -78,7 +77,7 @@ def chance_of_naming(score: float, critical: float) -> float:
     sqrt(3/4) z + h/2. With the amount of the first the others do better by 2 a h - a^2, where a = z/sqrt(3): that is above 0, or the score
     by all is at least `NEAR_CHANCE`.
     """
-    own, other = float(np.sqrt(1.0 - HELD)), float(np.sqrt(HELD))
+    own, other = float(np.sqrt(1.0 - SHARE)), float(np.sqrt(SHARE))
     normal, weight = np.polynomial.hermite_e.hermegauss(80)
     z = own * score + normal
     least = lambda total: (total - own * z) / other  # h at which the score by all is so large
@@ -86,6 +85,7 @@ def chance_of_naming(score: float, critical: float) -> float:
     return float(weight @ ndtr(other * score - needed) / weight.sum())
 
 
+@functools.cache
 def score_found(critical: float) -> float:
     """The expected score of an effect that is found in a share `POWER` of records."""
     least = critical + float(ndtri(POWER))

@@ -96,8 +96,8 @@ def test_some_columns_are_those_of_all_of_them(change, lag):
     residual, columns = readings.evaluation(program)(p)
     whole = np.asarray(columns)
     evaluated = readings._evaluated(program, p)
-    assert np.array_equal(residual, evaluated._whole[0])
-    assert np.array_equal(whole, evaluated._whole[1])
+    assert np.array_equal(residual, evaluated.whole[0])
+    assert np.array_equal(whole, evaluated.whole[1])
     for numbers in ([0, 3], [order.index("position_scale"), 1], [len(order) - 1, 2], []):
         assert np.array_equal(columns[np.array(numbers, dtype=int)], whole[numbers])
 
