@@ -11,6 +11,7 @@ from pathlib import Path
 from thermohyd.identify.bench.errors import BenchInputError
 from thermohyd.identify.model.places import OF_READING, SEVERAL
 from thermohyd.identify.model.term_variables import REFERENCE_TEMPERATURE
+from thermohyd.identify.model.typed_terms import CURVES
 
 from .motion_effect_writer import stage_in_motion, test_in_motion
 from .written_term import Stage, TermRead, read_term, refused
@@ -93,6 +94,15 @@ def law_code(term: TermRead) -> str:
         powers = [float(c) for c in polynomial.polytrim(powers)]
         horner = " + s * (".join(repr(c) for c in powers) + ")" * (len(powers) - 1)
         return "\n".join([*lines, f"    s = ({held} - {centre!r}) / {reach!r}", f"    return {horner} + 0.0 * s"])
+    if term.law == "local":
+        at_knots = [c / term.value for c in term.coefficients]
+        return "\n".join(
+            [
+                *lines,
+                f"    knots = jnp.linspace({term.low!r}, {term.high!r}, {len(at_knots)})",
+                f"    return jnp.interp({held}, knots, jnp.array({at_knots!r}))",
+            ]
+        )
     if term.law in ("proportional", "laminar"):
         return "\n".join([*lines, f"    return {held}"])
     if term.law == "square":
@@ -240,7 +250,7 @@ def effect_module(name: str, term: TermRead, source: str) -> str:
     """The text of the module: law, class, entry."""
     stage = stage_of(term)
     linear_of_its_own = "law(" not in stage.body
-    amount = abs(term.value) if term.law == "smooth" else stage.sign * term.coefficients[0]
+    amount = abs(term.value) if term.law in CURVES else stage.sign * term.coefficients[0]
     size = abs(amount)
     lower = 0.0 if stage.lower_is_zero else -30.0 * size
     head = term.sentence.split(":")[0]

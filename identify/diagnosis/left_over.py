@@ -1,6 +1,7 @@
 """Test what a diagnosed model still misses: smooth curves over a record's conditions, by an F test, and what they would mean.
 
-Three steps. Legendre polynomials over the conditions stand for a misfit of no known cause (`lack_of_fit`). A quantity's own
+Three steps. Legendre polynomials over the conditions, and a shift of the position from spot to spot, which a winding makes and no such
+polynomial follows, stand for a misfit of no known cause (`lack_of_fit`). A quantity's own
 column times Legendre polynomials of a variable asks which quantity of the model would have to vary with what for the gap to
 close (`variations_of`): after Kristensen, Madsen and Jørgensen (Computers and Chemical Engineering 28, 2004), who let suspect
 parameters drift to see where a model is deficient. Where the user asks for it, `learn` adds the leading variation to the model
@@ -19,6 +20,7 @@ from thermohyd.identify.bench.test_record import TestRecord
 from thermohyd.identify.fitting.problem import Key, Problem
 from thermohyd.identify.fitting.problem_fit import Fit
 from thermohyd.identify.model.learned_terms import ABSOLUTE, LearnedTerm, legendre_basis, term_values, variable_values
+from thermohyd.identify.model.typed_terms import lines_between
 from thermohyd.identify.noise.whitening import whiten_on_host
 
 from .result import Variation
@@ -100,7 +102,7 @@ def whitened(problem: Problem, key: Key, columns: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class LackOfFit:
-    """F test of smooth curves beside a fitted model."""
+    """F tests of curves beside a fitted model: the one of less chance, and its p-value times their number."""
 
     p_value: float
     chi2: float  # that the curves would take off
@@ -108,9 +110,27 @@ class LackOfFit:
 
 
 def lack_of_fit(problem: Problem, fit: Fit, block: np.ndarray, scale: float = 1.0) -> LackOfFit:
-    """Whether smooth curves over the conditions still explain something beside `fit`; the rest measures the noise."""
+    """Whether smooth curves over the conditions (`block`), or a shift of the position that differs from spot to spot, still explain
+    something beside `fit`; the rest measures the noise."""
+    base = Projection.beside(fit.nuisance[fit.used])
+    blocks = [block, *([] if (along := _along_the_position(problem, fit)) is None else [along])]
+    found = min((_f_test(fit, base, columns, scale) for columns in blocks), key=lambda one: one.p_value)
+    return replace(found, p_value=min(1.0, len(blocks) * found.p_value))
+
+
+def _along_the_position(problem: Problem, fit: Fit) -> np.ndarray | None:
+    """Whitened columns (rows, KNOTS) of a shift of the position from knot to knot; None of tests in motion, and of a null held."""
+    if problem.in_motion or "null_bias" not in problem.plans or problem.plans["null_bias"].absent:
+        return None
+    position = np.concatenate([problem.tests[key[0]].spool_position for key in problem.rows()])
+    low, high = float(np.min(position)), float(np.max(position))
+    if not high > low:
+        return None
+    return _times(problem, _white(problem, fit), "null_bias", lines_between(position, low, high))
+
+
+def _f_test(fit: Fit, base: Projection, block: np.ndarray, scale: float) -> LackOfFit:
     used = fit.used
-    base = Projection.beside(fit.nuisance[used])
     residual = base(fit.residual[used])
     more = Projection.beside(base(block[used]))
     taken = float(np.sum((more.q.T @ residual) ** 2))

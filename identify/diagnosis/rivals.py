@@ -85,7 +85,10 @@ def rivals_of(
     ranked = [s for s in scores.ranked if s.name != name]
     within = within_reach(gain, scale)
     twin = lambda s: named is not None and abs(float(s.direction @ named.direction)) > SAME_SHAPE
-    likely = sorted([s for s in ranked if s.gain > within or twin(s)], key=lambda s: not twin(s))
+    # A score is a tangent's, and an effect may bend: a wear of half the radius took seven times what its tangent promised. So what would
+    # have been beyond chance by itself is asked too.
+    least = min(within, scores.critical**2)
+    likely = sorted([s for s in ranked if s.gain > least or twin(s)], key=lambda s: not (twin(s) or s.gain > within))
     if len(likely) < 2:
         likely = [s for s in ranked if not stores(s.name) or asks_for_more(final.effects)][:2]
     if info_of(name).of_sweeps:
@@ -109,11 +112,13 @@ def rivals_of(
     for s in (*likely[:MOST_REFITS], *at_fault[:FAULTS]):
         if s.name in hopeless:
             continue
-        start = {**without.values, s.name: s.estimate}
+        start = on_paper = {**without.values, s.name: s.estimate}
         if named is not None and twin(s):  # the same curve by another name: start where the named one ended
             same = final.values[name] * named.size / s.size * float(np.sign(s.direction @ named.direction))
             start = {**final.values, s.name: same}
         fit = problem.fit((*others, s.name), start)
+        if fit.chi2 > without.chi2 and start is not on_paper:  # worse than without it: led astray by that start
+            fit = problem.fit((*others, s.name), on_paper)
         if 0.5 * ALIKE < _more(fit, final, scale) < REACH:
             fit = problem.fit((*others, s.name), fit.values, hop_basins=True)
         if fit.values[s.name] == 0.0 or s.name in fit.active:

@@ -14,7 +14,7 @@ from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.fitting.problem_fit import Fit
 from thermohyd.identify.model.places import Place, place_of, places_for, places_in_motion, read_as
 from thermohyd.identify.model.term_variables import VARIABLES, States, asked_with
-from thermohyd.identify.model.typed_terms import TypedTerm, shapes_at, thinning_of, values_of
+from thermohyd.identify.model.typed_terms import KNOTS, TypedTerm, shapes_at, thinning_of, values_of
 
 from .left_over import whitened_rows
 from .max_t import MaxT
@@ -87,6 +87,7 @@ def _laws(problem: Problem, fit: Fit, place: Place, shown: np.ndarray, states: S
             else []
         )
         laws += ["smooth"] if levels > 2 else []
+        laws += ["local"] if variable.name in place.followed and levels > KNOTS else []
         for law in laws:
             yield variable.name, law, shapes_at(law, values, low, high, thin), low, high
 

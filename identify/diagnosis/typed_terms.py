@@ -15,7 +15,7 @@ from thermohyd.identify.fitting.library import stores
 from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.fitting.problem_fit import Fit
 from thermohyd.identify.model.places import place_of
-from thermohyd.identify.model.typed_terms import basis
+from thermohyd.identify.model.typed_terms import CURVES, KNOTS, basis
 from thermohyd.identify.report.known_physics import known_physics
 
 from .case import Progress
@@ -61,27 +61,41 @@ class Found:
 
     @property
     def size(self) -> tuple[float, float]:
-        """A law's coefficient and its standard error; of a smooth law the spread of the shift over what was seen, with its own."""
+        """A law's coefficient and its standard error; of a curve the spread of the shift over what was seen, with its own."""
         term, std = self.fitted.term, self.fitted.std
-        if term.law != "smooth":
+        if term.law not in CURVES:
             return term.coefficients[0], float(std[0])
-        shapes = basis(term.law, np.linspace(term.low, term.high, CURVE_POINTS), term.low, term.high)
-        shift = shapes @ np.asarray(term.coefficients)
-        slope = (shapes[int(np.argmax(shift))] - shapes[int(np.argmin(shift))]) * std
-        return float(np.ptp(shift)), float(np.linalg.norm(slope))
+        _, shapes, shift = self._shown()
+        slope = shapes[int(np.argmax(shift))] - shapes[int(np.argmin(shift))]
+        return float(np.ptp(shift)), float(np.sqrt(max(slope @ self._covariance @ slope, 0.0)))
 
     @property
     def curve(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The variable over what was seen, the shift there and its standard deviation, SI."""
+        values, shapes, shift = self._shown()
+        return values, shift, np.sqrt(np.maximum(np.einsum("ri,ij,rj->r", shapes, self._covariance, shapes), 0.0))
+
+    def _shown(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Values of the variable, what each coefficient multiplies there, and the shift.
+
+        Of a local law without its straight line: parameters that the line resembles take it up, and its error bar says nothing.
+        """
         term = self.fitted.term
-        values = np.linspace(term.low, term.high, CURVE_POINTS)
-        shapes = basis(term.law, values, term.low, term.high)
-        joint = self.fitted.joint
-        own = (
-            np.diag(self.fitted.std**2) if joint is None else joint[len(self.fitted.names) :, len(self.fitted.names) :]
-        )
-        band = np.sqrt(np.maximum(np.einsum("ri,ij,rj->r", shapes, own, shapes), 0.0))
-        return values, shapes @ np.asarray(term.coefficients), band
+        if term.law != "local":
+            values = np.linspace(term.low, term.high, CURVE_POINTS)
+            shapes = basis(term.law, values, term.low, term.high)
+        else:
+            values = np.linspace(term.low, term.high, 4 * KNOTS - 3)
+            shapes = basis(term.law, values, term.low, term.high)
+            line = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, len(values)), 2))[0]
+            shapes = shapes - line @ (line.T @ shapes)
+        return values, shapes, shapes @ np.asarray(term.coefficients)
+
+    @property
+    def _covariance(self) -> np.ndarray:
+        """Of the coefficients (k, k)."""
+        joint, others = self.fitted.joint, len(self.fitted.names)
+        return np.diag(self.fitted.std**2) if joint is None else joint[others:, others:]
 
 
 def leading(table: Table) -> list[Scored]:

@@ -349,7 +349,8 @@ class StaticSearch:
 
     def basin_hopping(self, best: LeastSquaresResult, noise: dict[Key, ChannelNoise]) -> LeastSquaresResult:
         args = self.args(noise)
-        return basin_hopping(best, self.free, lambda start, enough: self.solve(args, start, enough=enough))
+        solve_from = lambda start, enough: self.solve(args, start, enough=enough)
+        return basin_hopping(best, self.free, solve_from, usual={name: self.plans[name].start for name in self.free})
 
     def unbent(self, best: LeastSquaresResult, noise: dict[Key, ChannelNoise]) -> LeastSquaresResult:
         """The fit started again where most rows agree with the model (`trimmed_points`), where it then ends lower than `best`."""

@@ -286,7 +286,8 @@ class Problem:
             best = from_point(best.p)
         if hop_basins:
             near = {} if far else {"moves": MOVES, "places": (), "rounds": ROUNDS_OF_MOVES}
-            best = basin_hopping(best, order, from_point, better=BETTER, **near)
+            usual = {name: self.plans[name].start for name in free if name in self.plans}
+            best = basin_hopping(best, order, from_point, better=BETTER, usual=usual, **near)
             if best.converged and best.relative_offset > self._closeness:
                 again = on_a_kink(from_point(best.p, closeness=self._closeness))
                 best = min(best, again, key=lambda end: end.cost)

@@ -7,8 +7,9 @@ kink into the chi-square as a function of the underlap. A search that slid into 
 other side of them.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -83,23 +84,28 @@ def basin_hopping(
     places: tuple[float, ...] = PLACES,
     rounds: int = MOST_ROUNDS,
     better: float = BETTER,
+    usual: Mapping[str, float] = MappingProxyType({}),
 ) -> LeastSquaresResult:
-    """Basin hopping in the underlap: restart from `best` with it moved, take what is lower, until no move helps.
+    """Basin hopping in the underlap: restart from `best` with it moved, take what is lower, until no move helps. So of entries at a
+    limit, from their `usual` values: where a flow is turbulent everywhere, say, no slope says that it is not.
 
     Few, warm, cheap solves. Where the search from every side ends at the same place and finds no way down, that place is a
     minimum although its slope does not vanish: it lies on a kink, and the result says so.
     solve_from: of a start and of the cost below which its end is of use: a search that will not get there may be given up.
     """
-    if "underlap" not in names:
-        return best
-    i = names.index("underlap")
     start = None
     for _ in range(rounds):
         start = best
-        beside = [start.p[i] + side * MICRON for step in moves for side in (step, -step)]
-        for underlap in (*beside, *(place * MICRON for place in places)):
-            moved = start.p.copy()
-            moved[i] = underlap
+        trapped = {name: usual[name] for i, name in enumerate(names) if start.active[i] and name in usual}
+        others = [trapped] if trapped else []
+        if "underlap" in names:
+            own = float(start.p[names.index("underlap")])
+            beside = [own + side * MICRON for step in moves for side in (step, -step)]
+            others += [{"underlap": underlap} for underlap in (*beside, *(place * MICRON for place in places))]
+        if not others:
+            return best
+        for other in others:
+            moved = np.array([other.get(name, value) for name, value in zip(names, start.p, strict=True)])
             tried = solve_from(moved, best.cost * (1.0 - better))
             if tried.cost < best.cost * (1.0 - better):
                 best = tried

@@ -18,6 +18,7 @@ class Place:
 
     unit: of a shift, "1" for a share. local: whose pressure is the local one: "a", "b", "a-b", "supply", "return". noun: what enters or
     shifts, as words say it. asked: variables that it is asked with, all where empty: another place says the rest better.
+    followed: variables that it may go with from place to place (law "local"), in static tests.
     prior: chi-square by which it must do better than a simpler place: of some edges and not all, of two pressures and not one.
     moving: of `term_variables.MOVED`, times these signs, in tests in motion; asked_moving: the variables it is asked with there.
     """
@@ -29,6 +30,7 @@ class Place:
     readings: Mapping[str, float] = field(default_factory=dict)
     local: str = "supply"
     asked: tuple[str, ...] = ()
+    followed: tuple[str, ...] = ()
     prior: float = 0.0
     moving: Mapping[str, float] = field(default_factory=dict)
     asked_moving: tuple[str, ...] = ()
@@ -109,7 +111,7 @@ PLACES: dict[str, Place] = {
         Place("flow_into_return", "m3/s", "a flow into the return", readings={"leakage_flow": 1.0},
               local="return", asked=_OF_A_LEAK),
         Place("flow_into_supply", "m3/s", "a flow into the supply line", readings={"supply_flow": -1.0}, asked=_OF_A_LEAK),
-        Place("position", "m", "a shift of the position", {"position": 1.0}, moving={"position": 1.0},
+        Place("position", "m", "a shift of the position", {"position": 1.0}, followed=("position",), moving={"position": 1.0},
               asked_moving=("constant", "position", "opening", "rate", "direction", "load", "temperature", "time")),
         Place("supply_pressure", "Pa", "a shift of the supply pressure inside", {"supply_pressure": 1.0}),
         Place("return_pressure", "Pa", "a shift of the return pressure inside", {"return_pressure": 1.0}),

@@ -22,6 +22,7 @@ def typed_json(term: TypedTerm) -> dict[str, Any]:
     of = {
         "constant": "c0",
         "smooth": "c0 P0(s) + c1 P1(s) + ... (Legendre), s from -1 to 1 over the range",
+        "local": "straight lines between c0, c1, ... at evenly spaced knots over the range",
         "proportional": "c0 v",
         "laminar": "c0 v mu(40 degC)/mu(T), mu the oil's viscosity",
         "square": "c0 v |v|",

@@ -18,8 +18,10 @@ from .term_variables import THINNING, VARIABLES, At, States
 
 
 POWERS = {"proportional": 1.0, "laminar": 1.0, "square": 2.0, "root": 0.5}
-LAWS = ("constant", *POWERS, "smooth")
+CURVES = ("smooth", "local")  # of several coefficients, all in the place's own unit
+LAWS = ("constant", *POWERS, *CURVES)
 DEGREE = 3  # of the smooth law: a slope, a bend, and one turn
+KNOTS = 24  # of the local law, evenly from end to end: a dozen waves over a stroke
 
 
 @dataclass(frozen=True)
@@ -27,7 +29,8 @@ class TypedTerm:
     """place += law(variable), or times 1 + law of a place in shares; SI throughout.
 
     law: "constant", or coefficients[0] |v|^n sign(v) with n of `POWERS`, a "laminar" one times mu(40 degC)/mu(T) of the oil, or
-    "smooth": coefficients[i] P_i(s) (Legendre), s = clip((v - centre)/reach, -1, 1). v is held at what was seen, from low to high.
+    "smooth": coefficients[i] P_i(s) (Legendre), s = clip((v - centre)/reach, -1, 1), or "local": straight lines between coefficients at
+    evenly spaced knots. v is held at what was seen, from low to high.
     null_bias [m]: position and opening count from it in static tests. moving: a term of tests in motion, which static ones pass by.
     """
 
@@ -60,7 +63,7 @@ class TypedTerm:
 def unit_of(place: str, variable: str, law: str) -> str:
     """SI, of a law's coefficient: what the place is shifted by per unit of the variable."""
     own, of = place_of(place).unit, VARIABLES[variable].unit
-    if law in ("constant", "smooth") or of == "1":
+    if law == "constant" or law in CURVES or of == "1":
         return own
     if variable == "flow" and own == "m3/s":
         own, of = "1", "1"
@@ -87,7 +90,7 @@ def with_covariance(term: TypedTerm, free: tuple[str, ...], matrix: np.ndarray) 
 
 def coefficients_of(law: str) -> int:
     """How many coefficients a law has."""
-    return DEGREE + 1 if law == "smooth" else 1
+    return {"smooth": DEGREE + 1, "local": KNOTS}.get(law, 1)
 
 
 def basis(law: str, values: np.ndarray, low: float, high: float) -> np.ndarray:
@@ -98,7 +101,15 @@ def basis(law: str, values: np.ndarray, low: float, high: float) -> np.ndarray:
     if law == "smooth":
         reach = 0.5 * (high - low)
         return legendre.legvander((values - 0.5 * (low + high)) / reach if reach > 0.0 else 0.0 * values, DEGREE)
+    if law == "local":
+        return lines_between(values, low, high)
     return (np.sign(values) * np.abs(values) ** POWERS[law])[:, None]
+
+
+def lines_between(values: np.ndarray, low: float, high: float) -> np.ndarray:
+    """(rows, KNOTS): the share that each knot from low to high has in a value on a straight line between two of them."""
+    knots = np.linspace(low, high, KNOTS)
+    return np.stack([np.interp(values, knots, one) for one in np.eye(KNOTS)], axis=1)
 
 
 def values_of(variable: str, place: Place, test: TestRecord, states: States, null_bias: float) -> np.ndarray:
@@ -120,6 +131,10 @@ def slope_of_law(term: TypedTerm, values: np.ndarray) -> np.ndarray:
     if term.law == "smooth":
         scaled = np.clip((values - term.centre) / term.reach, -1.0, 1.0)
         return seen * legendre.legval(scaled, legendre.legder(np.asarray(term.coefficients))) / term.reach
+    if term.law == "local":
+        per = np.diff(term.coefficients) * (KNOTS - 1) / (term.high - term.low)
+        between = ((values - term.low) / (term.high - term.low) * (KNOTS - 1)).astype(int)
+        return seen * per[np.clip(between, 0, KNOTS - 2)]
     power, size = POWERS[term.law], np.maximum(np.abs(values), FLAT * term.reach)
     return seen * term.coefficients[0] * power * size ** (power - 1.0)
 

@@ -19,6 +19,7 @@ from .rounding import local_steps
 # judged by the share of the other rows that lie nearest to it.
 SHARE, IN_A_ROW, NEAREST = 0.02, 3, 0.2
 SLOPE_OF_A_CUT = 2.0  # rounding steps from row to row
+CLEAR = 3.0  # standard deviations of the noise from a limit
 LEFT = 8  # rows that must remain: a reading that never changes has a sentence of its own
 
 
@@ -38,13 +39,19 @@ def without_limits(test: TestRecord) -> TestRecord:
             rows = _standing(test, at, limit, limits)
             if len(rows) < SHARE * test.rows or test.rows - len(rows) < LEFT:
                 continue
+            if not test.in_motion:
+                chosen = _by_their_noise(test, at, limit, limits, rows)
+                rows = chosen if test.rows - len(chosen) >= LEFT else rows
             name = "meter_dead_band" if limit == 0.0 and not test.in_motion else "clipped"
             unit = reading_unit(channel.name, channel.signal)
             shown = f"{significant(limit * unit.factor, 3)} {unit.label}"
             how = "a gauge at its limit" if name == "clipped" else "a meter's dead band"
+            value = test.channels[at].value
+            beside = len(rows) - int(np.sum(value[rows] == limit))
+            among = f", with {beside} beside them that only their noise kept from it" if beside else ""
             sentence = (
-                f"{test.name}, {channel.name}: {len(rows)} rows stand at exactly {shown}, where no other reading repeats: {how}; "
-                "left out of the fit"
+                f"{test.name}, {channel.name}: {len(rows) - beside} rows stand at exactly {shown}, where no other reading repeats: "
+                f"{how}; left out of the fit{among}"
             )
             places = tuple(place_in_file(test, int(row)) for row in rows)
             fault = Fault(name, test.name, channel.name, limit, unit.si or "1", places, sentence)
@@ -76,6 +83,34 @@ def _standing(test: TestRecord, at: int, limit: float, limits: tuple[float, ...]
     return np.array([row for a, b in cut for row in range(a, b) if command_goes_on(test, row)], dtype=int)
 
 
+def _by_their_noise(test: TestRecord, at: int, limit: float, limits: tuple[float, ...], rows: np.ndarray) -> np.ndarray:
+    """The rows at a limit with those beside them that differ from it by their noise alone, all in runs that were at it.
+
+    Of readings whose truth is near a limit those are left that noise took away from it, all on one side: a meter with a dead band of
+    three times its noise read 0.024 l/min among zeros where 0.008 leaked. So from a row at the limit on all are taken until two in
+    a row are clear of it.
+    """
+    value = test.channels[at].value
+    own = np.isin(test.run, np.unique(test.run[rows]))
+    stands = own & (value == limit)
+    away = np.abs(value - limit)
+    edge = float(np.min(away[own & ~stands], initial=np.inf)) if limit == 0.0 else 0.0
+    near = _near(value, limit, limits)
+    noise = 0.0 if near is None else _noise_at(test, value, ~np.isin(value, limits), near)
+    doubtful = own & ~np.isin(value, [other for other in limits if other != limit]) & (away < edge + CLEAR * noise)
+    taken = stands.copy()
+    for first, end in piece_bounds(test.run):
+        for step in (range(first, end), range(end - 1, first - 1, -1)):
+            clear = 2
+            for row in step:
+                clear = 0 if stands[row] else clear + (not doubtful[row])
+                taken[row] |= clear < 2 and doubtful[row]
+    for first, end in piece_bounds(test.run):  # one that is clear among those that are not
+        inner = taken[first : end - 2] & taken[first + 2 : end]
+        taken[first + 1 : end - 1] |= inner & own[first + 1 : end - 1]
+    return np.flatnonzero(taken)
+
+
 def _moved(test: TestRecord, at: int) -> np.ndarray:
     """Whether the spool moved from each row to the next (rows - 1,); in motion, whether another reading than that of channel `at` did."""
     one_run = np.diff(test.run) == 0
@@ -101,17 +136,30 @@ def _by_rounding(
     Noise of standard deviation s, rounded in steps h, gives equal neighbours with probability h/(2 sqrt(pi) s), where it spans a
     few steps. Judged by the readings nearest to the limit: a curve that levels out there is as flat, and its gauge as quiet, as it is.
     """
-    off = ~np.isin(value, limits)
-    count = max(LEFT, round(NEAREST * int(off.sum())))
-    if off.sum() < LEFT:
+    off, near = ~np.isin(value, limits), _near(value, limit, limits)
+    if near is None:
         return 1.0
-    reach = np.sort(np.abs(value[off] - limit))[min(count, int(off.sum())) - 1]
-    near = off & (np.abs(value - limit) <= reach)
     pairs = moved & near[:-1] & off[1:]
     equal = (float(np.sum(pairs & (np.diff(value) == 0.0))) + 1.0) / (float(pairs.sum()) + 2.0)
     step = float(np.median(local_steps(value[off])))
     if step == 0.0:
         return equal
+    noise = _noise_at(test, value, off, near)
+    return max(equal, min(1.0, step / (2.0 * np.sqrt(np.pi) * noise)) if noise > 0.0 else 1.0)
+
+
+def _near(value: np.ndarray, limit: float, limits: tuple[float, ...]) -> np.ndarray | None:
+    """Of the readings at no limit those nearest to this one; None where there are too few."""
+    off = ~np.isin(value, limits)
+    if off.sum() < LEFT:
+        return None
+    count = max(LEFT, round(NEAREST * int(off.sum())))
+    reach = np.sort(np.abs(value[off] - limit))[min(count, int(off.sum())) - 1]
+    return off & (np.abs(value - limit) <= reach)
+
+
+def _noise_at(test: TestRecord, value: np.ndarray, off: np.ndarray, near: np.ndarray) -> float:
+    """Standard deviation of the noise of the readings `near`, by third differences of those `off` all limits."""
     seen = []
     for a, b in piece_bounds(test.run[off]):
         part = value[off][a:b]
@@ -119,5 +167,4 @@ def _by_rounding(
             third = divided_third(np.arange(float(b - a)), part)
             seen.append(third[near[off][a + 1 : b - 2]])
     squares = np.concatenate(seen) ** 2 if seen else np.zeros(0)
-    noise = float(np.sqrt(np.median(squares) / MEDIAN_OF_CHI2)) if len(squares) else 0.0
-    return max(equal, min(1.0, step / (2.0 * np.sqrt(np.pi) * noise)) if noise > 0.0 else 1.0)
+    return float(np.sqrt(np.median(squares) / MEDIAN_OF_CHI2)) if len(squares) else 0.0

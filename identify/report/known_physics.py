@@ -111,7 +111,7 @@ KNOWN_IN_MOTION = (
     Known(
         ("position",),
         ("position",),
-        "what a transducer's calibration does",
+        "what a transducer's calibration, or its winding, does",
         "check the transducer against a dial gauge",
     ),
     Known((OF_READING,), ("constant",), "what an instrument's zero does", "read the instrument with its line shut"),
@@ -187,7 +187,7 @@ KNOWN = (
     Known(
         ("position",),
         ("position", "opening"),
-        "what a transducer's calibration does",
+        "what a transducer's calibration, or its winding, does",
         "check the transducer against a dial gauge",
     ),
     Known(

@@ -37,6 +37,8 @@ def law_words(term: TypedTerm) -> str:
     variable = (about.moving if term.moving else about.words).format(p=SYMBOLS[place.local])
     if term.law == "smooth":
         return f"that varies smoothly with {variable}"
+    if term.law == "local":
+        return f"that differs from spot to spot along {variable}, alike in all runs"
     return f"{LAW_WORDS[term.law]} {variable}{LAMINAR if term.law == 'laminar' else ''}"
 
 
@@ -67,7 +69,7 @@ def term_sentence(term: TypedTerm, value: float, std: float | None) -> str:
     place = place_of(term.place)
     known = known_physics(term.place, term.variable, moving=term.moving)
     size = amount_words(value, std, term.unit)
-    how = "; its spread is " if term.law == "smooth" else ", "
+    how = {"smooth": "; its spread is ", "local": "; its spread about a straight line is "}.get(term.law, ", ")
     return f"{place.noun} {law_words(term)}{how}{size}: {UNKNOWN if known is None else known.does}"
 
 
