@@ -11,10 +11,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from thermohyd.identify.bench.test_record import TestRecord
-from thermohyd.identify.fitting.bench_faults import condition_levels, info_of
+from thermohyd.identify.fitting.bench_faults import condition_levels, info_of, is_fault
 from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.fitting.problem_fit import Fit
 from thermohyd.identify.reduction.monotone_pieces import piece_bounds, run_ids
+
+from .screening import Projection
 
 
 PROVEN = 10.6  # 2 ln 200: a likelihood ratio of 200 on rows not seen, a p-value of 0.005 at most
@@ -26,6 +28,8 @@ FEWEST, MOST = 4, 8
 STRETCHES = 12  # of each sweep, where a record has too few conditions and runs
 # Of a parameter's own scale per unit of chi-square: holds what the rows left cannot show, and nothing else.
 RIDGE = 1e-4
+# Of a fault's column, below which a part has it all: what the noise model carries over from row to row is no sign of it elsewhere.
+ELSEWHERE = 0.1
 
 
 def parts_left_out(tests: Mapping[str, TestRecord]) -> np.ndarray:
@@ -67,7 +71,9 @@ def _stretches(test: TestRecord) -> np.ndarray:
 def predicted_apart(fit: Fit, parts: np.ndarray) -> np.ndarray:
     """Whitened residuals (rows,) of each row, predicted by the model fitted without the row's part: one Gauss-Newton step from `fit`.
 
-    An amount that the rows left do not show goes to 0, as nobody would then have added it. Rows of a part below 0 are in every fit.
+    An amount that the rows left do not show goes to 0, as nobody would then have added it. Not so a fault of the part itself: it is no
+    claim about other rows, and at 0 its rows would drown what effects do there; it takes the amount that they show. Rows of a part
+    below 0 are in every fit.
     """
     names = [name for name in fit.free if name not in fit.active]
     scales = np.array([_scale(name, fit) for name in names])
@@ -83,15 +89,21 @@ def predicted_apart(fit: Fit, parts: np.ndarray) -> np.ndarray:
     start = np.array(
         [fit.values[name] / scale if a else 0.0 for name, scale, a in zip(names, scales, amounts, strict=True)]
     )
+    faults = np.array([is_fault(name) for name in names], dtype=bool)
     found = fit.residual[: len(parts)].copy()
     whole = np.concatenate([parts, np.full(len(fit.residual) - len(parts), -1)])
     for part in np.unique(parts[parts >= 0]):
         kept = (whole != part) & fit.used
-        matrix = np.concatenate([columns[kept], np.diag(weak)])
-        target = np.concatenate([fit.residual[kept], weak * start])
-        step = np.linalg.lstsq(matrix, -target, rcond=None)[0]
         left = parts == part
-        found[left] += columns[: len(parts)][left] @ step
+        size = np.linalg.norm(columns[kept], axis=0)
+        own = faults & (size < ELSEWHERE * np.linalg.norm(columns[fit.used], axis=0))
+        matrix = np.concatenate([columns[kept][:, ~own], np.diag(weak)[:, ~own]])
+        target = np.concatenate([fit.residual[kept], weak * np.where(own, 0.0, start)])
+        step = np.linalg.lstsq(matrix, -target, rcond=None)[0]
+        found[left] += columns[: len(parts)][left][:, ~own] @ step
+        if own.any():
+            there = np.flatnonzero(left & fit.used[: len(parts)])
+            found[there] = Projection.beside(columns[there][:, own])(found[there])
     return found
 
 
