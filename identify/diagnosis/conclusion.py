@@ -34,7 +34,7 @@ from .case import Case, Progress
 from .final_model import FinalModel, exchange_fits, held_out_result, scattered
 from .found_faults import alternative, with_evidence, with_faults_apart
 from .held_out import Split
-from .left_over import LackOfFit, lack_of_fit, learn as learn_term, smooth_block, variations_of
+from .left_over import LackOfFit, learn as learn_term, misfit_left, smooth_block, variations_of
 from .model_average import of_either_sign, with_rivals
 from .next_test import check_of, next_test, what_settles, what_shows
 from .other_law import ANOTHER_LAW, OtherLawSays, what_the_other_law_says
@@ -312,12 +312,12 @@ def _with_learned(
         known = gls_covariance(fit, max(fit.chi2 / len(fit.residual), 1.0), len(problem.parameters), beside)
         term = with_covariance(best.term, fit.free, known.matrix)
         problem = best.problem.with_terms(term)
-        left = lack_of_fit(problem, whole, smooth_block(problem, len(fit.residual)))
+        left = misfit_left(problem, whole, smooth_block(problem, len(fit.residual)))
         return _Learned(problem, fit, left, (replace(terms[0], learned=True), *terms[1:]), smooth, term, beside)
     if learn and smooth:
         say(f"learning how {smooth[0].quantity} varies with {smooth[0].variable}")
         problem, fit, term = learn_term(problem, model.fit, smooth[0])
-        left = lack_of_fit(problem, fit, smooth_block(problem, len(fit.residual)))
+        left = misfit_left(problem, fit, smooth_block(problem, len(fit.residual)))
         return _Learned(problem, fit, left, terms, (_learned(smooth[0], term), *smooth[1:]), term)
     return _Learned(problem, model.fit, model.left, terms, smooth)
 

@@ -19,7 +19,7 @@ from thermohyd.identify.fitting.problem_fit import Fit
 from .case import LEVEL_OF_ALL_ROWS, Case, Progress
 from .confirmation import Confirmation, confirmation, strength, unproven
 from .held_out import Split
-from .left_over import LackOfFit, lack_of_fit, smooth_block
+from .left_over import LackOfFit, misfit_left, smooth_block
 from .result import MOST_USUAL, HeldOut, Suspect
 from .rivals import Rival, Rivals, all_rivals, settle_rivals, with_edges_exchanged
 from .search import Selection, search, times_usual
@@ -166,7 +166,7 @@ def without_weak(
     Beside a misfit of unknown cause small gains are found everywhere. least: `relative_closure` of what may stay. without: fits
     without each effect, where they are known. keep: so many effects stay in any case.
     """
-    left = lack_of_fit(problem, fit, block)
+    left = misfit_left(problem, fit, block)
     while left.p_value < LEVEL_OF_LEFT_OVER and len(fit.effects) > keep:
         without = fits_without(problem, fit) if without is None else without
         closures = {name: relative_closure(problem, base, without[name], fit) for name in fit.effects}
@@ -174,7 +174,7 @@ def without_weak(
         if closures[weakest] >= least:
             break
         fit = problem.fit(without[weakest].effects, without[weakest].values, hop_basins=True)
-        left, without = lack_of_fit(problem, fit, block), None
+        left, without = misfit_left(problem, fit, block), None
     return fit, left
 
 
@@ -300,10 +300,10 @@ def final_model(case: Case, selection: Selection, split: Split, say: Progress = 
         fit, dropped = base, True
     if dropped:
         fit, rivals = settle_rivals(problem, fit, case.steps, scale=scale(fit), freedom=case.freedom)
-        left = lack_of_fit(problem, fit, block)
+        left = misfit_left(problem, fit, block)
     fit, rivals, proof, suspects, doubted = proven(case, fit, rivals, split, scale)
     if suspects:
-        left = lack_of_fit(problem, fit, block)
+        left = misfit_left(problem, fit, block)
     rivals = with_edges_exchanged(problem, fit, rivals, scale(fit))
     known = all(n.known for n in case.noise.values())
     # A reduced chi-square scatters by chance, and by what the noise itself is known to.

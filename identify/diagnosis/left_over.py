@@ -1,7 +1,7 @@
 """Test what a diagnosed model still misses: smooth curves over a record's conditions, by an F test, and what they would mean.
 
 Three steps. Legendre polynomials over the conditions, and a shift of the position from spot to spot, which a winding makes and no such
-polynomial follows, stand for a misfit of no known cause (`lack_of_fit`). A quantity's own
+polynomial follows, stand for a misfit of no known cause (`misfit_left`). A quantity's own
 column times Legendre polynomials of a variable asks which quantity of the model would have to vary with what for the gap to
 close (`variations_of`): after Kristensen, Madsen and Jørgensen (Computers and Chemical Engineering 28, 2004), who let suspect
 parameters drift to see where a model is deficient. Where the user asks for it, `learn` adds the leading variation to the model
@@ -102,20 +102,21 @@ def whitened(problem: Problem, key: Key, columns: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class LackOfFit:
-    """F tests of curves beside a fitted model: the one of less chance, and its p-value times their number."""
+    """F test of curves beside a fitted model."""
 
     p_value: float
     chi2: float  # that the curves would take off
     degrees_of_freedom: int
 
 
-def lack_of_fit(problem: Problem, fit: Fit, block: np.ndarray, scale: float = 1.0) -> LackOfFit:
+def misfit_left(problem: Problem, fit: Fit, block: np.ndarray) -> LackOfFit:
     """Whether smooth curves over the conditions (`block`), or a shift of the position that differs from spot to spot, still explain
-    something beside `fit`; the rest measures the noise."""
-    base = Projection.beside(fit.nuisance[fit.used])
-    blocks = [block, *([] if (along := _along_the_position(problem, fit)) is None else [along])]
-    found = min((_f_test(fit, base, columns, scale) for columns in blocks), key=lambda one: one.p_value)
-    return replace(found, p_value=min(1.0, len(blocks) * found.p_value))
+    something beside `fit`: the test of less chance, its p-value times their number."""
+    along = _along_the_position(problem, fit)
+    if along is None:
+        return lack_of_fit(fit, block)
+    found = min((lack_of_fit(fit, columns) for columns in (block, along)), key=lambda one: one.p_value)
+    return replace(found, p_value=min(1.0, 2.0 * found.p_value))
 
 
 def _along_the_position(problem: Problem, fit: Fit) -> np.ndarray | None:
@@ -129,8 +130,10 @@ def _along_the_position(problem: Problem, fit: Fit) -> np.ndarray | None:
     return _times(problem, _white(problem, fit), "null_bias", lines_between(position, low, high))
 
 
-def _f_test(fit: Fit, base: Projection, block: np.ndarray, scale: float) -> LackOfFit:
+def lack_of_fit(fit: Fit, block: np.ndarray, scale: float = 1.0) -> LackOfFit:
+    """Whether curves (rows, k), whitened, still explain something beside `fit`; the rest measures the noise."""
     used = fit.used
+    base = Projection.beside(fit.nuisance[used])
     residual = base(fit.residual[used])
     more = Projection.beside(base(block[used]))
     taken = float(np.sum((more.q.T @ residual) ** 2))

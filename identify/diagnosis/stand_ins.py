@@ -16,7 +16,7 @@ from .case import Case, Progress
 from .confirmation import PROVEN, strength
 from .final_model import FinalModel
 from .held_out import Split
-from .left_over import lack_of_fit, smooth_block
+from .left_over import misfit_left, smooth_block
 from .result import Suspect
 from .rivals import all_rivals
 from .search import times_usual
@@ -73,7 +73,7 @@ def without_stand_ins(case: Case, model: FinalModel, split: Split, say: Progress
         fit=base,
         rivals=rivals,
         p_values={name: rival.p_value for name, rival in rivals.items()},
-        left=lack_of_fit(problem, base, smooth_block(problem, len(base.residual))),
+        left=misfit_left(problem, base, smooth_block(problem, len(base.residual))),
         scale=scale,
         disagrees=True,
         proof=None,

@@ -4,6 +4,7 @@ from functools import cache
 from typing import Any
 from unittest.mock import patch
 
+import numpy as np
 from reference.valve import Rows
 
 from helpers.small_bench import small_record
@@ -28,6 +29,14 @@ def wandering_null(rows: Rows) -> Any:
     return BIAS + DRIFT * (rows.temperature - MIDDLE)
 
 
+WAVE, HEIGHT = 130e-6, 1.2e-6  # m
+
+
+def wound_position(rows: Rows) -> Any:
+    """A null bias as a transducer makes it whose winding waves: nothing in the library does that, and no smooth curve follows it."""
+    return BIAS - HEIGHT * np.sin(2.0 * np.pi * rows.spool_position / WAVE)
+
+
 CASES: dict[str, dict[str, Any]] = {
     "nothing": {},
     "correlated": {"phi": 0.7, "declared": False, "seed": 3},
@@ -39,6 +48,7 @@ CASES: dict[str, dict[str, Any]] = {
     "mirrored": {"effects": {"unequal_underlap": 4e-6}, "seed": 8},  # the same valve as -4 um, the underlap 4 um larger
     "too much": {"effects": {"pilot_leakage": 4e-8}, "seed": 1},  # eight times the largest usual amount
     "outside": {"valve": {"null_bias": wandering_null}, "seed": 5},
+    "winding": {"valve": {"null_bias": wound_position}, "seed": 9},
 }
 
 

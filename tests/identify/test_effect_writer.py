@@ -16,7 +16,7 @@ from thermohyd.identify.bench.errors import BenchInputError
 from thermohyd.identify.effect_writer import write_effect
 from thermohyd.identify.model.places import PLACES, place_of
 from thermohyd.identify.model.term_variables import VARIABLES, asked_with
-from thermohyd.identify.model.typed_terms import DEGREE, basis, unit_of
+from thermohyd.identify.model.typed_terms import DEGREE, KNOTS, basis, coefficients_of, unit_of
 from thermohyd.identify.users_effects import load_effects
 from thermohyd.seed_paper import seed_valve
 from thermohyd.valve import metering_edges, true_oil
@@ -100,6 +100,14 @@ def test_a_smooth_law_keeps_its_shape(loaded):
     np.testing.assert_allclose(found.supply.radius[1], valve.edge_radius, rtol=1e-12)
 
 
+def test_a_local_law_keeps_its_shape(loaded):
+    own = (1e-6 * np.random.default_rng(1).standard_normal(KNOTS)).tolist()
+    loaded("wound", "position", "position", "local", own)
+    true = effect("wound", own[0]).true_conditions(AT, AT)
+    shift = basis("local", np.asarray(AT.position), -1.0, 1.0) @ np.array(own)
+    np.testing.assert_allclose(true.position, AT.position + shift, rtol=1e-12)
+
+
 def test_oil_that_follows_the_operating_point(loaded):
     loaded("thick_oil", "viscosity", "pressure", "proportional", [1e-8])
     thick = effect("thick_oil", 1e-8)
@@ -113,6 +121,7 @@ def _terms():
         for variable in VARIABLES.values():
             if asked_with(place_of(place), variable):
                 laws = ["constant"] if variable.name == "constant" else ["proportional", "smooth"]
+                laws += ["local"] if variable.name in place_of(place).followed else []
                 laws += ["root", "square"] if variable.powers else []
                 laws += ["laminar"] if place_of(place).leaks and variable.unit == "Pa" else []
                 yield from ((place, variable.name, law) for law in laws)
@@ -122,7 +131,7 @@ def test_every_entry_of_the_table_is_written_or_refused(tmp_path):
     """Text that Python compiles, or one line that says why there is no stage."""
     written, refused, reasons = 0, 0, set()
     for number, (place, variable, law) in enumerate(_terms()):
-        own = [-1e-9] * (DEGREE + 1 if law == "smooth" else 1)
+        own = [-1e-9] * coefficients_of(law)
         name = f"term_{number}"
         try:
             files = write_effect(name, diagnosis(tmp_path, place, variable, law, own), tmp_path / "all")

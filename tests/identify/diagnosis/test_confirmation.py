@@ -1,8 +1,10 @@
 """A name must predict conditions it was not fitted to: one that only one condition asks for does not."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from helpers.linear_fit import linear_library, linear_problem
+from helpers.linear_fit import linear_fit, linear_library, linear_problem
 from helpers.small_bench import REACH, conditions_only
 from helpers.small_diagnosis import small_diagnosis
 
@@ -18,6 +20,7 @@ from thermohyd.identify.diagnosis.confirmation import (
     unproven,
 )
 from thermohyd.identify.diagnosis.result import Suspect
+from thermohyd.identify.fitting.bench_faults import info_of
 from thermohyd.identify.noise.correlation import NoiseCorrelation
 from thermohyd.identify.report.diagnosis_report import suspect_sentences
 
@@ -105,6 +108,28 @@ def test_a_weak_effect_must_do_better_on_the_rows_held_out(everywhere):
     assert found.together > PROVEN
     assert (found.held_out["viscosity_shift"] > 0.0) == everywhere
     assert unproven(found, fit.physics) == (None if everywhere else "viscosity_shift")
+
+
+def test_a_fault_of_one_condition_takes_the_amount_that_its_rows_show():
+    """Left out with its condition, a fault is no claim about other rows: at 0 its misfit drowned what an effect did there."""
+    rng = np.random.default_rng(7)
+    fault, effect = signature(True), signature(False)
+    misfit = 60.0 * fault + 12.0 * effect / np.linalg.norm(effect) + rng.standard_normal(len(effect))
+    name = "wrong_supply|||70 bar"
+    columns = {n: column / info_of(n).scale for n, column in (("viscosity_shift", effect), (name, fault))}
+
+    def fitted(*names):
+        free = np.stack([columns[n] for n in names], axis=1)
+        amounts = np.linalg.lstsq(free, -misfit, rcond=None)[0]
+        fit = linear_fit(misfit + free @ amounts, free, names)
+        return replace(fit, effects=names, values=dict(zip(names, amounts.tolist(), strict=True)))
+
+    both, alone = fitted("viscosity_shift", name), fitted(name)
+    square = lambda fit: float(np.sum(predicted_apart(fit, PARTS) ** 2))
+    gain = alone.chi2 - both.chi2
+    assert gain > 50.0
+    assert square(alone) - square(both) > 0.5 * gain
+    assert square(both) < 2.0 * len(misfit)
 
 
 @pytest.mark.parametrize(("strength", "times", "hint"), [(4.0, 0.5, True), (9.0, 0.5, False), (4.0, 8.0, False)])

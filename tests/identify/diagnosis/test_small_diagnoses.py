@@ -5,8 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.records import STROKE
 from helpers.small_bench import record_of, small_record
-from helpers.small_diagnosis import CASES, DRIFT, MIDDLE, opened, small_case, small_diagnosis
+from helpers.small_diagnosis import CASES, DRIFT, HEIGHT, MIDDLE, WAVE, opened, small_case, small_diagnosis
 
 from thermohyd.effects.library import unregister_effect
 from thermohyd.identify.diagnosis import search
@@ -153,6 +154,23 @@ def test_what_the_library_lacks_stays_unexplained_and_what_would_have_to_vary_is
     assert result.next_test is not None
     assert "temperatures in the opposite order" in result.next_test.sentence
     assert any("check the labels" in option.words for option in result.next_test.options)
+
+
+def test_a_position_that_waves_is_a_misfit_and_a_place():
+    """Of two such records of real-bench sets both had been called consistent: no smooth curve follows a wave."""
+    result = small_diagnosis("winding")
+    assert result.verdict == "unexplained"
+    assert result.left_over_p < 1e-5
+    term = result.terms[0]
+    assert (term.place, term.variable, term.law) == ("position", "position", "local")
+    assert term.holds
+    assert term.gap_closed > 0.6
+    assert term.std is not None
+    assert abs(term.value - 2.0 * HEIGHT) < 4.0 * term.std
+    wave = HEIGHT * np.sin(2.0 * np.pi * term.variable_values / WAVE)
+    near = np.abs(term.variable_values) < 0.4 * STROKE  # where rows are dense
+    assert np.corrcoef(term.curve[near], wave[near])[0, 1] > 0.8
+    assert "alike in all runs" in term.sentence
 
 
 def test_learning_closes_the_gap_and_says_that_it_learned():

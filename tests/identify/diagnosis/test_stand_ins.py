@@ -56,7 +56,7 @@ def asked(monkeypatch, model: FinalModel, chi2: float | None, *, holds: bool = T
 
     monkeypatch.setattr(stand_ins, "terms_of", terms_of)
     monkeypatch.setattr(Problem, "in_motion", in_motion)
-    monkeypatch.setattr(stand_ins, "lack_of_fit", lambda problem, fit, block: LackOfFit(1e-9, 0.0, 1))
+    monkeypatch.setattr(stand_ins, "misfit_left", lambda problem, fit, block: LackOfFit(1e-9, 0.0, 1))
     case = Case(Fitted.__new__(Fitted), PROBLEM, {}, {}, model.base, {})
     return stand_ins.without_stand_ins(case, model, split_rows(PROBLEM.tests)), len(calls)
 

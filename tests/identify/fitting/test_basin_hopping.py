@@ -54,6 +54,24 @@ def test_a_narrow_valley_at_a_zero_lap_is_found_from_far():
     assert abs(near.p[0] / MICRON - 10.2) < 0.2
 
 
+def test_a_limit_is_left_where_no_slope_says_that_there_is_more():
+    """As of a transition number: at 1 every edge is turbulent, and stays so."""
+
+    def flat_from_afar(p, args):
+        off = p[0] - 60.0
+        return jnp.stack([1.0 - jnp.exp(-((off / 15.0) ** 2)) + 1e-3 * p[0] / 60.0, p[1] - 3.0])
+
+    boxes = [Box("transition_number", 1.0, 30.0, 1.0, 1e4), Box("other", 0.0, 1.0)]
+    solve_from = lambda start, enough: solve(flat_from_afar, boxes, None, start, enough=enough)
+    stuck = solve_from([1.0, 0.0], np.inf)
+    assert stuck.p[0] == 1.0
+    assert stuck.active[0] == -1
+    names = ("transition_number", "other")
+    assert basin_hopping(stuck, names, solve_from) is stuck
+    left = basin_hopping(stuck, names, solve_from, usual={"transition_number": 80.0})
+    assert abs(left.p[0] - 60.0) < 1.0
+
+
 def test_without_the_underlap_there_is_no_basin_to_hop_to():
     first = solve(valleys, BOXES)
     assert basin_hopping(first, ("clearance", "other"), lambda start, enough: first) is first

@@ -148,6 +148,27 @@ def test_a_gauge_that_has_a_limit_is_at_it_where_a_sweep_only_touches_it():
     assert len(kept.faults[0].rows) == int(np.sum(value == limit))
 
 
+def test_beside_a_dead_band_go_the_rows_that_only_noise_kept_out_of_it():
+    """Those left would all be too large: a meter with a dead band of three times its noise had bent a record beyond every explanation."""
+    flow = small_record().tests["flow_gain"]
+    rng, noise, band = np.random.default_rng(2), 2e-8, 6e-8
+    true = 1.5e-8 + 4e-7 * np.exp(-np.abs(flow.spool_position) / 40e-6)
+    value = true + noise * rng.standard_normal(flow.rows)
+    kept = without_limits(with_readings(flow, np.where(np.abs(value) < band, 0.0, value)))
+    [fault] = kept.faults
+    assert fault.name == "meter_dead_band"
+    assert "that only their noise kept from it" in fault.sentence
+    assert len(fault.rows) == flow.rows - kept.rows
+    at = {float(x): t for x, t in zip(flow.spool_position, true, strict=True)}
+    left = np.array([at[float(x)] for x in kept.spool_position])
+    assert np.all(kept.channels[0].value > 0.0)
+    assert abs(np.mean(kept.channels[0].value - left)) < 3.0 * noise / np.sqrt(kept.rows)
+    # Left as they were, those beside zeros are off by more than their noise.
+    beside = (value >= band) & (true < band)
+    assert np.mean((value - true)[beside]) > 1.0 * noise
+    assert left.min() > 0.8 * band
+
+
 def test_rounding_and_a_reading_that_never_changes_are_neither():
     test = small_record().tests["pressure_gain"]
     value = test.channels[0].value
