@@ -7,6 +7,8 @@ from unittest.mock import patch
 import numpy as np
 from reference.valve import Rows
 
+from helpers import small_bench
+from helpers.records import STROKE
 from helpers.small_bench import small_record
 from thermohyd.identify.bench.record import BenchRecord
 from thermohyd.identify.diagnosis import case as case_module
@@ -29,12 +31,17 @@ def wandering_null(rows: Rows) -> Any:
     return BIAS + DRIFT * (rows.temperature - MIDDLE)
 
 
-WAVE, HEIGHT = 130e-6, 1.2e-6  # m
+WAVE, HEIGHT = 110e-6, 2e-6  # m
 
 
-def wound_position(rows: Rows) -> Any:
-    """A null bias as a transducer makes it whose winding waves: nothing in the library does that, and no smooth curve follows it."""
-    return BIAS - HEIGHT * np.sin(2.0 * np.pi * rows.spool_position / WAVE)
+def wound_record() -> BenchRecord:
+    """Positions of a transducer whose winding waves, evenly over the stroke: nothing in the library does that, and no smooth curve."""
+    null = lambda rows: BIAS - HEIGHT * np.sin(2.0 * np.pi * rows.spool_position / WAVE)
+    s = np.linspace(-1.0, 1.0, small_bench.POINTS_UP)
+    there_and_back = np.concatenate([s, [-1.0], 0.5 * (s[:-1] + s[1:])])
+    there_and_back[small_bench.POINTS_UP :] = there_and_back[small_bench.POINTS_UP :][::-1]
+    with patch.object(small_bench, "cycle", lambda reach: reach * STROKE * there_and_back):
+        return small_record(valve={"null_bias": null}, seed=9)
 
 
 CASES: dict[str, dict[str, Any]] = {
@@ -48,7 +55,6 @@ CASES: dict[str, dict[str, Any]] = {
     "mirrored": {"effects": {"unequal_underlap": 4e-6}, "seed": 8},  # the same valve as -4 um, the underlap 4 um larger
     "too much": {"effects": {"pilot_leakage": 4e-8}, "seed": 1},  # eight times the largest usual amount
     "outside": {"valve": {"null_bias": wandering_null}, "seed": 5},
-    "winding": {"valve": {"null_bias": wound_position}, "seed": 9},
 }
 
 
