@@ -6,7 +6,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from helpers.small_bench import record_of, small_record
-from helpers.small_diagnosis import CASES, DRIFT, HEIGHT, MIDDLE, WAVE, opened, small_case, small_diagnosis, wound_record
+from helpers.small_diagnosis import (
+    CASES,
+    DRIFT,
+    HEIGHT,
+    MIDDLE,
+    WAVE,
+    opened,
+    small_case,
+    small_diagnosis,
+    wound_record,
+)
 
 from thermohyd.effects.library import unregister_effect
 from thermohyd.identify.diagnosis import search
