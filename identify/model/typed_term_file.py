@@ -66,6 +66,8 @@ def typed_term(
             raise fail(f'{where} "{key}" must be one of {", ".join(options)}')
     if not asked_with(place, VARIABLES[entry["variable"]], moving=moving):
         raise fail(f"{where}: a term of {place.name} does not go with {entry['variable']}")
+    if entry["law"] == "local" and (moving or entry["variable"] not in place.followed):
+        raise fail(f"{where}: the law local is one of static tests, and none of {place.name} with {entry['variable']}")
     coefficients, ends = entry.get("coefficients"), entry.get("range")
     count = coefficients_of(entry["law"])
     if not isinstance(coefficients, list) or len(coefficients) != count:

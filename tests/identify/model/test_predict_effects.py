@@ -1,5 +1,6 @@
 """`simulate` with effects and learned terms in the model: against the reference, in pieces, with standard deviations."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,7 +19,8 @@ from thermohyd.identify.model import pieces, predict
 from thermohyd.identify.model.learned_terms import LearnedTerm
 from thermohyd.identify.model.model import Model
 from thermohyd.identify.model.predict import as_static, predict_test
-from thermohyd.identify.model.typed_terms import TypedTerm
+from thermohyd.identify.model.typed_term_file import typed_json, typed_term
+from thermohyd.identify.model.typed_terms import KNOTS, TypedTerm, basis, slope_of_law
 from thermohyd.identify.reduction.reduce import smooth_sweep
 from thermohyd.oil_definition import OilDefinition
 
@@ -196,6 +198,36 @@ def test_learned_terms_change_their_quantity_row_by_row():
         clearance=2.5e-6 * (1.0 + 0.05 * np.clip(elapsed / 5.0 - 1.0, -1.0, 1.0)),
     )
     np.testing.assert_allclose(found, expected, rtol=1e-9)
+
+
+WOUND = TypedTerm(
+    "position", "position", "local",
+    tuple((1e-6 * np.random.default_rng(4).standard_normal(KNOTS)).tolist()), -90e-6, 90e-6, null_bias=1.2e-6,
+)  # fmt: skip
+
+
+def test_a_local_term_shifts_the_position_from_spot_to_spot():
+    test = sweep()
+    found, _ = leakage(model_of(learned=(WOUND,)), test)
+    shift = np.interp(test.spool_position - 1.2e-6, np.linspace(WOUND.low, WOUND.high, KNOTS), WOUND.coefficients)
+    np.testing.assert_allclose(found, by_reference(test, {}, null_bias=1.2e-6 - shift), rtol=1e-9)
+    at, step = np.linspace(-94.7e-6, 95.1e-6, 37), 1e-10  # no knot among them
+    law = lambda values: basis("local", values, WOUND.low, WOUND.high) @ np.asarray(WOUND.coefficients)
+    np.testing.assert_allclose(
+        slope_of_law(WOUND, at), (law(at + step) - law(at - step)) / (2 * step), rtol=1e-5, atol=1e-12
+    )
+
+
+def test_a_local_term_reads_back_and_goes_with_the_position_alone():
+    fail, number = BenchInputError, lambda value, words: float(value)
+    entry = json.loads(json.dumps(typed_json(WOUND)))
+    assert typed_term(entry, 1, (), fail, number) == WOUND
+    with pytest.raises(
+        BenchInputError, match="the law local is one of static tests, and none of position with opening"
+    ):
+        typed_term(entry | {"variable": "opening"}, 1, (), fail, number)
+    with pytest.raises(BenchInputError, match="the law local is one of static tests"):
+        typed_term(entry | {"moving": True}, 1, (), fail, number)
 
 
 def test_a_term_that_follows_a_missing_column():
