@@ -130,7 +130,7 @@ def _along_the_position(problem: Problem, fit: Fit) -> np.ndarray | None:
     return _times(problem, _white(problem, fit), "null_bias", lines_between(position, low, high))
 
 
-def lack_of_fit(fit: Fit, block: np.ndarray, scale: float = 1.0) -> LackOfFit:
+def lack_of_fit(fit: Fit, block: np.ndarray) -> LackOfFit:
     """Whether curves (rows, k), whitened, still explain something beside `fit`; the rest measures the noise."""
     used = fit.used
     base = Projection.beside(fit.nuisance[used])
@@ -141,7 +141,7 @@ def lack_of_fit(fit: Fit, block: np.ndarray, scale: float = 1.0) -> LackOfFit:
     degrees_of_freedom = len(residual) - base.rank - more.rank
     if more.rank == 0 or degrees_of_freedom < 10:
         return LackOfFit(1.0, taken, more.rank)
-    noise = max(rest / degrees_of_freedom, scale**2 * 0.5)
+    noise = max(rest / degrees_of_freedom, 0.5)
     return LackOfFit(float(fdtrc(more.rank, degrees_of_freedom, taken / more.rank / noise)), taken, more.rank)
 
 

@@ -81,12 +81,9 @@ class Found:
         Of a local law without its straight line: parameters that the line resembles take it up, and its error bar says nothing.
         """
         term = self.fitted.term
-        if term.law != "local":
-            values = np.linspace(term.low, term.high, CURVE_POINTS)
-            shapes = basis(term.law, values, term.low, term.high)
-        else:
-            values = np.linspace(term.low, term.high, 4 * KNOTS - 3)
-            shapes = basis(term.law, values, term.low, term.high)
+        values = np.linspace(term.low, term.high, 4 * KNOTS - 3 if term.law == "local" else CURVE_POINTS)
+        shapes = basis(term.law, values, term.low, term.high)
+        if term.law == "local":
             line = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, len(values)), 2))[0]
             shapes = shapes - line @ (line.T @ shapes)
         return values, shapes, shapes @ np.asarray(term.coefficients)

@@ -271,11 +271,11 @@ class Problem:
             return result
 
         stays = patient or hop_basins
+        nominal = {name: self.plans[name].start for name in free if name in self.plans}
         best = from_point(np.array(begin), closeness=self._closeness if patient else CLOSE_TO_COMPARE)
         if not self.in_motion and ended_on_a_slope(best):
             # A start that another fit left off at is on a kink, at a limit, or both. From elsewhere there is often a way down.
             own = {name: float(value) for name, value in zip(order, best.p, strict=True) if name in self.plans}
-            nominal = {name: self.plans[name].start for name in own if name in free}
             neutral = self._start(order, chosen, own)
             usual = [nominal.get(name, value) for name, value in zip(order, begin, strict=True)]
             ends = [from_point(np.array(other)) for other in (neutral, usual)]
@@ -286,8 +286,7 @@ class Problem:
             best = from_point(best.p)
         if hop_basins:
             near = {} if far else {"moves": MOVES, "places": (), "rounds": ROUNDS_OF_MOVES}
-            usual = {name: self.plans[name].start for name in free if name in self.plans}
-            best = basin_hopping(best, order, from_point, better=BETTER, usual=usual, **near)
+            best = basin_hopping(best, order, from_point, better=BETTER, usual=nominal, **near)
             if best.converged and best.relative_offset > self._closeness:
                 again = on_a_kink(from_point(best.p, closeness=self._closeness))
                 best = min(best, again, key=lambda end: end.cost)

@@ -37,11 +37,16 @@ VALVE = Valve(
 )
 
 
-def cycle(reach: float) -> np.ndarray:
-    """Positions [m] up and down, denser near null; those of the way down lie between those of the way up."""
+def there_and_back() -> np.ndarray:
+    """From -1 to 1 and back, evenly; the way down lies between the points of the way up."""
     up = np.linspace(-1.0, 1.0, POINTS_UP)
     between = np.concatenate([up[:1], 0.5 * (up[:-1] + up[1:])])[::-1]
-    s = np.concatenate([up, between])
+    return np.concatenate([up, between])
+
+
+def cycle(reach: float) -> np.ndarray:
+    """Positions [m] up and down, denser near null; those of the way down lie between those of the way up."""
+    s = there_and_back()
     return reach * STROKE * np.sinh(3.5 * s) / np.sinh(3.5)
 
 

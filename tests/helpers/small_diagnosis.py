@@ -37,10 +37,7 @@ WAVE, HEIGHT = 110e-6, 2e-6  # m
 def wound_record() -> BenchRecord:
     """Positions of a transducer whose winding waves, evenly over the stroke: nothing in the library does that, and no smooth curve."""
     null = lambda rows: BIAS - HEIGHT * np.sin(2.0 * np.pi * rows.spool_position / WAVE)
-    s = np.linspace(-1.0, 1.0, small_bench.POINTS_UP)
-    there_and_back = np.concatenate([s, [-1.0], 0.5 * (s[:-1] + s[1:])])
-    there_and_back[small_bench.POINTS_UP :] = there_and_back[small_bench.POINTS_UP :][::-1]
-    with patch.object(small_bench, "cycle", lambda reach: reach * STROKE * there_and_back):
+    with patch.object(small_bench, "cycle", lambda reach: reach * STROKE * small_bench.there_and_back()):
         return small_record(valve={"null_bias": null}, seed=9)
 
 
