@@ -8,7 +8,7 @@ parameters drift to see where a model is deficient. Where the user asks for it, 
 and fits its coefficients with everything else. All of it is empirical: it says where to look, not why.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,7 +24,7 @@ from thermohyd.identify.model.typed_terms import lines_between
 from thermohyd.identify.noise.whitening import whiten_on_host
 
 from .result import Variation
-from .screening import Projection
+from .screening import LEAST_KEPT, Projection
 
 
 # Bends of a curve over a sweep, and of one over time, where a step's answer rings: each column costs the test power, and what bends more
@@ -72,12 +72,12 @@ def smooth_in_time(test: TestRecord) -> np.ndarray:
     return columns
 
 
-def _scaled(column: np.ndarray | None) -> np.ndarray | None:
-    """From -1 to 1; None where it does not vary."""
+def _scaled(column: np.ndarray | None, least: float = 1e-3) -> np.ndarray | None:
+    """From -1 to 1; None where it varies by no more than this share of its size."""
     if column is None:
         return None
     low, high = float(np.min(column)), float(np.max(column))
-    if high - low <= 1e-3 * max(abs(high), abs(low), 1e-300):
+    if high - low <= least * max(abs(high), abs(low), 1e-300):
         return None
     return 2.0 * (column - low) / (high - low) - 1.0
 
@@ -110,39 +110,97 @@ class LackOfFit:
 
 
 def misfit_left(problem: Problem, fit: Fit, block: np.ndarray) -> LackOfFit:
-    """Whether smooth curves over the conditions (`block`), or a shift of the position that differs from spot to spot, still explain
-    something beside `fit`: the test of less chance, its p-value times their number."""
-    along = _along_the_position(problem, fit)
-    if along is None:
-        return lack_of_fit(fit, block)
-    found = min((lack_of_fit(fit, columns) for columns in (block, along)), key=lambda one: one.p_value)
-    return replace(found, p_value=min(1.0, 2.0 * found.p_value))
+    """Whether anything smooth still explains something beside `fit`: curves over the conditions (`block`), a shift of the position that
+    differs from spot to spot, a quantity of the model that varies with a condition, or a sensor whose error goes with what it reads. The
+    test of least chance, its p-value times the number of these four, and of the last two times the number of their like.
+
+    Those have few columns each: what goes with one quantity is found where it is too small for a test of a hundred curves.
+    """
+    ask = _Beside.of(fit)
+    curves = ask(block)
+    if problem.in_motion:
+        return curves
+    at = _white(problem, fit)
+    along = _along_the_position(problem, at)
+    families = [
+        [curves],
+        [] if along is None else [ask(along)],
+        [ask.few(pair.columns) for pair in _pairs(problem, at, DEGREE, _rank)],
+        [ask.few(columns) for columns in _bent_readings(problem, at)],
+    ]
+    found, alike = min(
+        ((one, len(family)) for family in families for one in family), key=lambda of: of[0].p_value * of[1]
+    )
+    return replace(found, p_value=min(1.0, sum(map(bool, families)) * alike * found.p_value))
 
 
-def _along_the_position(problem: Problem, fit: Fit) -> np.ndarray | None:
-    """Whitened columns (rows, KNOTS) of a shift of the position from knot to knot; None of tests in motion, and of a null held."""
-    if problem.in_motion or "null_bias" not in problem.plans or problem.plans["null_bias"].absent:
+def _along_the_position(problem: Problem, at: Fit) -> np.ndarray | None:
+    """Whitened columns (rows, KNOTS) of a shift of the position from knot to knot; None where a null is held."""
+    if "null_bias" not in problem.plans or problem.plans["null_bias"].absent:
         return None
     position = np.concatenate([problem.tests[key[0]].spool_position for key in problem.rows()])
     low, high = float(np.min(position)), float(np.max(position))
     if not high > low:
         return None
-    return _times(problem, _white(problem, fit), "null_bias", lines_between(position, low, high))
+    return _times(problem, at, "null_bias", lines_between(position, low, high))
+
+
+def _bent_readings(problem: Problem, at: Fit) -> Iterator[np.ndarray]:
+    """Of each channel whitened columns (rows, DEGREE) of a sensor whose error goes with what it reads, by the model. at: `_white`."""
+    for key, place in problem.rows().items():
+        std = np.where(np.isfinite(problem.noise.std[key]), problem.noise.std[key], 0.0)
+        values = problem.tests[key[0]].channel(key[1]).value + at.residual[place] * std
+        scaled = _scaled(_rank(values)) if np.isfinite(values).all() else None
+        if scaled is None:
+            continue
+        shapes = legendre.legvander(scaled, DEGREE)[:, 1:]
+        block = np.zeros((len(at.residual), shapes.shape[1]))
+        block[place] = whitened(problem, key, shapes)
+        yield block
 
 
 def lack_of_fit(fit: Fit, block: np.ndarray) -> LackOfFit:
     """Whether curves (rows, k), whitened, still explain something beside `fit`; the rest measures the noise."""
-    used = fit.used
-    base = Projection.beside(fit.nuisance[used])
-    residual = base(fit.residual[used])
-    more = Projection.beside(base(block[used]))
-    taken = float(np.sum((more.q.T @ residual) ** 2))
-    rest = float(np.sum(residual**2)) - taken
-    degrees_of_freedom = len(residual) - base.rank - more.rank
-    if more.rank == 0 or degrees_of_freedom < 10:
-        return LackOfFit(1.0, taken, more.rank)
-    noise = max(rest / degrees_of_freedom, 0.5)
-    return LackOfFit(float(fdtrc(more.rank, degrees_of_freedom, taken / more.rank / noise)), taken, more.rank)
+    return _Beside.of(fit)(block)
+
+
+@dataclass(frozen=True)
+class _Beside:
+    """What a fit's own columns leave of its residual. used (rows,): what counts; residual: of these, projected."""
+
+    used: np.ndarray
+    base: Projection
+    residual: np.ndarray
+
+    @classmethod
+    def of(cls, fit: Fit) -> "_Beside":
+        base = Projection.beside(fit.nuisance[fit.used])
+        return cls(fit.used, base, base(fit.residual[fit.used]))
+
+    def __call__(self, block: np.ndarray) -> LackOfFit:
+        """F test of curves (rows, k), whitened; the rest measures the noise."""
+        return self._test(Projection.beside(self.base(block[self.used])).q)
+
+    def few(self, columns: np.ndarray) -> LackOfFit:
+        """The same of few columns, without what the fit's own leave a thousandth of: there a step is bent."""
+        own = columns[self.used]
+        length = np.linalg.norm(own, axis=0)
+        if not np.isfinite(length).all():
+            return LackOfFit(1.0, 0.0, 0)
+        left = self.base(own[:, length > 0.0] / length[length > 0.0])
+        squares, turn = np.linalg.eigh(left.T @ left)
+        kept = squares > LEAST_KEPT**2
+        return self._test(left @ (turn[:, kept] / np.sqrt(squares[kept])))
+
+    def _test(self, q: np.ndarray) -> LackOfFit:
+        rank = q.shape[1]
+        taken = float(np.sum((q.T @ self.residual) ** 2))
+        rest = float(np.sum(self.residual**2)) - taken
+        degrees_of_freedom = len(self.residual) - self.base.rank - rank
+        if rank == 0 or degrees_of_freedom < 10:
+            return LackOfFit(1.0, taken, rank)
+        noise = max(rest / degrees_of_freedom, 0.5)
+        return LackOfFit(float(fdtrc(rank, degrees_of_freedom, taken / rank / noise)), taken, rank)
 
 
 QUANTITIES = (
@@ -165,8 +223,9 @@ def variations_of(problem: Problem, fit: Fit, most: int = MOST) -> tuple[Variati
     residual = base(fit.residual)
     rows = len(residual)
     found: list[tuple[float, Variation]] = []
-    tried = list(_columns(problem, fit))
-    for quantity, variable, values, centre, reach, columns in tried:
+    tried = list(_pairs(problem, _white(problem, fit), DEGREE_OF_VARIATION, np.asarray))
+    for pair in tried:
+        values, columns = pair.values, pair.columns
         left = base(columns)
         own, singular, right = np.linalg.svd(left, full_matrices=False)
         seen = singular > 1e-3 * max(float(np.max(np.linalg.norm(columns, axis=0))), 1e-300)
@@ -180,40 +239,62 @@ def variations_of(problem: Problem, fit: Fit, most: int = MOST) -> tuple[Variati
             continue
         inverse = right[seen].T / singular[seen]
         coefficients = -(inverse @ loads)
-        unit = MICRON if quantity in ABSOLUTE else 1.0
+        unit = MICRON if pair.quantity in ABSOLUTE else 1.0
         grid = np.linspace(float(np.min(values)), float(np.max(values)), CURVE_POINTS)
-        shapes = legendre_basis(grid, centre, reach, DEGREE_OF_VARIATION)[:, 1 : columns.shape[1] + 1]
+        shapes = legendre_basis(grid, pair.centre, pair.reach, DEGREE_OF_VARIATION)[:, 1 : columns.shape[1] + 1]
         band = np.sqrt(max(rest, 1.0)) * np.linalg.norm(shapes @ inverse, axis=1)
         excess = max(fit.chi2 - rows, gain)
         variation = Variation(
-            quantity, variable, "m" if quantity in ABSOLUTE else "1", grid, unit * (shapes @ coefficients), unit * band,
-            gain, p, float(np.clip(gain / excess, 0.0, 1.0)), (0.0, *(unit * coefficients)), centre, reach,
+            pair.quantity, pair.variable, "m" if pair.quantity in ABSOLUTE else "1", grid, unit * (shapes @ coefficients),
+            unit * band, gain, p, float(np.clip(gain / excess, 0.0, 1.0)), (0.0, *(unit * coefficients)), pair.centre, pair.reach,
         )  # fmt: skip
         found.append((gain - 3.0 * rank, variation))
     found.sort(key=lambda item: -item[0])
     return tuple(variation for _, variation in found[:most])
 
 
-def _columns(problem: Problem, fit: Fit) -> Iterator[tuple[str, str, np.ndarray, float, float, np.ndarray]]:
-    """(quantity, variable, its values over all rows, centre, reach, whitened columns (rows, degrees)) of every pair."""
-    at = _white(problem, fit)
-    reference = {"underlap": fit.values["underlap"], "null_bias": fit.values["null_bias"], "oil": problem.record.oil}
+@dataclass(frozen=True)
+class _Pair:
+    """A quantity that varies with a condition: its values (readings,), and whitened columns (rows, degrees), none for a constant."""
+
+    quantity: str
+    variable: str
+    values: np.ndarray
+    columns: np.ndarray
+
+    @property
+    def centre(self) -> float:
+        return 0.5 * float(np.min(self.values) + np.max(self.values))
+
+    @property
+    def reach(self) -> float:
+        return 0.5 * float(np.ptp(self.values))
+
+
+def _pairs(problem: Problem, at: Fit, degree: int, measure: Callable[[np.ndarray], np.ndarray]) -> Iterator[_Pair]:
+    """Every pair, by Legendre polynomials of a measure of the condition (readings,). at: `_white`."""
+    reference = {"underlap": at.values["underlap"], "null_bias": at.values["null_bias"], "oil": problem.record.oil}
     for variable in VARIABLES:
         try:
             of_test = {name: variable_values(variable, test, reference) for name, test in problem.tests.items()}
         except ValueError:  # a column that this record does not have
             continue
         values = np.concatenate([of_test[key[0]] for key in problem.rows()])
-        low, high = float(np.min(values)), float(np.max(values))
-        if not np.isfinite(high - low) or high - low <= 1e-9 * max(abs(low), abs(high), 1e-300):
+        scaled = _scaled(measure(values), 1e-9) if np.isfinite(values).all() else None
+        if scaled is None:
             continue
-        centre, reach = 0.5 * (low + high), 0.5 * (high - low)
-        levels = len(np.unique(np.round((values - centre) / reach, 2)))
-        shapes = legendre_basis(values, centre, reach, min(DEGREE_OF_VARIATION, max(levels - 1, 1)))[:, 1:]
+        levels = len(np.unique(np.round(scaled, 2)))
+        shapes = legendre.legvander(scaled, min(degree, max(levels - 1, 1)))[:, 1:]
         for quantity in QUANTITIES:
             if quantity in problem.plans and problem.plans[quantity].absent:
                 continue
-            yield quantity, variable, values, centre, reach, _times(problem, at, quantity, shapes)
+            yield _Pair(quantity, variable, values, _times(problem, at, quantity, shapes))
+
+
+def _rank(values: np.ndarray) -> np.ndarray:
+    """Share of values below each, those that are alike in the middle."""
+    _, which, count = np.unique(values, return_inverse=True, return_counts=True)
+    return (np.cumsum(count) - 0.5 * count)[which] / len(values)
 
 
 def term_columns(problem: Problem, fit: Fit, term: LearnedTerm) -> np.ndarray:
