@@ -31,6 +31,7 @@ from thermohyd.identify.report.diagnosis_report import further_sentences, headli
 from thermohyd.identify.report.term_words import confirmed_by, term_lines, term_sentence
 
 from .case import Case, Progress
+from .confirmation import fit_of_rows_left
 from .final_model import FinalModel, exchange_fits, held_out_result, scattered
 from .found_faults import alternative, with_evidence, with_faults_apart
 from .held_out import Split
@@ -339,12 +340,12 @@ def _held_out(
     weighed = remaining is not None and remaining.weighed.discrepancy is not None
     if remaining is not None:
         chosen = remaining.weighing(chosen)
-    final = chosen.fit(fit.effects, fit.values) if fit.effects or weighed else base
+    final = fit_of_rows_left(chosen, fit.effects, fit.values) if fit.effects or weighed else base
     spared = set(fit.effects) | {r.name for rival in model.rivals.values() for r in rival.alike}
     exchanged = exchange_fits(chosen, final, [s.name for s in first.ranked], spared, say)
     judge: Problem = case.problem
     if isinstance(term, TypedTerm):
-        without = chosen.fit(fit.effects, fit.values)
+        without = fit_of_rows_left(chosen, fit.effects, fit.values)
         seen = fitted_inside(opened(chosen, without), without, term)
         final, judge = seen.fit, replace(seen.problem, used=None)
     elif term is not None:

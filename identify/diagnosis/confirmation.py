@@ -107,6 +107,25 @@ def predicted_apart(fit: Fit, parts: np.ndarray) -> np.ndarray:
     return found
 
 
+def fit_of_rows_left(rest: Problem, names: Iterable[str], values: Mapping[str, float]) -> Fit:
+    """The fit of a model's effects and faults, begun at its values, to the rows that `rest` uses.
+
+    Without what these cannot tell from a misfit of the whole: a fault of one place where none of the other rows of its test are left. It
+    says that the place differs from those; without them it would take up anything.
+    """
+    told = tuple(name for name in names if not _alone(rest, name))
+    return rest.fit(told, {**values, **{name: 0.0 for name in names if name not in told}})
+
+
+def _alone(problem: Problem, name: str) -> bool:
+    fault = problem.faults.get(name)
+    if problem.used is None or fault is None or not fault.place:
+        return False
+    used = [problem.used[rows] for key, rows in problem.rows().items() if key[0] in fault.shapes]
+    own = [fault.shapes[key[0]] != 0.0 for key in problem.rows() if key[0] in fault.shapes]
+    return not any(bool(np.any(u & ~o)) for u, o in zip(used, own, strict=True))
+
+
 def _scale(name: str, fit: Fit) -> float:
     """The amount's natural step; of a parameter what changes the residuals by about one."""
     if name in fit.effects:

@@ -17,7 +17,7 @@ from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.fitting.problem_fit import Fit
 
 from .case import LEVEL_OF_ALL_ROWS, Case, Progress
-from .confirmation import Confirmation, confirmation, strength, unproven
+from .confirmation import Confirmation, confirmation, fit_of_rows_left, strength, unproven
 from .held_out import Split
 from .left_over import LackOfFit, misfit_left, smooth_block
 from .result import MOST_USUAL, HeldOut, Suspect
@@ -129,7 +129,7 @@ def _holds_up(problem: Problem, base: Fit, fit: Fit, split: Split) -> bool:
     """Whether the effects, fitted to the other rows, close anything of the gap on the rows held out."""
     chosen = problem.with_rows(~split.held)
     before = mean_square(problem, chosen.fit(start=base.values), split)
-    return closed(before, mean_square(problem, chosen.fit(fit.effects, fit.values), split)) > ON_HELD_OUT
+    return closed(before, mean_square(problem, fit_of_rows_left(chosen, fit.effects, fit.values), split)) > ON_HELD_OUT
 
 
 def _channel_shares(problem: Problem, base: Fit, without: Fit, fit: Fit) -> list[float]:

@@ -22,7 +22,7 @@ from thermohyd.identify.fitting.problem_solution import gls_covariance, misfit_s
 from thermohyd.identify.fitting.uncertainty import Covariance
 from thermohyd.identify.reduction.monotone_pieces import piece_bounds, sweep_ids
 
-from .confirmation import MOST, parts_left_out
+from .confirmation import MOST, fit_of_rows_left, parts_left_out
 from .held_out import conditions_of_rows
 from .left_over import whitened
 from .result import ChannelDiscrepancy
@@ -245,7 +245,8 @@ def left_out_errors(problem: Problem, beside: Beside, parts: np.ndarray) -> np.n
     misses = np.zeros(len(parts))
     white = problem.with_noise(problem.noise.white)
     for part in np.unique(parts[parts >= 0]):
-        fit = weighing(problem.with_rows(parts != part), beside).fit(beside.fit.effects, beside.fit.values)
+        rest = weighing(problem.with_rows(parts != part), beside)
+        fit = fit_of_rows_left(rest, beside.fit.effects, beside.fit.values)
         own = parts == part
         misses[own] = white.evaluate(fit.values, fit.effects).residual[: len(parts)][own]
     shown = [misses[place][parts[place] >= 0] for place in problem.rows().values()]

@@ -15,7 +15,19 @@ from thermohyd.identify.fitting.problem_fit import Fit
 from .max_t import NoiseFreedom, normal_score
 from .screening import Screen, screen
 from .screening_faults import SHARE, screen_of_faults
-from .search import FAULTS, LEVEL, MOST_EFFECTS, NEARLY, PAIR_PENALTY, best_pairs, merit, needed_beside, penalty
+from .search import (
+    FAULTS,
+    GLANCE,
+    LEVEL,
+    MOST_EFFECTS,
+    NEARLY,
+    PAIR_PENALTY,
+    best_pairs,
+    budget,
+    merit,
+    needed_beside,
+    penalty,
+)
 from .stored_oil import REACH, could_explain, within_reach
 
 
@@ -28,6 +40,7 @@ SAME_THING = 0.9999  # likewise of 170 standard errors
 MOST_REFITS, MOST_PAIRS, MOST_SWAPS = 8, 3, 3  # what is asked at most: cost alone
 BETTER = 0.01  # chi-square: ten times what a refit that is only compared is wrong by (`problem.CLOSE_TO_COMPARE`)
 FAR_BEHIND = 5.0 * ALIKE  # chi-square
+HALF_WAY = 0.5  # of what the named one gains: an effect that has not come so far at a glance is no rival, and is left where it is
 
 
 @dataclass(frozen=True)
@@ -68,11 +81,12 @@ def rivals_of(
     scale: float = 1.0,
     freedom: NoiseFreedom | None = None,
     hopeless: frozenset[str] = frozenset(),
+    pairs: bool = True,
 ) -> Rivals:
     """Effects that explain what the named one explains, each refitted in its place beside the other effects of `final`.
 
     scale: of chi-square (1: noise known). freedom: of the noise, for the p-value; None where it is stated. hopeless: effects that
-    need not be asked, as a refit beside nearly the same model said.
+    need not be asked, as a refit beside nearly the same model said. pairs: whether two are asked in its place as well.
     """
     others = tuple(n for n in final.effects if n != name)
     without = problem.fit(others, {**final.values, name: 0.0})
@@ -116,9 +130,11 @@ def rivals_of(
         if named is not None and twin(s):  # the same curve by another name: start where the named one ended
             same = final.values[name] * named.size / s.size * float(np.sign(s.direction @ named.direction))
             start = {**final.values, s.name: same}
-        fit = problem.fit((*others, s.name), start)
+        fit = problem.fit((*others, s.name), start, most_steps=GLANCE)
         if fit.chi2 > without.chi2 and start is not on_paper:  # worse than without it: led astray by that start
-            fit = problem.fit((*others, s.name), on_paper)
+            fit = problem.fit((*others, s.name), on_paper, most_steps=GLANCE)
+        if not fit.converged and fit.chi2 < without.chi2 - HALF_WAY * gain:
+            fit = problem.fit((*others, s.name), fit.values)
         if 0.5 * ALIKE < _more(fit, final, scale) < REACH:
             fit = problem.fit((*others, s.name), fit.values, hop_basins=True)
         if fit.values[s.name] == 0.0 or s.name in fit.active:
@@ -133,7 +149,7 @@ def rivals_of(
     known = np.inf if named is None or freedom is None else freedom.along(named.direction, without.used)
     strength = normal_score(float(np.sqrt(max(gain / scale, 0.0))), known)
     p = law.p_value(strength, two_sided=info_of(name).lower < 0.0)
-    two = None if is_fault(name) else _two_in_its_place(problem, final, name, without, scores)
+    two = None if is_fault(name) or not pairs else _two_in_its_place(problem, final, name, without, scores)
     return Rivals(name, without, tuple(sorted(tried, key=lambda r: r.chi2_more)), min(1.0, p / share), two)
 
 
@@ -228,10 +244,13 @@ def settle_rivals(
     Among equals the data of all rows decide who is named first; that they are equals is said either way.
     """
     hopeless: dict[str, frozenset[str]] = {}
+    enough = budget(problem)
     for _ in range(MOST_SWAPS):
-        rivals = all_rivals(problem, final, steps, scale, freedom, hopeless)
+        rivals = all_rivals(problem, final, steps, scale, freedom, hopeless, pairs=True)
         tried: list[Rival] = [r for rival in rivals.values() for r in rival.tried]
         best = min(tried, key=lambda r: r.chi2_more, default=None)
+        if problem.work.cost >= enough:  # the names as they stand, with what does better among their rivals, beat none
+            return final, rivals
         if best is None or best.chi2_more >= -BETTER:
             two = min((r.two for r in rivals.values() if r.two is not None), key=merit, default=None)
             if two is None:
@@ -252,10 +271,11 @@ def all_rivals(
     scale: float,
     freedom: NoiseFreedom | None = None,
     hopeless: Mapping[str, frozenset[str]] = MappingProxyType({}),
+    *,
+    pairs: bool = False,
 ) -> dict[str, Rivals]:
     """`rivals_of` every effect of `final`; hopeless: by the name of that effect."""
-    none = frozenset()
-    return {
-        name: rivals_of(problem, final, name, steps, scale=scale, freedom=freedom, hopeless=hopeless.get(name, none))
-        for name in final.effects
-    }
+    of = lambda name: rivals_of(
+        problem, final, name, steps, scale=scale, freedom=freedom, hopeless=hopeless.get(name, frozenset()), pairs=pairs
+    )
+    return {name: of(name) for name in final.effects}

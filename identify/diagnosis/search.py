@@ -118,7 +118,7 @@ def search(
     names = problem.library.names
     current, chosen, p_values, steps = begin or base, begin.effects if begin else (), {}, []
     seen = {frozenset(chosen)}
-    complete, enough = True, _budget(problem, len(base.residual))
+    complete, enough = True, budget(problem)
     while True:
         gains: dict[str, float] = {}
         nearly: dict[str, float] = {}
@@ -207,10 +207,11 @@ def _p_of_gain(scores: Screen, name: str, gain: float) -> float:
     return scores.law.p_value(strength, two_sided=not signature.one_sided)
 
 
-def _budget(problem: Problem, rows: int) -> float:
-    """Evaluations of the model that a diagnosis of so many readings may take before its search ends."""
+def budget(problem: Problem) -> float:
+    """Evaluations of the model that a diagnosis of so many readings may take before its search adds nothing and exchanges nothing more."""
     if problem.in_motion:
         return MOST_IN_MOTION
+    rows = max(place.stop for place in problem.rows().values())
     return min(MOST_EVALUATIONS, max(LEAST_EVALUATIONS, MOST_READINGS / rows))
 
 

@@ -11,6 +11,7 @@ from helpers.small_diagnosis import LIBRARY, opened, small_case
 
 from thermohyd.identify.bench.record import BenchRecord
 from thermohyd.identify.bench.test_record import TestRecord
+from thermohyd.identify.diagnosis.confirmation import fit_of_rows_left
 from thermohyd.identify.diagnosis.diagnose import diagnose_case
 from thermohyd.identify.diagnosis.result import DiagnosisResult
 from thermohyd.identify.diagnosis.screening_faults import fault_columns
@@ -214,3 +215,24 @@ def test_of_two_tests_whose_zeros_differ_either_may_be_off():
     assert null.ci95 is not None
     assert null.ci95[0] < VALVE.null_bias < null.ci95[1]
     assert null.ci95[1] - null.ci95[0] > 1e-6
+
+
+def test_a_fault_of_the_only_run_that_is_left_is_left_out():
+    """It says that a run differs from the others: of a real valve's two sweeps the one that was left took up half of the supply pressure,
+    and the other was predicted worse than by the ideal valve."""
+    case = opened(one_run_off(small_record()))
+    [name] = [
+        name
+        for name, f in case.problem.faults.items()
+        if f.kind == "reading_zero" and f.test == "leakage" and f.place == "3"
+    ]
+    found = case.problem.fit([name], case.base.values)
+    leakage = case.problem.tests["leakage"].run
+    rows = case.problem.rows()["leakage", "leakage_flow"]
+    used = np.ones(sum(test.rows for test in case.problem.tests.values()), dtype=bool)
+    used[rows] = leakage == 3
+    alone = fit_of_rows_left(case.problem.with_rows(used), [name], found.values)
+    assert alone.effects == ()
+    used[rows] = leakage != 0
+    beside = fit_of_rows_left(case.problem.with_rows(used), [name], found.values)
+    assert beside.values[name] == pytest.approx(found.values[name], rel=0.2)
