@@ -42,6 +42,7 @@ PARTS: dict[str, tuple[str, bool]] = {
     "hidden-bench-6": ("hidden_bench_table.py --set 6 --processes 2", False),
     "hidden-bench-7": ("hidden_bench_table.py --set 7 --processes 2", False),
     "hidden-bench-8": ("hidden_bench_table.py --set 8 --processes 2", False),
+    "hidden-bench-9": ("hidden_bench_table.py --set 9 --processes 2", False),
     "hidden-dynamic-1": ("hidden_dynamic_table.py --set 1", False),
     "hidden-dynamic-2": ("hidden_dynamic_table.py --set 2", False),
     "raw-logs-fitted": ("hidden_raw_logs.py fit", False),

@@ -1,7 +1,7 @@
 """Records as a real bench makes them: does the diagnosis name the effect, or the fault of the bench? `make hidden-bench`.
 
 The records come from the reference simulator (tests/reference/real_bench_records.py, fixed seeds); their truth lies in a file outside
-every record. Sets 1 to 6 are for development (2 to 6 since they were looked at, from 2026-11-23 to 25); set 7 is looked at once, when
+every record. Sets 1 to 8 are for development (2 to 8 since they were looked at, from 2026-11-23 to 26); set 9 is looked at once, when
 nothing changes any more.
 """
 
@@ -28,7 +28,7 @@ GENERATOR = "real_bench_records"
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument(
-        "--set", type=int, choices=(1, 2, 3, 4, 5, 6, 7, 8), default=1, help="1 to 7: development; 8: looked at once"
+        "--set", type=int, choices=range(1, 10), default=1, help="1 to 8: development; 9: looked at once"
     )
     parser.add_argument("--processes", type=int, default=1, help="records diagnosed at a time")
     parser.add_argument("--only", nargs="*", default=[], metavar="RECORD", help="these records, such as bench_07")
