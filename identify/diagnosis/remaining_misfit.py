@@ -84,6 +84,10 @@ class Remaining:
         matrix[np.ix_(plain.alive, plain.alive)] = bread @ (half @ half.T) @ bread
         return replace(plain, matrix=0.5 * (matrix + matrix.T))
 
+    def by_noise(self, problem: Problem, fit: Fit) -> "Remaining":
+        """The same beside a fit whose readings are weighed by their noise."""
+        return replace(self, weighed=Beside(fit, misfit_scale(problem, fit)))
+
     def weighing(self, problem: Problem) -> Problem:
         """A problem of the same tests whose fits are weighed likewise; of the rows that it uses, if not all."""
         return weighing(problem, self.weighed)
