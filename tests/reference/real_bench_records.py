@@ -129,9 +129,7 @@ def write(folder: Path, hidden: Iterable[tuple[str, Hidden]]) -> list[str]:
 def main(arguments: Iterable[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
-    parser.add_argument(
-        "--set", type=int, choices=tuple(SEEDS), default=1, help="the last one is looked at once"
-    )
+    parser.add_argument("--set", type=int, choices=tuple(SEEDS), default=1, help="the last one is looked at once")
     parser.add_argument("--only", nargs="*", metavar="RECORD", help="these records, such as bench_07")
     given = parser.parse_args(None if arguments is None else list(arguments))
     np.seterr(all="raise", under="ignore")

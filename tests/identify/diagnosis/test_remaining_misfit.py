@@ -8,8 +8,11 @@ from helpers.linear_fit import linear_fit, linear_problem
 from helpers.small_bench import REACH, VALVE, conditions_only
 from helpers.small_diagnosis import small_case, small_diagnosis
 
+from thermohyd.identify.diagnosis import conclusion
+from thermohyd.identify.diagnosis.diagnose import diagnose_case
 from thermohyd.identify.diagnosis.remaining_misfit import (
     MOST_CURVES,
+    Remaining,
     curves_of,
     kernel_curves,
     likeliest_sizes,
@@ -107,3 +110,27 @@ def test_weights_whose_fit_ends_at_no_optimum_are_not_kept(monkeypatch: pytest.M
     assert again.believed.length == found.believed.length
     assert again.weighed.discrepancy is None
     assert again.fit is case.base
+
+
+def test_weights_that_predict_worse_than_the_ideal_valve_are_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    judged, asked = conclusion._held_out, []
+
+    def weighed_beside_the_misfit(problem, fit, *say):
+        found = remaining_misfit(problem, fit, *say)
+        assert found.believed.discrepancy is not None
+        asked.append(fit)
+        return replace(found, weighed=found.believed)
+
+    def worse_with_these_weights(*of):
+        found, remaining = judged(*of), of[-2]
+        beside = isinstance(remaining, Remaining) and remaining.weighed.discrepancy is not None
+        return replace(found, after=found.before + 1.0) if beside else found
+
+    monkeypatch.setattr(conclusion, "remaining_misfit", weighed_beside_the_misfit)
+    monkeypatch.setattr(conclusion, "_held_out", worse_with_these_weights)
+    result = diagnose_case(small_case("outside"))
+    assert result.held_out is not None
+    assert result.held_out.after <= result.held_out.before
+    for name, estimate in result.after.parameters.items():
+        assert estimate.value == asked[0].values[name]
+    assert result.discrepancy
