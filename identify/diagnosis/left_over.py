@@ -125,7 +125,7 @@ def misfit_left(problem: Problem, fit: Fit, block: np.ndarray) -> LackOfFit:
     families = [
         [curves],
         [] if along is None else [ask(along)],
-        [ask.few(pair.columns) for pair in _pairs(problem, at, DEGREE, _rank)],
+        [ask.few(pair.columns) for pair in _pairs(problem, at, DEGREE, _rank) if not pair.of_the_position],
         [ask.few(columns) for columns in _bent_readings(problem, at)],
     ]
     found, alike = min(
@@ -148,8 +148,7 @@ def _along_the_position(problem: Problem, at: Fit) -> np.ndarray | None:
 def _bent_readings(problem: Problem, at: Fit) -> Iterator[np.ndarray]:
     """Of each channel whitened columns (rows, DEGREE) of a sensor whose error goes with what it reads, by the model. at: `_white`."""
     for key, place in problem.rows().items():
-        std = np.where(np.isfinite(problem.noise.std[key]), problem.noise.std[key], 0.0)
-        values = problem.tests[key[0]].channel(key[1]).value + at.residual[place] * std
+        values = problem.read_by_model(key, at)
         scaled = _scaled(_rank(values)) if np.isfinite(values).all() else None
         if scaled is None:
             continue
@@ -210,6 +209,7 @@ VARIABLES = (
     "spool_position", "opening", "temperature", "supply_pressure", "load_pressure", "flow_number", "direction", "rate",
     "elapsed",
 )  # fmt: skip
+OF_THE_POSITION = ("spool_position", "opening", "flow_number", "direction")
 DEGREE_OF_VARIATION = 3  # what a reader can still put in words: a slope, a bend, and one turn
 LEVEL = 1e-3  # of all variations together: they say where to look and change no model, so a level between those of names and of chance
 MOST = 3  # that are told
@@ -263,6 +263,11 @@ class _Pair:
     columns: np.ndarray
 
     @property
+    def of_the_position(self) -> bool:
+        """Whether it is a shift of the position that goes with it: a knot's, and an error of what was read goes with what was read."""
+        return self.quantity == "null_bias" and self.variable in OF_THE_POSITION
+
+    @property
     def centre(self) -> float:
         return 0.5 * float(np.min(self.values) + np.max(self.values))
 
@@ -287,6 +292,8 @@ def _pairs(problem: Problem, at: Fit, degree: int, measure: Callable[[np.ndarray
         shapes = legendre.legvander(scaled, min(degree, max(levels - 1, 1)))[:, 1:]
         for quantity in QUANTITIES:
             if quantity in problem.plans and problem.plans[quantity].absent:
+                continue
+            if (factor_on(quantity) or quantity) not in at.order:  # of a model with a typed term
                 continue
             yield _Pair(quantity, variable, values, _times(problem, at, quantity, shapes))
 

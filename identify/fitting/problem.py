@@ -500,6 +500,13 @@ class Problem:
         """What a channel's sensor makes of its quantity: 1 where it is read in SI."""
         return self._sensed[key].factor(fit.values) if key in self._sensed else 1.0
 
+    def read_by_model(self, key: Key, at: Fit) -> np.ndarray:
+        """What a model reads (rows,) where a channel was read; at: a fit whose residual is in units of the noise, not whitened."""
+        std = self.noise.std[key]
+        return self.tests[key[0]].channel(key[1]).value + at.residual[self.rows()[key]] * np.where(
+            np.isfinite(std), std, 0.0
+        )
+
     def _of_readings(self, fault: BenchFault, part: Readings) -> np.ndarray:
         """What a fault of readings adds to the whitened residuals of these tests, padded, per amount: model - what was read + fault."""
         column = np.zeros(_padded(part))
