@@ -4,8 +4,8 @@ Forward selection and FAMoS, each by AICc and BIC, ask for models of the library
 and petab_select compares them and says which to fit next. Beside its choice stands the diagnosis's own answer, where `make hidden-bench`
 (`make hidden` with --generator hidden_records) has left one. Faults of the bench are no candidates. Oil stored at the ports is one,
 though its programs take minutes to compile (--no-storage leaves it out). An exact rival of the truth counts as right, since
-petab_select lists no alternatives; the diagnosis does, and a truth among them counts as inside. Sets
-serve development once they were looked at (`hidden_bench_table`, `hidden_table`).
+petab_select lists no alternatives; the diagnosis does, and a truth among them counts as inside. Which sets are for development:
+`hidden_bench_table`, `hidden_table`.
 """
 
 import argparse

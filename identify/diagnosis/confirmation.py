@@ -118,6 +118,7 @@ def fit_of_rows_left(rest: Problem, names: Iterable[str], values: Mapping[str, f
 
 
 def _alone(problem: Problem, name: str) -> bool:
+    """Whether it is a fault of one place, and no other row of its test is used."""
     fault = problem.faults.get(name)
     if problem.used is None or fault is None or not fault.place:
         return False

@@ -116,7 +116,7 @@ def misfit_left(problem: Problem, fit: Fit, block: np.ndarray) -> LackOfFit:
 
     Those have few columns each: what goes with one quantity is found where it is too small for a test of a hundred curves.
     """
-    ask = _Beside.of(fit)
+    ask = CurvesBeside.of(fit)
     curves = ask(block)
     if problem.in_motion:
         return curves
@@ -158,21 +158,19 @@ def _bent_readings(problem: Problem, at: Fit) -> Iterator[np.ndarray]:
         yield block
 
 
-def lack_of_fit(fit: Fit, block: np.ndarray) -> LackOfFit:
-    """Whether curves (rows, k), whitened, still explain something beside `fit`; the rest measures the noise."""
-    return _Beside.of(fit)(block)
-
-
 @dataclass(frozen=True)
-class _Beside:
-    """What a fit's own columns leave of its residual. used (rows,): what counts; residual: of these, projected."""
+class CurvesBeside:
+    """Whether curves still explain something beside a fit.
+
+    used (rows,): the rows that count; base: beside the fit's own columns there; residual: what these leave of the fit's.
+    """
 
     used: np.ndarray
     base: Projection
     residual: np.ndarray
 
     @classmethod
-    def of(cls, fit: Fit) -> "_Beside":
+    def of(cls, fit: Fit) -> "CurvesBeside":
         base = Projection.beside(fit.nuisance[fit.used])
         return cls(fit.used, base, base(fit.residual[fit.used]))
 

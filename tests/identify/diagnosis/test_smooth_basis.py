@@ -7,7 +7,7 @@ from helpers.small_bench import conditions_only
 from scipy.signal import lfilter
 from scipy.stats import kstest
 
-from thermohyd.identify.diagnosis.left_over import lack_of_fit, smooth_block, smooth_columns
+from thermohyd.identify.diagnosis.left_over import CurvesBeside, smooth_block, smooth_columns
 from thermohyd.identify.noise.correlation import NoiseCorrelation
 
 
@@ -45,7 +45,7 @@ class Linear:
         run = {key: self.problem.tests[key[0]].run for key in self.keys}
         residual = self.white({key: noise_by_run(rng, run[key], self.phi) for key in self.keys}) + extra
         residual = residual - self.columns @ np.linalg.lstsq(self.columns, residual, rcond=None)[0]
-        return lack_of_fit(linear_fit(residual, self.columns), self.block).p_value
+        return CurvesBeside.of(linear_fit(residual, self.columns))(self.block).p_value
 
 
 @pytest.mark.parametrize("correlation", [WHITE, AR])
@@ -76,7 +76,7 @@ def test_unit_noise_of_any_size_is_the_same_answer():
     """The rest of the residuals measures the noise: a scale that is off by a factor names no curve."""
     model = Linear(WHITE)
     residual = 3.0 * np.random.default_rng(4).standard_normal(model.rows)
-    one, three = (lack_of_fit(linear_fit(r, model.columns), model.block) for r in (residual / 3, residual))
+    one, three = (CurvesBeside.of(linear_fit(r, model.columns))(model.block) for r in (residual / 3, residual))
     assert three.p_value == pytest.approx(one.p_value)
     assert three.chi2 == pytest.approx(9.0 * one.chi2)
 

@@ -12,7 +12,7 @@ from reference.valve import Rows
 
 from thermohyd.identify.bench.record import BenchRecord
 from thermohyd.identify.diagnosis.left_over import (
-    lack_of_fit,
+    CurvesBeside,
     learn,
     misfit_left,
     smooth_block,
@@ -60,7 +60,7 @@ def test_what_goes_with_one_quantity_is_a_misfit_where_many_curves_see_too_littl
     record = small_record(valve={"discharge_coefficient": overshooting}, seed=10)
     case = opened(record if what == "a quantity that varies" else flattened(small_record(seed=11)))
     block = smooth_block(case.problem, len(case.base.residual))
-    assert misfit_left(case.problem, case.base, block).p_value < 1e-5 < lack_of_fit(case.base, block).p_value
+    assert misfit_left(case.problem, case.base, block).p_value < 1e-5 < CurvesBeside.of(case.base)(block).p_value
 
 
 def test_curve_and_band_are_those_of_the_coefficients():
