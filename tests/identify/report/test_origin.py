@@ -113,6 +113,15 @@ def test_a_diagnosis_always_asks_for_something(kind):
     assert kind not in expected or expected[kind] in found
 
 
+def test_a_model_whose_agreement_cannot_be_judged_is_not_said_to_be_right():
+    result = fake_diagnosis("consistent", points=6)
+    assert "may be used as it is" in " ".join(step.words for step in after_diagnosis(result))
+    after = replace(result.after, channels=tuple(replace(c, noise_known=False) for c in result.after.channels))
+    said = " ".join(step.words for step in after_diagnosis(replace(result, after=after)))
+    assert "may be used as it is" not in said
+    assert "State the noise" in said
+
+
 def test_a_comparison_s_next_step():
     result = fake_comparison()
     assert "Ask what was done to the valve" in next_steps(result)[0].words

@@ -1,0 +1,63 @@
+"""A hundred records diagnosed one after another in one process: time of a further record, and whether memory stays flat.
+
+What a command with many records, or a worker of a fleet, does all night. The records are real-bench ones of tests/reference (set 9, then
+set 8; 600 to 12,000 rows), in the order of their names; the first ones pay for what is not compiled yet. Resident memory is read after
+each record, the peak is the process's own.
+"""
+
+import argparse
+import json
+import resource
+import statistics
+from pathlib import Path
+
+from _hidden_run import folder_of_set, records_of_set
+
+
+SETS = (9, 8)
+GENERATOR = "real_bench_records"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--records", type=int, default=100, help="how many")
+    count = parser.parse_args().records
+    folders = []
+    for number in SETS:
+        made = records_of_set(number, GENERATOR)
+        names = sorted(json.loads((made / "truth.json").read_text(encoding="utf-8")))
+        folders += [folder_of_set(number, GENERATOR) / "records" / name for name in names]
+    from thermohyd.identify.cli.jax_setup import set_up_jax
+
+    set_up_jax()
+    from thermohyd.identify.bench.read import read_record
+    from thermohyd.identify.diagnosis.diagnose import diagnose
+
+    took, held = [], []
+    for folder in folders[:count]:
+        record = read_record(folder)
+        took.append(diagnose(record).seconds)
+        held.append(resident())
+        if len(took) % 10 == 0:
+            last = took[-10:]
+            print(
+                f"  records {len(took) - 9:3d} to {len(took):3d}   median {statistics.median(last):5.1f} s, largest {max(last):5.1f} s,"
+                f"   memory held {held[-1] / 1e9:.2f} GB",
+                flush=True,
+            )
+    later = took[len(took) // 2 :]
+    print(
+        f"  all {len(took)}: median {statistics.median(took):.1f} s, {sum(t <= 20.0 for t in took)} within 20 s, largest {max(took):.1f} s;"
+        f" the second half: median {statistics.median(later):.1f} s, largest {max(later):.1f} s"
+    )
+    print(f"  peak memory of the process {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e9:.2f} GB")
+
+
+def resident() -> float:
+    """Bytes of this process in memory (Linux)."""
+    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
+    return pages * resource.getpagesize()
+
+
+if __name__ == "__main__":
+    main()
