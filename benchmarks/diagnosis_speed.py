@@ -24,7 +24,10 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as home:
         for folder in COMMANDS:
             first, second = (process_seconds(["diagnose", str(folder), "--out", f"{home}/out"], home) for _ in range(2))
-            print(f"  as a command, with its report: {folder.name:8s}  first {first:6.1f} s, a second process {second:5.1f} s", flush=True)
+            print(
+                f"  as a command, with its report: {folder.name:8s}  first {first:6.1f} s, a second process {second:5.1f} s",
+                flush=True,
+            )
     warm()
 
 
