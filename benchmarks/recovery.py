@@ -192,7 +192,7 @@ def table(found: list[dict[str, Any]]) -> str:
 
 def state() -> str:
     """Date and commit of the figures."""
-    return f"{date.today().isoformat()}, commit {commit('--untracked-files=no')}"
+    return f"{date.today().isoformat()}, commit {commit('--untracked-files=no', '--', 'thermohyd', 'identify', 'benchmarks')}"
 
 
 def main() -> None:
