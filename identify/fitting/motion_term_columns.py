@@ -11,7 +11,7 @@ from thermohyd.identify.model.term_variables import IMPLICIT, SIGNALS, VARIABLES
 from thermohyd.identify.model.typed_terms import TypedTerm, basis, coefficients_of
 
 from .motion_readings import DynamicSimulator, Weighing, readings_of
-from .motion_terms import COEFFICIENTS, TermReadings, Terms, acting, read_with_terms, terms_in
+from .motion_terms import COEFFICIENTS, Directions, TermReadings, acting, read_with_terms, terms_in
 from .uncertainty import Key
 
 
@@ -122,7 +122,7 @@ def columns_of_laws(
     of = of.reshape(-1)
     slopes: dict[Key, list[np.ndarray]] = {}
     for part in _chunks(directions):
-        terms = Terms(jnp.zeros(AT_ONCE), jnp.asarray(part), jnp.asarray(low), jnp.asarray(high))
+        terms = Directions(jnp.zeros(AT_ONCE), jnp.asarray(part), jnp.asarray(low), jnp.asarray(high))
         found = read_with_terms(simulator, names, effects, vector, terms, True)
         for key, _, _ in readings_of(simulator.tests):
             slopes.setdefault(key, []).append(found.slopes[key])

@@ -1,10 +1,11 @@
 """Typed terms in tests in motion: what they add to the machine, and the readings' derivatives to their coefficients.
 
-All places and variables are one effect of the machine, `Bank`: a coefficient for each place, signal and shape of a law, nearly all of
-them 0. So a table of hundreds of laws is one program, whose columns are the variational equations in as many directions, and every
-term that is fitted is another one for all terms alike.
+A table of hundreds of laws is one effect of the machine, `Bank`: a coefficient for each place, signal and shape of a law, nearly all of
+them 0. So it is one program, whose columns are the variational equations in as many directions. Every term that is fitted is another
+one, `Few`, for all terms alike: which place, signal and shape is data.
 """
 
+from abc import abstractmethod
 from dataclasses import dataclass
 from typing import Any, final
 
@@ -49,14 +50,51 @@ _SIZE = len(MOVED) * len(SIGNALS) * len(SHAPES) + len(STORED)
 ROUNDED = 1e-4  # of the range: a root begins with a slope
 
 
-class Terms(eqx.Module):
-    """Laws in a machine. coefficients (k,), SI; acting (k, places x signals x shapes, then what goes with dp/dt): where each acts;
-    low, high (signals,): where each signal was seen, beyond which it is held."""
+class AbstractTerms(eqx.Module):
+    """Laws in a machine, of these coefficients (k,), SI."""
+
+    coefficients: eqx.AbstractVar[Float[Array, " k"]]
+
+    @abstractmethod
+    def effect(self, coefficients: Float[Array, " k"]) -> AbstractCircuitEffect:
+        """What they add to the circuit at other coefficients."""
+
+
+@final
+class Terms(AbstractTerms):
+    """A few terms, one slot for each place where one acts.
+
+    takes (slots, 1 + shapes, k): which coefficients each slot has of a constant and of the shapes of its signal, with their signs; moved
+    (places, slots) and signal (slots, signals): 1 where it acts, and at what it follows; low, high (slots,): where that was seen, beyond
+    which it is held. stored (2, k): of what goes with dp/dt.
+    """
+
+    coefficients: Float[Array, " k"]
+    takes: Float[Array, "slots shapes k"]
+    moved: Float[Array, "places slots"]
+    signal: Float[Array, "slots signals"]
+    low: Float[Array, " slots"]
+    high: Float[Array, " slots"]
+    stored: Float[Array, "ports k"]
+
+    def effect(self, coefficients: Float[Array, " k"]) -> "Few":
+        amount = jnp.sum(self.takes * coefficients, axis=-1)
+        per_rate = jnp.sum(self.stored * coefficients, axis=1)
+        return Few(amount, per_rate, self.moved, self.signal, self.low, self.high)
+
+
+@final
+class Directions(AbstractTerms):
+    """A table of laws. acting (k, places x signals x shapes, then what goes with dp/dt): where each coefficient acts; low, high
+    (signals,): where each signal was seen, beyond which it is held."""
 
     coefficients: Float[Array, " k"]
     acting: Float[Array, "k places"]
     low: Float[Array, " signals"]
     high: Float[Array, " signals"]
+
+    def effect(self, coefficients: Float[Array, " k"]) -> "Bank":
+        return Bank(jnp.sum(coefficients[:, None] * self.acting, axis=0), self.low, self.high)
 
 
 @final
@@ -71,16 +109,42 @@ class Bank(AbstractCircuitEffect):
         split = _SIZE - len(STORED)
         shapes = shapes_of(signals_of(seen), self.low, self.high)
         shift = jnp.sum(self.amount[:split].reshape(len(MOVED), *shapes.shape) * shapes, axis=(1, 2))
-        of = dict(zip(MOVED, shift, strict=True))
-        return Added(
-            piston_force=of["force_on_piston"],
-            spool_target=of["force_on_spool"],
-            inflow=jnp.stack([of["flow_a"], of["flow_b"]]),
-            inflow_per_rate=self.amount[split:],
-            heat=jnp.stack([of["heat_a"], of["heat_b"]]),
-            opening=of["position"],
-            viscosity=of["viscosity"],
-        )
+        return _added(shift, self.amount[split:])
+
+
+@final
+class Few(AbstractCircuitEffect):
+    """What a few terms add (see `Terms`): every step of a run takes its derivatives' derivatives, of which `Bank` has a thousand times
+    as many.
+
+    amount (slots, 1 + shapes): the coefficients of each; per_rate (2,): of what goes with dp/dt.
+    """
+
+    amount: Float[Array, "slots shapes"]
+    per_rate: Float[Array, " ports"]
+    moved: Float[Array, "places slots"]
+    signal: Float[Array, "slots signals"]
+    low: Float[Array, " slots"]
+    high: Float[Array, " slots"]
+
+    def added(self, seen: Seen) -> Added:
+        followed = jnp.sum(self.signal * signals_of(seen), axis=1)
+        shapes = shapes_of(followed, self.low, self.high)
+        shift = self.amount[:, 0] + jnp.sum(self.amount[:, 1:] * shapes, axis=1)
+        return _added(jnp.sum(self.moved * shift, axis=1), self.per_rate)
+
+
+def _added(shift: Float[Array, " places"], per_rate: Float[Array, " ports"]) -> Added:
+    of = dict(zip(MOVED, shift, strict=True))
+    return Added(
+        piston_force=of["force_on_piston"],
+        spool_target=of["force_on_spool"],
+        inflow=jnp.stack([of["flow_a"], of["flow_b"]]),
+        inflow_per_rate=per_rate,
+        heat=jnp.stack([of["heat_a"], of["heat_b"]]),
+        opening=of["position"],
+        viscosity=of["viscosity"],
+    )
 
 
 def signals_of(seen: Seen) -> Float[Array, " signals"]:
@@ -127,56 +191,89 @@ def place_number(moved: str, signal: str, shape: str) -> int:
     return (MOVED.index(moved) * len(SIGNALS) + SIGNALS.index(signal)) * len(SHAPES) + SHAPES.index(shape)
 
 
-def acting(place: str, variable: str, law: str) -> np.ndarray:
-    """(coefficients, places): where each coefficient of a law acts; rows of zeros for a reading, on which the machine does not depend."""
-    found = np.zeros((coefficients_of(law), _SIZE))
+@dataclass(frozen=True)
+class Part:
+    """A part of a law. number: of its coefficient; sign: with which it acts; signal is `IMPLICIT` where it goes with dp/dt."""
+
+    number: int
+    sign: float
+    moved: str
+    signal: str
+    shape: str = "proportional"
+
+
+def parts_of(place: str, variable: str, law: str) -> list[Part]:
+    """The parts of a law; none of a reading, on which the machine does not depend."""
+    found = []
     where = place_of(place, moving=True)
     for moved, sign in where.moving.items():
         if variable == IMPLICIT:
-            found[0, _SIZE - len(STORED) + STORED.index(moved)] = sign
+            found.append(Part(0, sign, moved, IMPLICIT))
             continue
         signal = signal_of(where, moved, variable)
-        if law == "constant":
-            found[0, place_number(moved, "constant", "proportional")] = sign
-        elif law == "smooth":
-            found[0, place_number(moved, "constant", "proportional")] = sign
-            for i, shape in enumerate(("first", "second", "third"), start=1):
-                found[i, place_number(moved, signal, shape)] = sign
-        else:
-            found[0, place_number(moved, signal, law)] = sign
+        if law in ("constant", "smooth"):
+            found.append(Part(0, sign, moved, "constant"))
+        if law == "smooth":
+            found += [
+                Part(i, sign, moved, signal, shape) for i, shape in enumerate(("first", "second", "third"), start=1)
+            ]
+        elif law != "constant":
+            found.append(Part(0, sign, moved, signal, law))
+    return found
+
+
+def acting(place: str, variable: str, law: str) -> np.ndarray:
+    """(coefficients, places): where each coefficient of a law acts among those of a `Bank`."""
+    found = np.zeros((coefficients_of(law), _SIZE))
+    for part in parts_of(place, variable, law):
+        stored = part.signal == IMPLICIT
+        where = (
+            _SIZE - len(STORED) + STORED.index(part.moved)
+            if stored
+            else place_number(part.moved, part.signal, part.shape)
+        )
+        found[part.number, where] = part.sign
     return found
 
 
 COEFFICIENTS = 4  # of one term, at most: a program serves them all
+SLOTS = 2  # of one term, at most: what passes from one chamber to the other acts at both
+_ANYWHERE = 1e30  # the end of no range
 
 
 def terms_in(terms: tuple[TypedTerm, ...]) -> Terms:
-    """Typed terms as the machine takes them, each padded to so many coefficients."""
-    coefficients, rows = np.zeros(COEFFICIENTS * len(terms)), np.zeros((COEFFICIENTS * len(terms), _SIZE))
-    low, high = np.full(len(SIGNALS), -np.inf), np.full(len(SIGNALS), np.inf)
+    """Typed terms as the machine takes them, each padded to so many coefficients and slots."""
+    coefficients, slots = COEFFICIENTS * len(terms), SLOTS * len(terms)
+    values, stored = np.zeros(coefficients), np.zeros((len(STORED), coefficients))
+    takes = np.zeros((slots, 1 + len(SHAPES), coefficients))
+    moved, signal = np.zeros((len(MOVED), slots)), np.zeros((slots, len(SIGNALS)))
+    low, high = np.full(slots, -_ANYWHERE), np.full(slots, _ANYWHERE)
     for number, term in enumerate(terms):
         first = COEFFICIENTS * number
-        count = len(term.coefficients)
-        coefficients[first : first + count] = term.coefficients
-        rows[first : first + count] = acting(term.place, term.variable, term.law)
-        where = place_of(term.place, moving=True)
-        for moved in where.moving if term.variable != IMPLICIT else ():
-            signal = SIGNALS.index(signal_of(where, moved, term.variable))
-            low[signal], high[signal] = term.low, term.high
-    # A signal that no term follows needs no range; one of infinite ends has no middle.
-    free = ~np.isfinite(low)
-    low[free], high[free] = -1e30, 1e30
-    return Terms(*(jnp.asarray(part) for part in (coefficients, rows, low, high)))
+        values[first : first + len(term.coefficients)] = term.coefficients
+        places = list(place_of(term.place, moving=True).moving)
+        for part in parts_of(term.place, term.variable, term.law):
+            own, slot = first + part.number, SLOTS * number + places.index(part.moved)
+            if part.signal == IMPLICIT:
+                stored[STORED.index(part.moved), own] = part.sign
+                continue
+            moved[MOVED.index(part.moved), slot] = 1.0
+            if part.signal == "constant":
+                takes[slot, 0, own] = part.sign
+                continue
+            takes[slot, 1 + SHAPES.index(part.shape), own] = part.sign
+            signal[slot, SIGNALS.index(part.signal)] = 1.0
+            low[slot], high[slot] = term.low, term.high
+    return Terms(*(jnp.asarray(part) for part in (values, takes, moved, signal, low, high, stored)))
 
 
-def _given(given: Given, terms: Terms, coefficients: Array) -> Given:
-    bank = Bank(jnp.sum(coefficients[:, None] * terms.acting, axis=0), terms.low, terms.high)
-    return eqx.tree_at(lambda g: g.valve.effects, given, (*given.valve.effects, bank))
+def _given(given: Given, terms: AbstractTerms, coefficients: Array) -> Given:
+    return eqx.tree_at(lambda g: g.valve.effects, given, (*given.valve.effects, terms.effect(coefficients)))
 
 
 @quickly
 def runs_with_terms(
-    plan: Plan, alone: bool, p: Float[Array, " all"], terms: Terms, given: Given, inputs: Any
+    plan: Plan, alone: bool, p: Float[Array, " all"], terms: AbstractTerms, given: Given, inputs: Any
 ) -> tuple[
     Float[Array, "runs rows readings"],
     Float[Array, "runs rows readings directions"],
@@ -212,7 +309,7 @@ def responses_with_terms(
     plan: Plan,
     alone: bool,
     p: Float[Array, " all"],
-    terms: Terms,
+    terms: AbstractTerms,
     given: Given,
     respond: Any,
     inputs: Any,
@@ -246,7 +343,7 @@ def read_with_terms(
     names: tuple[str, ...],
     effects: tuple[str, ...],
     vector: np.ndarray,
-    terms: Terms,
+    terms: AbstractTerms,
     alone: bool,
 ) -> TermReadings:
     """Readings of all channels that the tests could have, of a machine with terms, and their derivatives."""
@@ -271,7 +368,9 @@ def read_with_terms(
     return TermReadings(into.values, into.slopes, into.signals, max(failures, default=0))
 
 
-def _steps(plan: Plan, alone: bool, p: Any, terms: Terms, given: Given, runs: StepRuns, into: TermReadings) -> int:
+def _steps(
+    plan: Plan, alone: bool, p: Any, terms: AbstractTerms, given: Given, runs: StepRuns, into: TermReadings
+) -> int:
     values, slopes, signals, failures = (
         np.array(part) for part in runs_with_terms(plan, alone, p, terms, given, runs.inputs)
     )

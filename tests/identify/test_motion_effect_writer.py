@@ -13,9 +13,9 @@ from thermohyd.dynamics.circuit import Seen
 from thermohyd.effects.library import effect, effect_info, unregister_effect
 from thermohyd.identify.bench.errors import BenchInputError
 from thermohyd.identify.effect_writer import write_effect
-from thermohyd.identify.fitting.motion_terms import Bank, terms_in
+from thermohyd.identify.fitting.motion_terms import Directions, acting, terms_in
 from thermohyd.identify.model.places import PLACES, places_in_motion
-from thermohyd.identify.model.term_variables import VARIABLES, asked_with
+from thermohyd.identify.model.term_variables import SIGNALS, VARIABLES, asked_with, signal_of
 from thermohyd.identify.model.typed_term_file import typed_json, typed_term
 from thermohyd.identify.model.typed_terms import DEGREE, TypedTerm, coefficients_of
 from thermohyd.identify.report.term_words import law_words, term_sentence
@@ -73,7 +73,7 @@ def test_the_effect_adds_what_the_term_added(place, variable, law, tmp_path):
         assert (info.unit, info.stages, info.effect_class.dynamic) == (term.unit, ("circuit",), True)
         own = added(effect("found_there", abs(term.coefficients[0]) if law == "smooth" else term.coefficients[0]))
         given = terms_in((term,))
-        every = added(Bank(jnp.asarray(given.coefficients @ given.acting), given.low, given.high))
+        every = added(given.effect(given.coefficients))
         for name, value in own.items():
             np.testing.assert_allclose(value, every[name], rtol=1e-6)
         scope = {}
@@ -126,11 +126,34 @@ def test_a_term_in_motion_in_model_json_is_checked():
         typed_term(entry | {"moving": 1}, 1, (), fail, number)
 
 
-def test_the_bank_is_differentiable_where_nothing_moves():
+def test_a_few_terms_add_what_the_table_of_all_adds():
+    """Every law of every place and variable, in parts and among the thousand coefficients of the table's effect."""
+    low, high = np.full(len(SIGNALS), -1e30), np.full(len(SIGNALS), 1e30)
+    asked = 0
+    for place in places_in_motion(()):
+        for variable in place.asked_moving:
+            for law in ("constant",) if variable == "constant" else ("proportional", "square", "root", "smooth"):
+                if not place.moving or (variable == "pressure_rate" and law != "proportional"):
+                    continue
+                term = term_of(place.name, variable, law)
+                own_low, own_high = low.copy(), high.copy()
+                for moved in place.moving if variable not in ("constant", "pressure_rate") else ():
+                    signal = SIGNALS.index(signal_of(place, moved, variable))
+                    own_low[signal], own_high[signal] = term.low, term.high
+                given, where = terms_in((term,)), jnp.asarray(acting(place.name, variable, law))
+                every = Directions(jnp.asarray(term.coefficients), where, jnp.asarray(own_low), jnp.asarray(own_high))
+                few, all_ = (added(of.effect(of.coefficients)) for of in (given, every))
+                for name, value in few.items():
+                    np.testing.assert_allclose(
+                        value, all_[name], rtol=1e-12, atol=1e-25, err_msg=f"{place.name} {variable} {law}"
+                    )
+                asked += 1
+    assert asked > 100
+
+
+def test_a_term_is_differentiable_where_nothing_moves():
     """Zero spool, zero velocity, no range: the slopes of roots and moduli stay finite."""
     still = jax.tree.map(jnp.zeros_like, SEEN)
     given = terms_in((term_of("force_on_spool", "opening", "root"),))
-    of = lambda spool: (
-        Bank(given.coefficients @ given.acting, given.low, given.high).added(replace(still, spool=spool)).spool_target
-    )
+    of = lambda spool: given.effect(given.coefficients).added(replace(still, spool=spool)).spool_target
     assert np.isfinite(float(jax.grad(of)(jnp.zeros(()))))

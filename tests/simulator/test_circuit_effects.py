@@ -14,7 +14,7 @@ from thermohyd.dynamics.flows import chamber_rates, chamber_sources, flows_at
 from thermohyd.dynamics.machine import State
 from thermohyd.dynamics.vector_field import rates_at
 from thermohyd.effects.library import effect
-from thermohyd.identify.fitting.motion_terms import Bank, terms_in
+from thermohyd.identify.fitting.motion_terms import Few, terms_in
 from thermohyd.identify.model.places import PLACES
 from thermohyd.identify.model.term_variables import MOVED, SIGNALS, VARIABLES, asked_with, signal_of
 from thermohyd.identify.model.typed_terms import TypedTerm, unit_of
@@ -41,9 +41,9 @@ def rates(*effects) -> State:
     return _rates(machine, STATE)
 
 
-def bank(place: str, variable: str, law: str, *coefficients: float, low: float = -1e9, high: float = 1e9) -> Bank:
+def term_of(place: str, variable: str, law: str, *coefficients: float, low: float = -1e9, high: float = 1e9) -> Few:
     terms = terms_in((TypedTerm(place, variable, law, coefficients, low, high, moving=True),))
-    return Bank(terms.coefficients @ terms.acting, terms.low, terms.high)
+    return terms.effect(terms.coefficients)
 
 
 def leaves(state: State) -> np.ndarray:
@@ -51,7 +51,9 @@ def leaves(state: State) -> np.ndarray:
 
 
 def test_a_term_of_nothing_changes_nothing():
-    np.testing.assert_array_equal(leaves(rates(bank("flow_from_a_to_b", "load", "proportional", 0.0))), leaves(rates()))
+    np.testing.assert_array_equal(
+        leaves(rates(term_of("flow_from_a_to_b", "load", "proportional", 0.0))), leaves(rates())
+    )
 
 
 @pytest.mark.parametrize(
@@ -66,7 +68,7 @@ def test_a_term_of_nothing_changes_nothing():
 )
 def test_a_term_is_the_physics_that_it_stands_for(term, name, amount, within):
     plain = leaves(rates())
-    moved, expected = leaves(rates(bank(*term))) - plain, leaves(rates(effect(name, amount))) - plain
+    moved, expected = leaves(rates(term_of(*term))) - plain, leaves(rates(effect(name, amount))) - plain
     assert np.max(np.abs(expected)) > 0.0
     pressures = slice(-4, None) if within > 1e-6 else slice(None)
     np.testing.assert_allclose(
@@ -86,7 +88,7 @@ def test_what_goes_with_the_rate_of_the_pressure_is_solved_for():
 
 def test_a_force_on_the_spool_and_a_shift_of_its_position():
     plain = rates()
-    pushed = rates(bank("force_on_spool", "constant", "constant", 1e-6))
+    pushed = rates(term_of("force_on_spool", "constant", "constant", 1e-6))
     square = (2.0 * np.pi * float(BARE.actuator.spool_frequency)) ** 2
     assert float(pushed.spool_speed - plain.spool_speed) == pytest.approx(1e-6 * square, rel=1e-6)
     valve = replace(BARE.valve, null_bias=BARE.valve.null_bias - 2e-6)
@@ -94,7 +96,7 @@ def test_a_force_on_the_spool_and_a_shift_of_its_position():
     other = _rates(
         replace(BARE, valve=valve, supplied=replace(BARE.supplied, null_bias=BARE.supplied.null_bias - 2e-6)), STATE
     )
-    shifted = rates(bank("position", "constant", "constant", 2e-6))
+    shifted = rates(term_of("position", "constant", "constant", 2e-6))
     np.testing.assert_allclose(leaves(shifted), leaves(other), rtol=1e-9)
 
 
@@ -102,7 +104,7 @@ def test_a_smooth_law_is_its_legendre_series():
     from numpy.polynomial import legendre
 
     coefficients, plain = (3.0, -20.0, 8.0, 5.0), rates()
-    found = rates(bank("force_on_piston", "velocity", "smooth", *coefficients, low=-0.1, high=0.2))
+    found = rates(term_of("force_on_piston", "velocity", "smooth", *coefficients, low=-0.1, high=0.2))
     force = float(found.velocity - plain.velocity) * float(BARE.actuator.moving_mass)
     assert force == pytest.approx(legendre.legval((0.04 - 0.05) / 0.15, coefficients), rel=1e-6)
 
