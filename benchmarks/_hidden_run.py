@@ -41,6 +41,14 @@ def records_of_set(seed_set: int, generator: str = "hidden_records") -> Path:
     return folder
 
 
+def sets_of(generator: str = "hidden_records") -> tuple[int, ...]:
+    """The sets that there are seeds for; the last one was made last."""
+    sys.path.insert(0, str(ROOT / "tests"))
+    from reference import hidden_plan, real_bench_plan
+
+    return tuple((hidden_plan if generator == "hidden_records" else real_bench_plan).SEEDS)
+
+
 def source_hash(*folders: Path) -> str:
     digest = hashlib.sha256()
     for folder in folders:

@@ -14,6 +14,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from _commit import commit
+from _hidden_run import sets_of
 from _peers import machine
 
 from thermohyd.identify.report.files import write_all
@@ -35,20 +36,15 @@ PARTS: dict[str, tuple[str, bool]] = {
     "hanging-load": ("hanging_load.py", True),
     "hidden-1": ("hidden_table.py --set 1 --processes 2", False),
     "hidden-2": ("hidden_table.py --set 2 --processes 2", False),
-    "hidden-bench-1": ("hidden_bench_table.py --set 1 --processes 2", False),
-    "hidden-bench-2": ("hidden_bench_table.py --set 2 --processes 2", False),
-    "hidden-bench-3": ("hidden_bench_table.py --set 3 --processes 2", False),
-    "hidden-bench-4": ("hidden_bench_table.py --set 4 --processes 2", False),
-    "hidden-bench-5": ("hidden_bench_table.py --set 5 --processes 2", False),
-    "hidden-bench-6": ("hidden_bench_table.py --set 6 --processes 2", False),
-    "hidden-bench-7": ("hidden_bench_table.py --set 7 --processes 2", False),
-    "hidden-bench-8": ("hidden_bench_table.py --set 8 --processes 2", False),
-    "hidden-bench-9": ("hidden_bench_table.py --set 9 --processes 2", False),
+    **{
+        f"hidden-bench-{n}": (f"hidden_bench_table.py --set {n} --processes 2", False)
+        for n in sets_of("real_bench_records")
+    },
     "hidden-dynamic-1": ("hidden_dynamic_table.py --set 1", False),
     "hidden-dynamic-2": ("hidden_dynamic_table.py --set 2", False),
     "raw-logs-fitted": ("hidden_raw_logs.py fit", False),
     "raw-logs-diagnosed": ("hidden_raw_logs.py diagnose", False),
-    "petab-select-9": ("petab_select_baseline.py --set 9 --per-kind 2 --no-storage --processes 2", False),
+    "petab-select-9": ("petab_select_baseline.py --set 9 --per-kind 1 --no-storage --processes 2", False),
     "petab-select-1": ("petab_select_baseline.py --set 1 --processes 2", False),
     "joint-coverage": ("joint_coverage.py --processes 2", False),
     "law-coverage": ("law_coverage.py --processes 2", False),

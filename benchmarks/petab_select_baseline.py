@@ -18,7 +18,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parent))
 
 from _hidden_bench_scores import BenchCase
-from _hidden_run import ROOT, answers, folder_of_set, kept, records_of_set, source_hash
+from _hidden_run import ROOT, answers, folder_of_set, kept, records_of_set, sets_of, source_hash
 from _petab_answers import ask_petab_select
 from _petab_select import tool
 from _petab_tables import as_case, table
@@ -30,13 +30,7 @@ GENERATORS = ("real_bench_records", "hidden_records")
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument(
-        "--set",
-        type=int,
-        choices=range(1, 10),
-        default=1,
-        help="1 to 3: either generator; from 4 on: of real_bench_records",
-    )
+    parser.add_argument("--set", type=int, default=1, help="of the records' generator")
     parser.add_argument("--generator", choices=GENERATORS, default=GENERATORS[0], help="which records")
     parser.add_argument("--processes", type=int, default=1, help="records at a time")
     parser.add_argument("--only", nargs="*", default=[], metavar="RECORD", help="these records, such as bench_07")
@@ -46,6 +40,10 @@ def main() -> None:
     parser.add_argument("--any-version", action="store_true", help="keep answers of an earlier state of the program")
     parser.add_argument("--show", action="store_true", help="only the table of the answers so far, of any version")
     arguments = parser.parse_args()
+    if arguments.set not in sets_of(arguments.generator):
+        parser.error(
+            f"{arguments.generator} has no set {arguments.set}; it has {', '.join(map(str, sets_of(arguments.generator)))}"
+        )
     tool()
     truth = json.loads((records_of_set(arguments.set, arguments.generator) / "truth.json").read_text(encoding="utf-8"))
     names = arguments.only or shortest_first(truth, arguments.per_kind)
