@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from thermohyd.oil import density
+from thermohyd.small_systems import solved
 
 from .circuit import added_at
 from .flows import flows_at
@@ -159,7 +160,7 @@ def _root(fn, start: Float[Array, " unknowns"]) -> tuple[Float[Array, " unknowns
             jacobian = jax.vmap(push, out_axes=1)(columns)
             norm = jnp.max(jnp.abs(value))
             better = (norm < size) | (stuck & jnp.isfinite(norm))  # never where a value is NaN
-            newton_step = jnp.linalg.solve(jacobian, value)
+            newton_step = solved(jacobian, value)
             return (
                 jnp.where(better, tried, best),
                 jnp.where(better, norm, size),
@@ -174,6 +175,6 @@ def _root(fn, start: Float[Array, " unknowns"]) -> tuple[Float[Array, " unknowns
         return best, size
 
     def tangent_solve(linear, y: Array) -> Array:
-        return jnp.linalg.solve(jax.jacfwd(linear)(y), y)
+        return solved(jax.jacfwd(linear)(y), y)
 
     return jax.lax.custom_root(fn, start, newton, tangent_solve, has_aux=True)

@@ -17,6 +17,7 @@ from thermohyd.actuator import Actuator
 from thermohyd.arguments import Heat, heat_of_chambers
 from thermohyd.effects.effect import AbstractEffect
 from thermohyd.numerics import kept, require_float64
+from thermohyd.small_systems import solved
 from thermohyd.valve import Valve
 
 from .equilibrium import equilibrium, scaling_of
@@ -57,8 +58,8 @@ class Linearised(eqx.Module):
         matrix, drive, read = (part.astype(complex) for part in (self.matrix, self.drive, self.read))
         s = 1j * pulsation.astype(complex)
         resolvent = s[:, None, None] * jnp.eye(matrix.shape[0], dtype=complex) - matrix
-        moved = jnp.linalg.solve(resolvent, jnp.broadcast_to(drive[:, None], (*pulsation.shape, *drive.shape, 1)))
-        return jnp.sum(moved[..., 0] * read, axis=-1)
+        moved = solved(resolvent, jnp.broadcast_to(drive, (*pulsation.shape, *drive.shape)))
+        return jnp.sum(moved * read, axis=-1)
 
 
 def refuse_without_response(effects: tuple[AbstractEffect, ...]) -> None:
@@ -95,7 +96,7 @@ def _response(plant: Plant, frequency: Array, output: Output, absolute: bool) ->
     gain = linear.gain(wanted)
     amplitude = jnp.abs(gain)
     if not absolute:
-        amplitude = amplitude / jnp.abs(jnp.sum(linear.read * jnp.linalg.solve(linear.matrix, linear.drive)))
+        amplitude = amplitude / jnp.abs(jnp.sum(linear.read * solved(linear.matrix, linear.drive)))
     wrapped = jnp.angle(gain)
     ladder = jax.lax.stop_gradient(jnp.max(wanted)) * LADDER
     climbed = jnp.unwrap(jnp.angle(jax.lax.stop_gradient(linear.gain(ladder))))

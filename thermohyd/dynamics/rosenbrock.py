@@ -17,8 +17,9 @@ from typing import Any, ClassVar
 import diffrax
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
+
+from thermohyd.small_systems import inverse
 
 from .rodas5p import DENSE, GAMMA, TABLEAU
 
@@ -40,26 +41,6 @@ class DenseOutput(diffrax.AbstractLocalInterpolation):
         s = jnp.where(span > 0.0, (t0 - self.t0) / jnp.where(span > 0.0, span, 1.0), 0.0)
         inner = self.bends[0] + s * (self.bends[1] + s * self.bends[2])
         return (1.0 - s) * self.y0 + s * (self.y1 + (1.0 - s) * inner)
-
-
-@jax.custom_jvp
-def inverse(matrix: Float[Array, "n n"]) -> Float[Array, "n n"]:
-    """Gauss-Jordan without pivoting: n rank-one updates in place, the same for every batch and device."""
-    n = matrix.shape[0]
-    for k in range(n):
-        unit = np.eye(n)[k]
-        pivot = 1.0 / matrix[k, k]
-        # Row k of the tableau with its pivot column replaced by the unit column of the inverse.
-        row = (matrix[k] * (1.0 - unit) + unit) * pivot
-        column = matrix[:, k] * (1.0 - unit)
-        matrix = (matrix * (1.0 - unit)[None, :]) * (1.0 - unit)[:, None] + unit[:, None] * row - column[:, None] * row
-    return matrix
-
-
-@inverse.defjvp
-def _inverse_jvp(primals, tangents):
-    found = inverse(primals[0])
-    return found, -found @ tangents[0] @ found
 
 
 class Rodas5P(diffrax.AbstractAdaptiveSolver):

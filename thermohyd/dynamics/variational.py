@@ -20,6 +20,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from thermohyd.small_systems import inverse
+
 from .circuit import added_at
 from .flows import openings
 from .machine import Plant, Scaling, State
@@ -252,7 +254,7 @@ def _onward(pieces: Pieces, matrix: Array, push: Array, start: Array) -> tuple[F
     count, _, n = push.shape
     h = pieces.length[:, None, None]
     coupled = jnp.einsum("ij,ciab->ciajb", RADAU, matrix).reshape(count, 3 * n, 3 * n)
-    solve = jnp.linalg.inv(jnp.eye(3 * n) - h * coupled)
+    solve = jax.vmap(inverse)(jnp.eye(3 * n) - h * coupled)
     # Rates at the points per tangent at the piece's begin, and those that the parameters bring.
     per_tangent = solve @ matrix.reshape(count, 3 * n, n)
     brought = jnp.sum(solve * push.reshape(count, 1, 3 * n), axis=-1)
