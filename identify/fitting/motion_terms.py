@@ -114,8 +114,8 @@ class Bank(AbstractCircuitEffect):
 
 @final
 class Few(AbstractCircuitEffect):
-    """What a few terms add (see `Terms`): every step of a run takes its derivatives' derivatives, of which `Bank` has a thousand times
-    as many.
+    """What a few terms add (see `Terms`). A run's derivatives go through it at every step; through the thousand coefficients of `Bank` they
+    take half as long again.
 
     amount (slots, 1 + shapes): the coefficients of each; per_rate (2,): of what goes with dp/dt.
     """
