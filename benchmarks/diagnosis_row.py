@@ -1,4 +1,4 @@
-"""A hundred records diagnosed one after another in one process: time of a further record, and whether memory stays flat.
+"""Records diagnosed one after another in one process: time of a further record, and whether memory stays flat.
 
 What a command with many records, or a worker of a fleet, does all night. The records are real-bench ones of tests/reference (set 9, then
 set 8; 600 to 12,000 rows), in the order of their names; the first ones pay for what is not compiled yet. Resident memory is read after

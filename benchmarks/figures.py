@@ -30,7 +30,7 @@ PARTS: dict[str, tuple[str, bool]] = {
     "sensitivity-speed": ("sensitivity_speed.py", True),
     "dynamics-speed": ("dynamics_speed.py", True),
     "diagnosis-speed": ("diagnosis_speed.py", True),
-    "diagnosis-row": ("diagnosis_row.py", False),
+    "diagnosis-row": ("diagnosis_row.py --records 40", False),
     "real-valve": ("real_valve.py --out build/real_valve", True),
     "real-valve-diagnosed": ("real_valve.py --diagnose", True),
     "hanging-load": ("hanging_load.py", True),
