@@ -1,15 +1,14 @@
 """Records diagnosed one after another in one process: time of a further record, and whether memory stays flat.
 
 What a command with many records, or a worker of a fleet, does all night. The records are real-bench ones of tests/reference (set 9, then
-set 8; 600 to 12,000 rows), in the order of their names; the first ones pay for what is not compiled yet. Resident memory is read after
-each record, the peak is the process's own.
+set 8; 600 to 12,000 rows), in the order of their names; the first ones pay for what is not compiled yet. Between records memory is given
+back as the command does; what is held then is printed, and the process's peak.
 """
 
 import argparse
 import json
 import resource
 import statistics
-from pathlib import Path
 
 from _hidden_run import folder_of_set, records_of_set
 
@@ -27,7 +26,7 @@ def main() -> None:
         made = records_of_set(number, GENERATOR)
         names = sorted(json.loads((made / "truth.json").read_text(encoding="utf-8")))
         folders += [folder_of_set(number, GENERATOR) / "records" / name for name in names]
-    from thermohyd.identify.cli.jax_setup import set_up_jax
+    from thermohyd.identify.cli.jax_setup import keep_memory_flat, resident_memory, set_up_jax
 
     set_up_jax()
     from thermohyd.identify.bench.read import read_record
@@ -37,7 +36,8 @@ def main() -> None:
     for folder in folders[:count]:
         record = read_record(folder)
         took.append(diagnose(record).seconds)
-        held.append(resident())
+        keep_memory_flat()
+        held.append(resident_memory())
         if len(took) % 10 == 0:
             last = took[-10:]
             print(
@@ -51,12 +51,6 @@ def main() -> None:
         f" the second half: median {statistics.median(later):.1f} s, largest {max(later):.1f} s"
     )
     print(f"  peak memory of the process {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e9:.2f} GB")
-
-
-def resident() -> float:
-    """Bytes of this process in memory (Linux)."""
-    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
-    return pages * resource.getpagesize()
 
 
 if __name__ == "__main__":
