@@ -10,11 +10,11 @@ import json
 import resource
 import statistics
 
-from _hidden_run import folder_of_set, records_of_set
+from _hidden_run import records_of_set
+from hidden_bench_table import GENERATOR
 
 
 SETS = (9, 8)
-GENERATOR = "real_bench_records"
 
 
 def main() -> None:
@@ -24,25 +24,23 @@ def main() -> None:
     folders = []
     for number in SETS:
         made = records_of_set(number, GENERATOR)
-        names = sorted(json.loads((made / "truth.json").read_text(encoding="utf-8")))
-        folders += [folder_of_set(number, GENERATOR) / "records" / name for name in names]
+        folders += [made / name for name in sorted(json.loads((made / "truth.json").read_text(encoding="utf-8")))]
     from thermohyd.identify.cli.jax_setup import keep_memory_flat, resident_memory, set_up_jax
 
     set_up_jax()
     from thermohyd.identify.bench.read import read_record
     from thermohyd.identify.diagnosis.diagnose import diagnose
 
-    took, held = [], []
+    took = []
     for folder in folders[:count]:
         record = read_record(folder)
         took.append(diagnose(record).seconds)
         keep_memory_flat()
-        held.append(resident_memory())
         if len(took) % 10 == 0:
             last = took[-10:]
             print(
                 f"  records {len(took) - 9:3d} to {len(took):3d}   median {statistics.median(last):5.1f} s, largest {max(last):5.1f} s,"
-                f"   memory held {held[-1] / 1e9:.2f} GB",
+                f"   memory held {resident_memory() / 1e9:.2f} GB",
                 flush=True,
             )
     later = took[len(took) // 2 :]

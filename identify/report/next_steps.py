@@ -123,13 +123,13 @@ def _sentence(text: str) -> str:
 def _unseen(result: DiagnosisResult) -> list[Step]:
     """Nothing was found: what could still be there, and what would show it."""
     bench = path_of(result.record)
-    words = "Nothing has to be added: the model may be used as it is."
+    use = "Nothing has to be added: the model may be used as it is."
     if not result.after.judged:
-        words = (
+        use = (
             "Nothing has to be added that this record could show. State the noise of each meter and diagnose again, "
             "if the model's agreement is to be judged; until then predict with it as it is."
         )
-    steps = [Step(words, command("simulate", bench, "--model", "model.json"))]
+    steps = [Step(use, command("simulate", bench, "--model", "model.json"))]
     amounts = [
         f"{c.name} up to {words}"
         for c in result.candidates
