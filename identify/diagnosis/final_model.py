@@ -17,7 +17,7 @@ from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.fitting.problem_fit import Fit
 
 from .case import LEVEL_OF_ALL_ROWS, Case, Progress
-from .confirmation import Confirmation, confirmation, fit_of_rows_left, strength, unproven
+from .confirmation import PROVEN, Confirmation, confirmation, fit_of_rows_left, strength, unproven
 from .held_out import Split
 from .left_over import LackOfFit, misfit_left, smooth_block
 from .result import MOST_USUAL, HeldOut, Suspect
@@ -39,15 +39,16 @@ def held_out_result(
 ) -> HeldOut:
     """Judge fits of the other rows on the rows kept back. final_whole: the problem with the terms that `final` learned."""
     before, after = mean_square(whole, base, split), mean_square(final_whole, final, split)
-    exchange = {name: closed(before, mean_square(whole, fit, split)) for name, fit in exchanged.items()}
+    rows = int(split.held.sum())
+    exchange = {name: closed(before, mean_square(whole, fit, split), rows) for name, fit in exchanged.items()}
     return HeldOut(
-        rows=int(split.held.sum()),
+        rows=rows,
         what=what,
         before=max(before - 1.0, 0.0),
         after=max(after - 1.0, 0.0),
         reduced_chi2_before=before,
         reduced_chi2_after=after,
-        gap_closed=closed(before, after),
+        gap_closed=closed(before, after, rows),
         exchange=exchange,
     )
 
@@ -58,9 +59,14 @@ def mean_square(whole: Problem, fit: Fit, split: Split) -> float:
     return float(np.mean(judged.residual[: len(split.held)][split.held] ** 2))
 
 
-def closed(before: float, after: float) -> float:
-    """Share of the excess over noise that is gone; 0 where there was none."""
-    gap = before - 1.0
+def closed(before: float, after: float, rows: int = 0) -> float:
+    """Share of the excess over noise that is gone; 0 where there was none.
+
+    rows: of these means. Where they fall beyond chance (as in a proof) to less than 1, what is left is the noise: one that was stated, or
+    estimated, a few per cent too large would hide any small gap.
+    """
+    noise = min(1.0, after) if (before - after) * rows > PROVEN else 1.0
+    gap = before - noise
     return float(np.clip((before - after) / gap, -1.0, 1.0)) if gap > 0.0 else 0.0
 
 

@@ -150,7 +150,11 @@ def search(
         singles |= _faults(problem, current, chosen, faults)
         best = min(singles.values(), key=merit)
         stored = any(stores(name) for name in (*chosen, *singles))
-        double = _best_pair(problem, current, chosen, scores, pairs, best, stored)
+        # In motion, where a refit takes seconds, only where one effect leaves something. Two that are the truth take the place of
+        # one that resembles them later (`rivals`).
+        leaves = best.chi2 > EXPLAINED * max(int(best.used.sum()), 1)
+        asked = pairs if leaves or not problem.in_motion else []
+        double = _best_pair(problem, current, chosen, scores, asked, best, stored)
         threshold = scores.critical**2 + PAIR_PENALTY
         if double is not None and merit(double) < merit(best) - threshold and len(chosen) + 2 <= most:
             best = double

@@ -182,7 +182,7 @@ def terms_of(problem: Problem, fit: Fit, split: Split, say: Progress = lambda _:
             # From where all rows led: beside the bent model the same term may end elsewhere.
             begin = straightened(kept, without, fitted.fit)
             seen = fitted_inside(kept, begin, fitted.term, PATIENT)
-            shown = closed(gap, mean_square(replace(seen.problem, used=None), seen.fit, split))
+            shown = closed(gap, mean_square(replace(seen.problem, used=None), seen.fit, split), int(split.held.sum()))
             proof = _proof(problem, fit, fitted)
         else:
             excess = max(fit.chi2 - table.rows, fitted.gain)

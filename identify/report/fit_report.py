@@ -27,7 +27,14 @@ from thermohyd.identify.fitting.result import FitResult, ParameterEstimate
 
 from .model_form_words import model_form_rows, model_form_sentences, title
 from .terminal import grid, heading, indented, table
-from .uncertainty_words import TITLE, knowledge_sentences, print_knowledge, remedy_sentences
+from .uncertainty_words import (
+    PREDICTIONS,
+    TITLE,
+    knowledge_sentences,
+    print_knowledge,
+    print_predictions,
+    remedy_sentences,
+)
 
 
 CORRELATION_THRESHOLD = 0.3
@@ -388,6 +395,9 @@ def _knowledge(console: Console, result: FitResult, wide: bool) -> None:
         return
     _heading(console, TITLE)
     print_knowledge(result, console, wide)
+    if result.knowledge.predictions:
+        console.print(Text(PREDICTIONS, style="bold"))
+        print_predictions(result, console, wide)
     _sentences(console, knowledge_sentences(result), "")
     _section(console, "Which test would tell more", remedy_sentences(result))
 

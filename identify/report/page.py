@@ -79,6 +79,8 @@ def html_report(
         data_figures=list(figures),
         knowledge_title=uncertainty_words.TITLE,
         knowledge=uncertainty_words.knowledge_rows(result),
+        predictions_title=uncertainty_words.PREDICTIONS,
+        predictions=uncertainty_words.prediction_rows(result),
         knowledge_sentences=uncertainty_words.knowledge_sentences(result),
         knowledge_figures=list(pictures),
         record=result.record,

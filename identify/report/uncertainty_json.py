@@ -3,7 +3,15 @@
 from typing import Any
 
 from thermohyd.identify.fitting.result import FitResult
-from thermohyd.identify.uncertainty.result import CoverageOf, KnownParameter, Nested, Posterior, PosteriorOf, ProfileOf
+from thermohyd.identify.uncertainty.result import (
+    CoverageOf,
+    KnownParameter,
+    Nested,
+    Posterior,
+    PosteriorOf,
+    PredictedFigure,
+    ProfileOf,
+)
 
 
 def knowledge_json(result: FitResult) -> dict[str, Any] | None:
@@ -20,6 +28,7 @@ def knowledge_json(result: FitResult) -> dict[str, Any] | None:
         "failed": known.failed,
         "seed": known.seed,
         "notes": known.notes,
+        "predictions": [_prediction(figure) for figure in known.predictions],
     }
 
 
@@ -40,6 +49,25 @@ def _row(row: KnownParameter, size: float) -> dict[str, Any]:
         "coverage": None if row.coverage is None else _coverage(row.coverage),
         "remedy": None if row.remedy is None else {"words": row.remedy.words, "std_factor": row.remedy.factor},
         "averaged_over": row.averaged,
+    }
+
+
+def _prediction(figure: PredictedFigure) -> dict[str, Any]:
+    return {
+        "name": figure.name,
+        "test": figure.test,
+        "temperature": figure.temperature,
+        "supply_pressure": figure.supply_pressure,
+        "value": figure.value,
+        "unit": figure.unit,
+        "std": figure.std,
+        "ci95": figure.ci95,
+        "profile95": {
+            "low": figure.low,
+            "high": figure.high,
+            "open_low": figure.open_low,
+            "open_high": figure.open_high,
+        },
     }
 
 

@@ -6,14 +6,15 @@ from dataclasses import dataclass
 from rich.console import Console
 from rich.text import Text
 
-from thermohyd.identify.bench.shown_units import beside
+from thermohyd.identify.bench.shown_units import BAR, CELSIUS, beside, figure_unit
 from thermohyd.identify.fitting.result import FitResult
-from thermohyd.identify.uncertainty.result import CoverageOf, KnownParameter, Nested
+from thermohyd.identify.uncertainty.result import CoverageOf, KnownParameter, Nested, PredictedFigure
 
 from .terminal import indented, table
 
 
 TITLE = "What is known of each parameter"
+PREDICTIONS = "What that says of the valve"
 
 
 @dataclass(frozen=True)
@@ -80,6 +81,48 @@ def _ends(interval: Nested, factor: float, std: float | None) -> str:
 
 def _share(found: CoverageOf) -> str:
     return f"{found.held} of {found.records}" if found.records else "none"
+
+
+@dataclass(frozen=True)
+class PredictionRow:
+    """One figure of the valve in bench units."""
+
+    name: str
+    at: str
+    value: str
+    unit: str
+    std: str
+    covariance: str
+    profile: str
+
+
+def prediction_rows(result: FitResult) -> list[PredictionRow]:
+    """A row per figure, where profiles were asked."""
+    return [] if result.knowledge is None else [_predicted(figure) for figure in result.knowledge.predictions]
+
+
+def _predicted(figure: PredictedFigure) -> PredictionRow:
+    unit = figure_unit(figure.unit)
+    std = None if figure.std is None else figure.std * unit.factor
+    idea = std if std is not None else 0.25 * (figure.high - figure.low) * unit.factor or None
+    ends = Nested(0.95, figure.low, figure.high, figure.open_low, figure.open_high)
+    covariance = "" if figure.ci95 is None else _ends(Nested(0.95, *figure.ci95), unit.factor, idea)
+    return PredictionRow(
+        name=figure.name,
+        at=f"{figure.temperature - CELSIUS:.0f} degC, {figure.supply_pressure * BAR:.0f} bar",
+        value=beside(figure.value * unit.factor, idea),
+        unit=unit.label,
+        std="" if std is None else beside(std, std),
+        covariance=covariance,
+        profile=_ends(ends, unit.factor, idea),
+    )
+
+
+def print_predictions(result: FitResult, console: Console, wide: bool) -> None:
+    """The table of figures."""
+    cells = [[getattr(row, key) for key in PREDICTED] for row in prediction_rows(result)]
+    console.print(indented(table([*PREDICTED.values()], cells, gap=int(wide))))
+    console.print("")
 
 
 def knowledge_sentences(result: FitResult) -> list[str]:
@@ -150,6 +193,15 @@ def _pressing(rows: Iterable[KnownParameter]) -> list[str]:
     return said
 
 
+PREDICTED = {
+    "name": "figure",
+    "at": "at",
+    "value": ">value",
+    "std": ">std err",
+    "unit": "unit",
+    "covariance": ">by covariance 95 %",
+    "profile": ">by profile 95 %",
+}
 # Two tables, as one does not fit beside 120 columns: what a parameter is, and what that rests on.
 FIRST = {
     "name": "name",

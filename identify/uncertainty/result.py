@@ -153,6 +153,28 @@ class KnownParameter:
 
 
 @dataclass(frozen=True)
+class PredictedFigure:
+    """A figure of the valve at one condition (SI), which need not have been read: its value, standard error and interval by the
+    covariance (None where they say nothing), and the 95 % interval by its profile.
+
+    open_low, open_high: limits of the parameters ended it, not the data.
+    """
+
+    name: str
+    test: str
+    temperature: float
+    supply_pressure: float
+    value: float
+    unit: str
+    std: float | None
+    ci95: tuple[float, float] | None
+    low: float
+    high: float
+    open_low: bool = False
+    open_high: bool = False
+
+
+@dataclass(frozen=True)
 class Knowledge:
     """All rows, in the order of the fit, and what they were made from. profiled: whether profiles were asked."""
 
@@ -163,3 +185,4 @@ class Knowledge:
     failed: int = 0  # of these, fits that did not converge
     seed: int = 0
     notes: tuple[str, ...] = ()
+    predictions: tuple[PredictedFigure, ...] = ()  # with the profiles, of static tests

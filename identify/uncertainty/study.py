@@ -12,6 +12,7 @@ from thermohyd.identify.fitting.result import FitResult
 from .coverage import coverage_of
 from .finished_fit import FinishedFit
 from .posterior import Sampling, posterior_of
+from .predictions import predictions_of
 from .profiles import profiles_of
 from .remedy import remedies
 from .result import Knowledge, KnownParameter
@@ -37,8 +38,9 @@ def fit_in_depth(
 ) -> FitResult:
     """`fit`, whose result says in `knowledge` what is known of each free parameter (docs/uncertainty.md).
 
-    profile: likelihood profiles of all free parameters and amounts. posterior: draws by the no-U-turn sampler, of records of static
-    tests; a `Sampling` says how many. coverage: so many records simulated at the fit, and fitted. seed: of draws and simulations.
+    profile: likelihood profiles of all free parameters and amounts, and intervals of figures of the valve. posterior: draws by the
+    no-U-turn sampler, of records of static tests; a `Sampling` says how many. coverage: so many records simulated at the fit, and
+    fitted. seed: of draws and simulations.
     Raises as `fit` does, and BenchInputError where the posterior cannot be asked for.
     """
     began = time.perf_counter()
@@ -65,6 +67,8 @@ def knowledge_of(
     around = FinishedFit(fitted, uncertainty_of(fitted))
     drawn = None if sampling is None else posterior_of(fitted, around.known, sampling, say)
     profiles, notes = profiles_of(around, say) if profile else ({}, ())
+    predictions, without_end = predictions_of(around, say) if profile else ((), ())
+    notes = (*notes, *without_end)
     rows = {name: known_parameter(result, fitted, name, profiles.get(name)) for name in fitted.free}
     covered, failed = coverage_of(around, coverage, seed, say) if coverage else ({}, 0)
     moving = any(test.in_motion for test in fitted.tests.values())
@@ -78,7 +82,7 @@ def knowledge_of(
         rows[name] = replace(row, posterior=of, coverage=covered.get(name), remedy=fixes.get(name))
     if drawn is not None:
         notes = (*notes, *((drawn.trouble,) if drawn.trouble else ()), *drawn.notes)
-    return Knowledge(rows, profile, drawn, coverage, failed, seed, notes)
+    return Knowledge(rows, profile, drawn, coverage, failed, seed, notes, predictions)
 
 
 WIDE = 0.1  # standard error over value, from which on a better test is looked for even where a parameter is identified

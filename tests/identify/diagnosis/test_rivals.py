@@ -171,3 +171,17 @@ def test_exchange_without_anything_named():
 )
 def test_share_of_the_gap(before, after, share):
     assert closed(before, after) == pytest.approx(share)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "rows", "share"),
+    [
+        (0.98, 0.93, 500, 1.0),
+        (1.03, 0.98, 500, 1.0),
+        (0.98, 0.97, 500, 0.0),
+        (1.03, 1.02, 500, 1.0 / 3.0),
+        (5.0, 3.0, 500, 0.5),
+    ],
+)
+def test_noise_that_was_taken_too_large_hides_no_gap(before, after, rows, share):
+    assert closed(before, after, rows) == pytest.approx(share)

@@ -23,6 +23,7 @@ from thermohyd.identify.noise.correlation import NoiseCorrelation
 from thermohyd.identify.uncertainty.coverage import coverage_of
 from thermohyd.identify.uncertainty.finished_fit import FinishedFit
 from thermohyd.identify.uncertainty.posterior import Sampling, posterior_of
+from thermohyd.identify.uncertainty.predictions import predictions_of
 from thermohyd.identify.uncertainty.profiles import profile_of
 from thermohyd.identify.uncertainty.result import ProfileOf
 from thermohyd.identify.uncertainty.rows import known_parameter
@@ -133,6 +134,38 @@ def test_profile_and_posterior_are_the_grids(radius):
         step = values[1] - values[0]
         assert found.low == pytest.approx(values[reached][0], abs=1.5 * step)
         assert found.high == pytest.approx(values[reached][-1], abs=1.5 * step)
+
+
+def null_leakage(p, temperature):
+    rows = Rows(np.zeros(1), np.array([210e5]), np.zeros(1), np.array([temperature]), np.zeros(1))
+    return float(simulate("leakage", IsothermalRows.of(rows, Oil(*walther(POINTS))), 12e-3, p)[0][0])
+
+
+@pytest.mark.parametrize("radius", [8e-6, 0.0])
+def test_intervals_of_a_figure_are_the_grids(radius):
+    radii, underlaps, cost = grid(radius)
+    _, fitted, known = fitted_of(radius)
+    found, notes = predictions_of(FinishedFit(fitted, known), lambda _: None)
+    assert not notes
+    assert [round(figure.temperature - 313.15, 6) for figure in found] == [-25.0, 0.0, 25.0]
+    allowed = np.argwhere(cost - cost.min() <= chi2.ppf(0.95, 1))
+    for figure in found:
+        leakage = [
+            null_leakage(
+                np.array(
+                    [radii[i], VALVE.clearance, underlaps[j], VALVE.discharge_coefficient, VALVE.transition_number, 0.0]
+                ),
+                figure.temperature,
+            )
+            for i, j in allowed
+        ]
+        assert (figure.name, figure.unit, figure.supply_pressure) == ("null leakage", "m3/s", 210e5)
+        spread = max(leakage) - min(leakage)
+        assert figure.low == pytest.approx(min(leakage), abs=0.06 * spread)
+        assert figure.high == pytest.approx(max(leakage), abs=0.06 * spread)
+        if radius > 0.0:  # nearly linear: the covariance says the same
+            assert figure.std is not None
+            assert figure.ci95 == pytest.approx((figure.low, figure.high), abs=0.06 * spread)
 
 
 def test_at_its_limit_a_radius_has_an_upper_end_and_no_error_bar():

@@ -19,6 +19,7 @@ from thermohyd.identify.uncertainty.result import (
     Nested,
     Posterior,
     PosteriorOf,
+    PredictedFigure,
     ProfileOf,
     ProfilePoint,
     Remedy,
@@ -63,9 +64,11 @@ def known(**changes):
         ("edge_radius",), draws, np.zeros((4, 100), bool), np.zeros((4, 100)), 200, 7, 0.85, (0.85,),
         {"edge_radius": rows["edge_radius"].posterior}, "flat", "", b"draws",
     )  # fmt: skip
-    return replace(
-        fit, knowledge=replace(Knowledge(rows, True, posterior, 100, 2, 7, ("a note <of> the user's",)), **changes)
+    figure = PredictedFigure(
+        "null leakage", "leakage", 343.15, 210e5, 1e-5, "m3/s", 1e-7, (9.8e-6, 1.02e-5), 9.7e-6, 1.03e-5, False, True
     )
+    of = Knowledge(rows, True, posterior, 100, 2, 7, ("a note <of> the user's",), (figure,))
+    return replace(fit, knowledge=replace(of, **changes))
 
 
 @pytest.mark.parametrize(
@@ -129,6 +132,8 @@ def test_the_terminal_says_the_whole_row():
         "4 chains of 100 draws (seed 7)",
         "edge_radius: repeat the tests at 95 degC: error x 0.4",
         "a note <of> the user's",
+        "What that says of the valve",
+        "null leakage 70 degC, 210 bar 0.6000 0.0060 l/min 0.5880 to 0.6120 0.5820 to [0.6180]",
     ):
         assert words in said
     assert "What is known" not in fake_fit().summary()
@@ -145,6 +150,13 @@ def test_json_has_the_keys_that_the_format_promises():
     assert [n["level"] for n in row["profile"]["intervals"]] == list(LEVELS)
     assert row["profile"]["points"][-1]["at_limit"] == ["underlap"]
     assert row["coverage"] == {"held": 93, "records": 100, "share": 0.93, "ci95": [0.86, 0.97]}
+    assert found["predictions"] == [
+        {
+            "name": "null leakage", "test": "leakage", "temperature": 343.15, "supply_pressure": 210e5, "value": 1e-5, "unit": "m3/s",
+            "std": 1e-7, "ci95": [9.8e-6, 1.02e-5],
+            "profile95": {"low": 9.7e-6, "high": 1.03e-5, "open_low": False, "open_high": True},
+        }
+    ]  # fmt: skip
     assert found["posterior"]["file"] == "posterior.nc"
     assert fit_json(fake_fit())["knowledge"] is None
 
@@ -158,6 +170,7 @@ def test_files_hold_a_picture_per_parameter_and_the_draws_and_the_page_escapes_w
     assert "a note &lt;of&gt; the user&#39;s" in page
     assert "practically not identified" in page
     assert page.count('<img alt="profile ') == len(result.free)
+    assert "0.5820 to [0.6180]" in page
 
 
 def test_a_posterior_that_is_not_reported_leaves_one_sentence_and_no_file():
