@@ -6,7 +6,7 @@ not fitted to. A term says where and with what, never why: after Kristensen, Mad
 28, 2004), who ask which state of a grey-box model lacks something, here with places of the circuit and control of false ones.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -31,6 +31,7 @@ ASKED_BY_REFIT = 6  # pairs of place and variable
 FROM_ONE_PLACE = 3  # of these at most
 MOST = 3  # terms that are told
 SIMPLE_LAWS = 3  # of the leading place, that are asked in the end
+A_HAIR = 0.1  # chi-square, in units of what the best leaves: ten times what two refits of one curve end apart
 AS_GOOD = 6.0  # chi-square, in units of what the best leaves, up to which another pair does as well
 CURVE_POINTS = 41
 BENT = 1.5  # reduced chi-square from which a model counts as bent
@@ -166,11 +167,12 @@ def terms_of(problem: Problem, fit: Fit, split: Split, say: Progress = lambda _:
     for item in asked:
         best.setdefault(item[0].entry.pair, item)
     told = list(best.values())
+    apart = [told[i] for i in told_apart([(s.rank, f.fit.chi2) for s, f in told], noise)]
     chosen = plain.with_rows(~split.held)
     without = chosen.fit(fit.effects, fit.values)
     gap = mean_square(plain, without, split)
     found = []
-    for scored_, fitted in told[:MOST]:
+    for scored_, fitted in apart[:MOST]:
         alike = [
             other.entry.pair
             for other, own in told
@@ -189,6 +191,17 @@ def terms_of(problem: Problem, fit: Fit, split: Split, say: Progress = lambda _:
             shown, proof = float(np.clip(fitted.gain / excess, 0.0, 1.0)), np.nan
         found.append(Found(fitted, table.p_value(scored_), shown, proof, tuple(alike)))
     return tuple(found)
+
+
+def told_apart(ended: Sequence[tuple[int, float]], noise: float) -> list[int]:
+    """Which of some terms, (coefficients that count, chi-square) each, the best first, do not do as well as an earlier one to a hair: what
+    does is one curve by another name, and stands among the alternatives."""
+    kept: list[int] = []
+    for i, (rank, chi2) in enumerate(ended):
+        twins = (rank == ended[k][0] and abs(chi2 - ended[k][1]) < A_HAIR * noise for k in kept)
+        if not any(twins):
+            kept.append(i)
+    return kept
 
 
 def _mirrored(found: Scored) -> bool:
@@ -233,15 +246,14 @@ def _simpler(table: Table, asked: list[Scored], ask: Callable[[Scored], FittedTe
     return found
 
 
-# Chi-square by which a pair that no known physics shows must do better than one that some does, in motion, where places differ less.
+# Chi-square by which a pair that no known physics shows must do better than one that some does.
 UNHEARD_OF = 2.0
 
 
 def _prior(entry: Entry) -> float:
     """Chi-square that an entry must gain beyond what its coefficients cost."""
-    if entry.moving:
-        return UNHEARD_OF if known_physics(entry.place, entry.variable, moving=True) is None else 0.0
-    return place_of(entry.place).prior
+    unheard_of = UNHEARD_OF if known_physics(entry.place, entry.variable, moving=entry.moving) is None else 0.0
+    return unheard_of if entry.moving else unheard_of + place_of(entry.place).prior
 
 
 def _other_edges(

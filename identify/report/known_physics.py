@@ -198,7 +198,7 @@ KNOWN = (
     ),
     Known(
         ("viscosity",),
-        ("temperature",),
+        ("temperature", "constant"),
         "what another oil, or a thermometer that is off, does",
         "measure a sample of the oil at two temperatures",
     ),

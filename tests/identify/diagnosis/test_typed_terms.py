@@ -1,0 +1,25 @@
+"""Which of the terms that were fitted are told, and which of two that do alike comes first: no model is run."""
+
+import numpy as np
+
+from thermohyd.identify.diagnosis.term_table import Entry
+from thermohyd.identify.diagnosis.typed_terms import UNHEARD_OF, _prior, told_apart
+from thermohyd.identify.model.places import place_of
+
+
+def entry(place, variable):
+    return Entry(place, variable, "proportional", np.zeros((1, 1)), np.ones(1), 0.0, 1.0)
+
+
+def test_one_curve_by_another_name_is_told_once():
+    ended = [(1, 500.0), (1, 500.05), (1, 503.0), (3, 500.0)]
+    assert told_apart(ended, 1.0) == [0, 2, 3]
+    assert told_apart(ended, 50.0) == [0, 3]  # where much is left, little counts for less
+
+
+def test_what_known_physics_does_comes_first_among_equals():
+    known, unheard = entry("viscosity", "constant"), entry("viscosity", "rate")
+    assert _prior(known) == 0.0
+    assert _prior(unheard) == UNHEARD_OF
+    # Of one edge beside that: what all edges do is simpler.
+    assert _prior(entry("edge_radius:pa", "rate")) == UNHEARD_OF + place_of("edge_radius:pa").prior
