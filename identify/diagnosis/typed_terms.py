@@ -14,7 +14,7 @@ import numpy as np
 from thermohyd.identify.fitting.library import stores
 from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.fitting.problem_fit import Fit
-from thermohyd.identify.model.places import place_of
+from thermohyd.identify.model.places import OF_READING, place_of
 from thermohyd.identify.model.typed_terms import CURVES, KNOTS, basis
 from thermohyd.identify.report.known_physics import known_physics
 
@@ -97,16 +97,27 @@ class Found:
 
 
 def leading(table: Table) -> list[Scored]:
-    """Whom a refit asks: the best pairs, of one place a few."""
+    """Whom a refit asks: the best pairs, of one place a few.
+
+    Of pairs that no reading tells apart an instrument's stands for all: it is checked without opening the valve.
+    """
     chosen: list[Scored] = []
     for found in table.ranked:
         same = sum(family(c.entry.place) == family(found.entry.place) for c in chosen)
-        twin = any(_alike(c, found) for c in chosen)
-        if same < FROM_ONE_PLACE and not twin and table.p_value(found) <= LEVEL:
+        twin = next((i for i, c in enumerate(chosen) if _alike(c, found)), None)
+        if twin is not None:
+            if _of_an_instrument(found) and not _of_an_instrument(chosen[twin]):
+                chosen[twin] = found
+            continue
+        if same < FROM_ONE_PLACE and table.p_value(found) <= LEVEL:
             chosen.append(found)
         if len(chosen) == ASKED_BY_REFIT:
             break
     return chosen
+
+
+def _of_an_instrument(found: Scored) -> bool:
+    return found.entry.place == "position" or found.entry.place.startswith(OF_READING)
 
 
 def terms_of(problem: Problem, fit: Fit, split: Split, say: Progress = lambda _: None) -> tuple[Found, ...]:

@@ -2,13 +2,30 @@
 
 import numpy as np
 
-from thermohyd.identify.diagnosis.term_table import Entry
-from thermohyd.identify.diagnosis.typed_terms import UNHEARD_OF, _prior, told_apart
+from thermohyd.identify.diagnosis.max_t import MaxT
+from thermohyd.identify.diagnosis.term_table import Entry, Scored, Table
+from thermohyd.identify.diagnosis.typed_terms import UNHEARD_OF, _prior, leading, told_apart
 from thermohyd.identify.model.places import place_of
 
 
 def entry(place, variable):
     return Entry(place, variable, "proportional", np.zeros((1, 1)), np.ones(1), 0.0, 1.0)
+
+
+def test_an_instrument_stands_for_what_no_reading_tells_apart():
+    own, other = np.eye(5)[:, :1], np.eye(5)[:, 1:2]
+    scored = [
+        Scored(entry(place, variable), gain, 1, direction)
+        for place, variable, gain, direction in (
+            ("edge_flow", "opening", 90.0, own),
+            ("reading:flows", "flow", 89.9, own),
+            ("position", "position", 89.8, own),
+            ("viscosity", "temperature", 60.0, other),
+        )
+    ]
+    law = MaxT.of(np.concatenate([own, other], axis=1), np.zeros(2, dtype=bool), 200)
+    found = leading(Table(tuple(scored), law, 200.0, 1.0, 100))
+    assert [s.entry.pair for s in found] == [("reading:flows", "flow"), ("viscosity", "temperature")]
 
 
 def test_one_curve_by_another_name_is_told_once():
