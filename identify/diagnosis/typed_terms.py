@@ -31,6 +31,7 @@ ASKED_BY_REFIT = 6  # pairs of place and variable
 FROM_ONE_PLACE = 3  # of these at most
 MOST = 3  # terms that are told
 SIMPLE_LAWS = 3  # of the leading place, that are asked in the end
+BY_CHANCE = 2.0  # standard errors of a mean square, within which rows held out show no gap of their own
 A_HAIR = 0.1  # chi-square, in units of what the best leaves: ten times what two refits of one curve end apart
 AS_GOOD = 6.0  # chi-square, in units of what the best leaves, up to which another pair does as well
 CURVE_POINTS = 41
@@ -195,8 +196,8 @@ def terms_of(problem: Problem, fit: Fit, split: Split, say: Progress = lambda _:
             # From where all rows led: beside the bent model the same term may end elsewhere.
             begin = straightened(kept, without, fitted.fit)
             seen = fitted_inside(kept, begin, fitted.term, PATIENT)
-            shown = closed(gap, mean_square(replace(seen.problem, used=None), seen.fit, split), int(split.held.sum()))
-            proof = _proof(problem, fit, fitted)
+            left = mean_square(replace(seen.problem, used=None), seen.fit, split)
+            shown, proof = _judged(problem, fit, fitted, (gap, left), int(split.held.sum()))
         else:
             excess = max(fit.chi2 - table.rows, fitted.gain)
             shown, proof = float(np.clip(fitted.gain / excess, 0.0, 1.0)), np.nan
@@ -298,9 +299,19 @@ def _alike(a: Scored, b: Scored) -> bool:
     return a.rank == b.rank == 1 and abs(float(a.directions[:, 0] @ b.directions[:, 0])) > ALIKE
 
 
-def _proof(problem: Problem, fit: Fit, fitted: FittedTerm) -> float:
-    """2 ln E of the term over the model without it, every condition left out once, in units of the misfit left."""
+def _judged(
+    problem: Problem, fit: Fit, fitted: FittedTerm, on_held: tuple[float, float], rows: int
+) -> tuple[float, float]:
+    """(share of the gap that is closed on rows held out, 2 ln E of the term over the model without it).
+
+    on_held: mean square misfit of the rows held out, without and with the term. The proof leaves every condition out once, in units
+    of the misfit left; where the rows held out alone show no gap, its share of these.
+    """
     parts = parts_left_out(problem.tests)
-    scale = max(fitted.fit.chi2 / max(int(fit.used.sum()), 1), 1.0)
     apart = lambda f: float(np.sum(predicted_apart(f, parts) ** 2))
-    return (apart(fit) - apart(with_coefficients(fitted))) / scale
+    before, after = apart(fit), apart(with_coefficients(fitted))
+    proof = (before - after) / max(fitted.fit.chi2 / max(int(fit.used.sum()), 1), 1.0)
+    if on_held[0] - 1.0 < BY_CHANCE * np.sqrt(2.0 / max(rows, 1)):
+        rows = len(fit.residual)
+        on_held = before / rows, after / rows
+    return closed(*on_held, rows), proof
