@@ -179,12 +179,12 @@ def terms_of(problem: Problem, fit: Fit, split: Split, say: Progress = lambda _:
     for item in asked:
         best.setdefault(item[0].entry.pair, item)
     told = list(best.values())
-    apart = [told[i] for i in told_apart([(s.rank, f.fit.chi2) for s, f in told], noise)]
+    distinct = [told[i] for i in told_apart([(s.rank, f.fit.chi2) for s, f in told], noise)]
     chosen = plain.with_rows(~split.held)
     without = chosen.fit(fit.effects, fit.values)
     gap = mean_square(plain, without, split)
     found = []
-    for scored_, fitted in apart[:MOST]:
+    for scored_, fitted in distinct[:MOST]:
         alike = [
             other.entry.pair
             for other, own in told
@@ -197,7 +197,9 @@ def terms_of(problem: Problem, fit: Fit, split: Split, say: Progress = lambda _:
             begin = straightened(kept, without, fitted.fit)
             seen = fitted_inside(kept, begin, fitted.term, PATIENT)
             left = mean_square(replace(seen.problem, used=None), seen.fit, split)
-            shown, proof = _judged(problem, fit, fitted, (gap, left), int(split.held.sum()))
+            scale = max(fitted.fit.chi2 / max(int(fit.used.sum()), 1), 1.0)
+            apart = _apart(problem, fit, fitted)
+            shown, proof = judged((gap, left), int(split.held.sum()), apart, len(fit.residual), scale)
         else:
             excess = max(fit.chi2 - table.rows, fitted.gain)
             shown, proof = float(np.clip(fitted.gain / excess, 0.0, 1.0)), np.nan
@@ -299,19 +301,22 @@ def _alike(a: Scored, b: Scored) -> bool:
     return a.rank == b.rank == 1 and abs(float(a.directions[:, 0] @ b.directions[:, 0])) > ALIKE
 
 
-def _judged(
-    problem: Problem, fit: Fit, fitted: FittedTerm, on_held: tuple[float, float], rows: int
-) -> tuple[float, float]:
-    """(share of the gap that is closed on rows held out, 2 ln E of the term over the model without it).
-
-    on_held: mean square misfit of the rows held out, without and with the term. The proof leaves every condition out once, in units
-    of the misfit left; where the rows held out alone show no gap, its share of these.
-    """
+def _apart(problem: Problem, fit: Fit, fitted: FittedTerm) -> tuple[float, float]:
+    """Chi-square of all rows, each predicted without its condition: by the model without the term, and with it."""
     parts = parts_left_out(problem.tests)
     apart = lambda f: float(np.sum(predicted_apart(f, parts) ** 2))
-    before, after = apart(fit), apart(with_coefficients(fitted))
-    proof = (before - after) / max(fitted.fit.chi2 / max(int(fit.used.sum()), 1), 1.0)
+    return apart(fit), apart(with_coefficients(fitted))
+
+
+def judged(
+    on_held: tuple[float, float], rows: int, apart: tuple[float, float], all_rows: int, scale: float
+) -> tuple[float, float]:
+    """(share of the gap that is closed on rows held out, 2 ln E), without and with a term in each pair.
+
+    on_held: mean square misfit of `rows` held out. apart: chi-square of `all_rows`, every condition left out once, whose fall in units
+    of the misfit left, `scale`, is the proof; where the rows held out alone show no gap, theirs is the share.
+    """
+    proof = (apart[0] - apart[1]) / scale
     if on_held[0] - 1.0 < BY_CHANCE * np.sqrt(2.0 / max(rows, 1)):
-        rows = len(fit.residual)
-        on_held = before / rows, after / rows
+        return closed(apart[0] / all_rows, apart[1] / all_rows, all_rows), proof
     return closed(*on_held, rows), proof

@@ -1,10 +1,11 @@
 """Which of the terms that were fitted are told, and which of two that do alike comes first: no model is run."""
 
 import numpy as np
+import pytest
 
 from thermohyd.identify.diagnosis.max_t import MaxT
 from thermohyd.identify.diagnosis.term_table import Entry, Scored, Table
-from thermohyd.identify.diagnosis.typed_terms import UNHEARD_OF, _prior, leading, told_apart
+from thermohyd.identify.diagnosis.typed_terms import UNHEARD_OF, _prior, judged, leading, told_apart
 from thermohyd.identify.model.places import place_of
 
 
@@ -32,6 +33,20 @@ def test_one_curve_by_another_name_is_told_once():
     ended = [(1, 500.0), (1, 500.05), (1, 503.0), (3, 500.0)]
     assert told_apart(ended, 1.0) == [0, 2, 3]
     assert told_apart(ended, 50.0) == [0, 3]  # where much is left, little counts for less
+
+
+@pytest.mark.parametrize(
+    ("on_held", "share"),
+    [
+        ((2.0, 1.0), 1.0),  # a gap that the rows held out show
+        ((2.0, 1.5), 0.5),
+        ((1.02, 1.01), 1.0),  # none there: of the proof's rows, whose misfit falls below the noise
+        ((0.99, 0.98), 1.0),
+    ],
+)
+def test_a_gap_that_the_rows_held_out_do_not_show_is_that_of_the_proofs_rows(on_held, share):
+    found = judged(on_held, 800, (2900.0, 2800.0), 2850, 1.0)
+    assert found == (pytest.approx(share), pytest.approx(100.0))
 
 
 def test_what_known_physics_does_comes_first_among_equals():
