@@ -185,12 +185,14 @@ def terms_of(problem: Problem, fit: Fit, split: Split, say: Progress = lambda _:
     gap = mean_square(plain, without, split)
     found = []
     for scored_, fitted in distinct[:MOST]:
-        alike = [
-            other.entry.pair
+        near = [
+            other
             for other, own in told
             if other is not scored_ and cost((other, own)) - cost((scored_, fitted)) < AS_GOOD
         ]
-        alike += [pair for pair in _same_direction(table, scored_) if pair not in alike and pair not in best]
+        # And what no reading tells from these, or from the term itself.
+        same = (pair for s in (scored_, *near) for pair in _same_direction(table, s) if pair not in best)
+        alike = dict.fromkeys([*(other.entry.pair for other in near), *same])
         if refits:
             kept = problem.with_rows(~split.held)
             # From where all rows led: beside the bent model the same term may end elsewhere.
