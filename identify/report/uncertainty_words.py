@@ -199,8 +199,8 @@ PREDICTED = {
     "value": ">value",
     "std": ">std err",
     "unit": "unit",
-    "covariance": ">by covariance 95 %",
-    "profile": ">by profile 95 %",
+    "covariance": ">covariance 95 %",
+    "profile": ">profile 95 %",
 }
 # Two tables, as one does not fit beside 120 columns: what a parameter is, and what that rests on.
 FIRST = {
