@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from thermohyd.effects.library import effect_info
 from thermohyd.identify.bench.test_record import TestRecord
 from thermohyd.identify.fitting.library import stores
 from thermohyd.identify.fitting.problem import Problem
@@ -69,7 +70,7 @@ def predictions_of(
 def figures_among(tests: Mapping[str, TestRecord], null: float) -> tuple[dict[str, TestRecord], list[Wanted]]:
     """Tests of as many rows as these that begin with the rows that the figures need, and the figures.
 
-    Between both directions of a sweep, at rest, at the highest supply pressure of each test.
+    At the highest supply pressure of each test.
     """
     made: dict[str, TestRecord] = {}
     wanted: list[Wanted] = []
@@ -92,15 +93,12 @@ def figures_among(tests: Mapping[str, TestRecord], null: float) -> tuple[dict[st
             own = {(channel, at[offset]): weight for (channel, offset), weight in weights.items()}
             wanted.append(Wanted(title, unit, name, level, supply, own))
             row += len(offsets)
-        still = np.zeros(test.rows)
         made[name] = replace(
             test,
             spool_position=position,
             temperature=temperature,
             supply_pressure=np.full(test.rows, supply),
             return_pressure=np.full(test.rows, float(np.median(test.return_pressure))),
-            direction=still,
-            rate=None if test.rate is None else still,
             nodes=None if test.nodes is None else replace(test.nodes, offset=np.zeros_like(test.nodes.offset)),
         )
     return made, wanted
@@ -125,13 +123,15 @@ def _figure(test: TestRecord) -> tuple[dict[tuple[str, float], float], str, str]
 
 
 @dataclass(frozen=True)
-class _Ellipsoid:
-    """What every step needs: the free parameters that can move, in natural steps between their limits."""
+class _Room:
+    """The free parameters and the room between their limits, all in natural steps (`scale`, SI). still: amounts of effects that act along
+    a sweep, which a figure of the valve at rest does not have."""
 
     names: tuple[str, ...]
     scale: np.ndarray
     lower: np.ndarray
     upper: np.ndarray
+    still: np.ndarray
 
     def columns(self, at: Fit) -> np.ndarray:
         """(rows, parameters), with the ridge's rows below."""
@@ -150,9 +150,9 @@ def _predicted(
     free = around.fitted.free
     boxes = [problem.box_of(name, values[name]) for name in free]
     scale = np.array([problem.scale_of(name) for name in free])
-    room = _Ellipsoid(
-        free, scale, np.array([b.lower for b in boxes]) / scale, np.array([b.upper for b in boxes]) / scale
-    )
+    lower, upper = (np.array([getattr(box, end) for box in boxes]) / scale for end in ("lower", "upper"))
+    still = np.array([name in effects and effect_info(name).of_sweeps for name in free])
+    room = _Room(free, scale, lower, upper, still)
     here = problem.evaluate(values, effects)
     value, slope = _figure_at(there, wanted, values, effects, room)
     covariance = around.known.covariance.matrix / np.outer(scale, scale)
@@ -186,11 +186,12 @@ def _variance(columns: np.ndarray, slope: np.ndarray) -> float:
 
 
 def _figure_at(
-    there: Problem, wanted: Wanted, values: Mapping[str, float], effects: tuple[str, ...], room: _Ellipsoid
+    there: Problem, wanted: Wanted, values: Mapping[str, float], effects: tuple[str, ...], room: _Room
 ) -> tuple[float, np.ndarray]:
     """The figure, and its slopes to the parameters in natural steps."""
-    at = there.evaluate(values, effects)
-    own = at.columns[:, [at.order.index(name) for name in room.names]] * room.scale
+    at_rest = {name: 0.0 for name, still in zip(room.names, room.still, strict=True) if still}
+    at = there.evaluate({**values, **at_rest}, effects)
+    own = at.columns[:, [at.order.index(name) for name in room.names]] * np.where(room.still, 0.0, room.scale)
     value, slope, rows = 0.0, np.zeros(len(room.names)), there.rows()
     for (channel, row), weight in wanted.weights.items():
         key = (wanted.test, channel)
@@ -209,7 +210,7 @@ def _end(
     wanted: Wanted,
     values: dict[str, float],
     effects: tuple[str, ...],
-    room: _Ellipsoid,
+    room: _Room,
     side: float,
     rise: float,
     idea: float,
@@ -224,7 +225,7 @@ def _end(
         moved, ended = _largest(room, at, p, side * slope, allowed)
         for _ in range(HALVINGS):
             trial = problem.evaluate(of(moved), effects)
-            # Beyond the level by a tenth the ellipsoid was none: an edge closed, or the model bends.
+            # Where chi-square rises by more than twice as much, the ellipsoid was none: an edge closed, or the model bends.
             if np.isfinite(trial.chi2) and trial.chi2 <= max(allowed + rise, at.chi2):
                 break
             moved = 0.5 * (moved + p)
@@ -232,13 +233,13 @@ def _end(
             return None
         before, p, at = figure, moved, trial
         figure, slope = _figure_at(there, wanted, of(p), effects, room)
-        there_already = abs(figure - before) <= CLOSE * idea
-        if there_already and (ended or abs(at.chi2 - allowed) <= REACHED * rise):
+        settled = abs(figure - before) <= CLOSE * idea
+        if settled and (ended or abs(at.chi2 - allowed) <= REACHED * rise):
             return figure, ended and at.chi2 < allowed - REACHED * rise
     return None
 
 
-def _largest(room: _Ellipsoid, at: Fit, p: np.ndarray, slope: np.ndarray, allowed: float) -> tuple[np.ndarray, bool]:
+def _largest(room: _Room, at: Fit, p: np.ndarray, slope: np.ndarray, allowed: float) -> tuple[np.ndarray, bool]:
     """The parameters with the largest slope @ p on the linear model's chi-square of `allowed`, within their limits; whether limits end
     all of the way.
 

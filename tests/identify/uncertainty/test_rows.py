@@ -1,16 +1,19 @@
 """The word on a parameter, the rows of a report, and shares that are counted: no fit is run."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from helpers.fake_fit import fake_fit, fake_parameters
 from scipy.stats import binomtest
 
+from thermohyd.identify.bench.test_record import Channel, TestRecord
 from thermohyd.identify.fitting.uncertainty import Block
 from thermohyd.identify.noise.correlation import NoiseCorrelation, noise_correlation
 from thermohyd.identify.report.fit_json import fit_files, fit_json
 from thermohyd.identify.uncertainty.coverage import clopper_pearson, noise_like
+from thermohyd.identify.uncertainty.predictions import figures_among
 from thermohyd.identify.uncertainty.result import (
     LEVELS,
     CoverageOf,
@@ -107,6 +110,26 @@ def test_the_interval_of_a_share_is_the_exact_one():
     for held, records in ((0, 20), (19, 20), (20, 20), (90, 100)):
         exact = binomtest(held, records).proportion_ci(0.95, "exact")
         assert clopper_pearson(held, records) == pytest.approx((exact.low, exact.high), abs=1e-9)
+
+
+def test_figures_are_asked_at_the_ends_of_what_was_read_and_beyond():
+    rows, run = 12, np.zeros(12, dtype=int)
+    test = TestRecord(
+        "flow_gain", Path("flow_gain.csv"), np.linspace(-2e-4, 1e-4, rows), np.repeat([70e5, 140e5], 6), np.zeros(rows),
+        np.repeat([243.15, 313.15], 6), (Channel("flow", np.zeros(rows)),), run, ("1",), np.ones(rows),
+    )  # fmt: skip
+    made, wanted = figures_among({"flow_gain": test}, 1e-6)
+    # -55 degC is no oil's; both ends of the sweep, about the null, at the highest supply pressure
+    assert [w.temperature for w in wanted] == [243.15, 313.15, 338.15]
+    assert {(w.name, w.unit, w.supply_pressure) for w in wanted} == {("flow gain over the sweep", "m2/s", 140e5)}
+    there = made["flow_gain"]
+    assert there.rows == rows
+    for figure in wanted:
+        (_, low), (_, high) = sorted(figure.weights)
+        assert there.temperature[[low, high]] == pytest.approx([figure.temperature] * 2)
+        assert there.spool_position[[low, high]] == pytest.approx([1e-6 - 2e-4, 1e-6 + 2e-4])
+        assert [figure.weights["flow", row] for row in (low, high)] == pytest.approx([-2500.0, 2500.0])
+    assert np.all(there.supply_pressure == 140e5)
 
 
 def test_simulated_noise_has_the_size_and_the_memory_that_the_fit_found():
