@@ -26,6 +26,7 @@ from .screening import BOTH_PORTS, POWER, Projection, can_measure_ports, ports_a
 
 
 ENOUGH = 12.0  # chi-square that settles a choice: odds of 400 to 1, 2 ln 400
+APART, COLDEST, HOTTEST = 25.0, 233.0, 403.0  # K: a step beyond the temperatures read, and between which a bench can be
 ALL = ""  # tests, in the place of a test's name
 MUCH_LESS = 0.7  # of the reading: from here on a cheaper measurement is worth a word
 
@@ -326,8 +327,8 @@ def menu(tests: dict[str, TestRecord]) -> list[tuple[str, dict[str, TestRecord]]
     def add(words: str, change: Callable[[TestRecord], TestRecord]) -> None:
         options.append((words, {name: change(test) for name, test in tests.items()}))
 
-    for temperature in (cold - 25.0, warm + 25.0):
-        if 233.0 < temperature < 403.0:
+    for temperature in (cold - APART, warm + APART):
+        if COLDEST < temperature < HOTTEST:
             add(f"at {temperature - 273.15:.0f} degC", lambda t, k=temperature: _at_temperature(t, k))
     for pressure in (0.4 * high, 1.5 * high):
         if pressure < 355e5:

@@ -183,6 +183,9 @@ def terms_of(problem: Problem, fit: Fit, split: Split, say: Progress = lambda _:
     chosen = plain.with_rows(~split.held)
     without = chosen.fit(fit.effects, fit.values)
     gap = mean_square(plain, without, split)
+    parts = parts_left_out(problem.tests)
+    apart = lambda f: float(np.sum(predicted_apart(f, parts) ** 2))
+    bare = apart(fit) if refits else np.nan
     found = []
     for scored_, fitted in distinct[:MOST]:
         near = [
@@ -200,8 +203,8 @@ def terms_of(problem: Problem, fit: Fit, split: Split, say: Progress = lambda _:
             seen = fitted_inside(kept, begin, fitted.term, PATIENT)
             left = mean_square(replace(seen.problem, used=None), seen.fit, split)
             scale = max(fitted.fit.chi2 / max(int(fit.used.sum()), 1), 1.0)
-            apart = _apart(problem, fit, fitted)
-            shown, proof = judged((gap, left), int(split.held.sum()), apart, len(fit.residual), scale)
+            one_by_one = bare, apart(with_coefficients(fitted))
+            shown, proof = judged((gap, left), int(split.held.sum()), one_by_one, len(fit.residual), scale)
         else:
             excess = max(fit.chi2 - table.rows, fitted.gain)
             shown, proof = float(np.clip(fitted.gain / excess, 0.0, 1.0)), np.nan
@@ -269,7 +272,7 @@ UNHEARD_OF = 2.0
 def _prior(entry: Entry) -> float:
     """Chi-square that an entry must gain beyond what its coefficients cost."""
     unheard_of = UNHEARD_OF if known_physics(entry.place, entry.variable, moving=entry.moving) is None else 0.0
-    return unheard_of if entry.moving else unheard_of + place_of(entry.place).prior
+    return unheard_of + place_of(entry.place, moving=entry.moving).prior
 
 
 def _other_edges(
@@ -301,13 +304,6 @@ def _same_direction(table: Table, best: Scored) -> list[tuple[str, str]]:
 
 def _alike(a: Scored, b: Scored) -> bool:
     return a.rank == b.rank == 1 and abs(float(a.directions[:, 0] @ b.directions[:, 0])) > ALIKE
-
-
-def _apart(problem: Problem, fit: Fit, fitted: FittedTerm) -> tuple[float, float]:
-    """Chi-square of all rows, each predicted without its condition: by the model without the term, and with it."""
-    parts = parts_left_out(problem.tests)
-    apart = lambda f: float(np.sum(predicted_apart(f, parts) ** 2))
-    return apart(fit), apart(with_coefficients(fitted))
 
 
 def judged(

@@ -80,6 +80,7 @@ def html_report(
         knowledge_title=uncertainty_words.TITLE,
         knowledge=uncertainty_words.knowledge_rows(result),
         predictions_title=uncertainty_words.PREDICTIONS,
+        predicted=uncertainty_words.PREDICTED,
         predictions=uncertainty_words.prediction_rows(result),
         knowledge_sentences=uncertainty_words.knowledge_sentences(result),
         knowledge_figures=list(pictures),

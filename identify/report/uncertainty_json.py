@@ -62,12 +62,7 @@ def _prediction(figure: PredictedFigure) -> dict[str, Any]:
         "unit": figure.unit,
         "std": figure.std,
         "ci95": figure.ci95,
-        "profile95": {
-            "low": figure.low,
-            "high": figure.high,
-            "open_low": figure.open_low,
-            "open_high": figure.open_high,
-        },
+        "profile95": {key: end for key, end in _nested(figure.profile, 1.0).items() if key != "level"},
     }
 
 

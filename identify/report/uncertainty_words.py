@@ -69,7 +69,10 @@ def _half(row: KnownParameter, factor: float) -> float | None:
     interval = row.profile or row.posterior
     if interval is None:
         return None
-    ends = interval.at(0.95)
+    return _scale_of_digits(interval.at(0.95), factor)
+
+
+def _scale_of_digits(ends: Nested, factor: float) -> float | None:
     return 0.25 * (ends.high - ends.low) * factor or None
 
 
@@ -104,8 +107,7 @@ def prediction_rows(result: FitResult) -> list[PredictionRow]:
 def _predicted(figure: PredictedFigure) -> PredictionRow:
     unit = figure_unit(figure.unit)
     std = None if figure.std is None else figure.std * unit.factor
-    idea = std if std is not None else 0.25 * (figure.high - figure.low) * unit.factor or None
-    ends = Nested(0.95, figure.low, figure.high, figure.open_low, figure.open_high)
+    idea = std if std is not None else _scale_of_digits(figure.profile, unit.factor)
     covariance = "" if figure.ci95 is None else _ends(Nested(0.95, *figure.ci95), unit.factor, idea)
     return PredictionRow(
         name=figure.name,
@@ -114,7 +116,7 @@ def _predicted(figure: PredictedFigure) -> PredictionRow:
         unit=unit.label,
         std="" if std is None else beside(std, std),
         covariance=covariance,
-        profile=_ends(ends, unit.factor, idea),
+        profile=_ends(figure.profile, unit.factor, idea),
     )
 
 

@@ -13,20 +13,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from thermohyd.effects.library import effect_info
+from thermohyd.identify.bench.shown_units import CELSIUS
 from thermohyd.identify.bench.test_record import TestRecord
+from thermohyd.identify.diagnosis.next_test import APART, COLDEST, HOTTEST
 from thermohyd.identify.fitting.library import stores
 from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.fitting.problem_fit import Fit
 
 from .finished_fit import FinishedFit, effects_of
-from .result import PredictedFigure
+from .result import Nested, PredictedFigure
 
 
-APART = 25.0  # K beyond the temperatures that were read, as in the menu of `diagnosis/next_test.py`
-COLDEST, HOTTEST = 233.0, 403.0  # K
 NEAR_NULL = 0.5e-6  # m on either side, over which a pressure gain is taken
 ROUNDS, HALVINGS = 20, 6
 CLOSE, REACHED = 0.01, 0.02  # of the error bar that a step moves the figure by; of `rise` that chi-square is off
+LEVEL = 0.95
 RIDGE = 1e-6  # per natural step of a parameter: what no reading sees goes as far as its limits
 
 
@@ -52,16 +53,15 @@ def predictions_of(
     effects = effects_of(around.fitted)
     if any(stores(name) for name in effects) or any(test.in_motion for test in around.fitted.tests.values()):
         return (), ()
-    problem = around.problem
-    values = {name: plan.start for name, plan in problem.plans.items()} | around.fitted.values
-    tests, wanted = figures_among(problem.tests, values["null_bias"])
-    there = replace(problem, tests=tests, used=None)
+    problem, values = around.problem, around.fitted.values
+    tests, wanted = figures_among(problem.tests, values.get("null_bias", problem.plans["null_bias"].start))
+    valve = _Valve.of(around, tests, effects)
     found, notes = [], []
     for k, figure in enumerate(wanted, start=1):
         say(f"interval of a figure ({k} of {len(wanted)})")
-        own = _predicted(around, problem, there, figure, values, effects)
+        own = _predicted(around, valve, figure)
         if own is None:
-            notes.append(f"{figure.name} at {figure.temperature - 273.15:.0f} degC: no end of its interval was found")
+            notes.append(f"{figure.name} at {figure.temperature - CELSIUS:.0f} degC: no end of its interval was found")
         else:
             found.append(own)
     return tuple(found), tuple(notes)
@@ -123,57 +123,94 @@ def _figure(test: TestRecord) -> tuple[dict[tuple[str, float], float], str, str]
 
 
 @dataclass(frozen=True)
-class _Room:
-    """The free parameters and the room between their limits, all in natural steps (`scale`, SI). still: amounts of effects that act along
-    a sweep, which a figure of the valve at rest does not have."""
+class _Valve:
+    """The fit seen as a function of its free parameters, in natural steps (`scale`, SI) between their limits.
+
+    read, unread: the record's tests, and those that nobody has run; best, there: both at the optimum. still: amounts of effects that act
+    along a sweep, which a figure of the valve at rest does not have.
+    """
 
     names: tuple[str, ...]
     scale: np.ndarray
     lower: np.ndarray
     upper: np.ndarray
     still: np.ndarray
+    values: Mapping[str, float]
+    effects: tuple[str, ...]
+    read: Problem
+    unread: Problem
+    best: Fit
+    there: Fit
+
+    @classmethod
+    def of(cls, around: FinishedFit, tests: dict[str, TestRecord], effects: tuple[str, ...]) -> "_Valve":
+        read, free, values = around.problem, around.fitted.free, around.fitted.values
+        unread = replace(read, tests=tests, used=None)
+        scale = np.array([read.scale_of(name) for name in free])
+        boxes = [read.box_of(name, values[name]) for name in free]
+        lower, upper = (np.array([getattr(box, end) for box in boxes]) / scale for end in ("lower", "upper"))
+        still = np.array([name in effects and effect_info(name).of_sweeps for name in free])
+        best = read.evaluate(values, effects)
+        there = unread.evaluate(_at_rest(values, free, still), effects)
+        return cls(free, scale, lower, upper, still, values, effects, read, unread, best, there)
+
+    @property
+    def start(self) -> np.ndarray:
+        return np.array([self.values[name] for name in self.names]) / self.scale
+
+    def moved_to(self, p: np.ndarray) -> dict[str, float]:
+        """All values, SI, with the free ones at p."""
+        return {**self.values, **dict(zip(self.names, (p * self.scale).tolist(), strict=True))}
+
+    def fit_at(self, p: np.ndarray) -> Fit:
+        return self.read.evaluate(self.moved_to(p), self.effects)
 
     def columns(self, at: Fit) -> np.ndarray:
         """(rows, parameters), with the ridge's rows below."""
         own = at.columns[:, [at.order.index(name) for name in self.names]] * self.scale
         return np.concatenate([own, RIDGE * np.eye(len(self.names))])
 
+    def figure(self, wanted: Wanted, p: np.ndarray | None = None) -> tuple[float, np.ndarray]:
+        """A figure, and its slopes to the parameters; p: None at the optimum."""
+        at = self.there
+        if p is not None:
+            at = self.unread.evaluate(_at_rest(self.moved_to(p), self.names, self.still), self.effects)
+        own = at.columns[:, [at.order.index(name) for name in self.names]] * np.where(self.still, 0.0, self.scale)
+        value, slope, rows = 0.0, np.zeros(len(self.names)), self.unread.rows()
+        for (channel, row), weight in wanted.weights.items():
+            key = (wanted.test, channel)
+            place, count = rows[key].start + row, rows[key].stop - rows[key].start
+            std = float(np.broadcast_to(self.unread.noise.std[key], count)[row])
+            read = float(self.unread.tests[wanted.test].channel(channel).value[row])
+            value += weight * (at.residual[place] * std + read)
+            slope += weight * std * own[place]
+        return float(value), slope
 
-def _predicted(
-    around: FinishedFit,
-    problem: Problem,
-    there: Problem,
-    wanted: Wanted,
-    values: dict[str, float],
-    effects: tuple[str, ...],
-) -> PredictedFigure | None:
-    free = around.fitted.free
-    boxes = [problem.box_of(name, values[name]) for name in free]
-    scale = np.array([problem.scale_of(name) for name in free])
-    lower, upper = (np.array([getattr(box, end) for box in boxes]) / scale for end in ("lower", "upper"))
-    still = np.array([name in effects and effect_info(name).of_sweeps for name in free])
-    room = _Room(free, scale, lower, upper, still)
-    here = problem.evaluate(values, effects)
-    value, slope = _figure_at(there, wanted, values, effects, room)
-    covariance = around.known.covariance.matrix / np.outer(scale, scale)
+
+def _at_rest(values: Mapping[str, float], names: tuple[str, ...], still: np.ndarray) -> dict[str, float]:
+    return {**values, **{name: 0.0 for name, rests in zip(names, still, strict=True) if rests}}
+
+
+def _predicted(around: FinishedFit, valve: _Valve, wanted: Wanted) -> PredictedFigure | None:
+    value, slope = valve.figure(wanted)
+    covariance = around.known.covariance.matrix / np.outer(valve.scale, valve.scale)
     variance = float(slope @ covariance @ slope)
-    columns = room.columns(here)
-    moving = [i for i, name in enumerate(free) if not around.fitted.solution.active[i]]
-    white = _variance(columns[:, moving], slope[moving])
+    moving = [i for i in range(len(valve.names)) if not around.fitted.solution.active[i]]
+    white = _variance(valve.columns(valve.best)[:, moving], slope[moving])
     inflation = variance / white if variance > 0.0 and white > 0.0 else float(np.median(around.known.inflation))
-    reach = around.known.reach(len(free), 0.95)
+    reach = around.known.reach(len(valve.names), LEVEL)
     std = float(np.sqrt(variance)) if variance > 0.0 else None
     idea = std if std is not None else float(np.sqrt(white * inflation))
     ends = []
     for side in (-1.0, 1.0):
-        end = _end(problem, there, wanted, values, effects, room, side, reach**2 * inflation, idea)
+        end = _end(valve, wanted, side, reach**2 * inflation, idea)
         if end is None:
             return None
         ends.append(end)
     (low, open_low), (high, open_high) = ends
     return PredictedFigure(
         wanted.name, wanted.test, wanted.temperature, wanted.supply_pressure, value, wanted.unit, std,
-        None if std is None else (value - reach * std, value + reach * std), low, high, open_low, open_high,
+        None if std is None else (value - reach * std, value + reach * std), Nested(LEVEL, low, high, open_low, open_high),
     )  # fmt: skip
 
 
@@ -185,46 +222,15 @@ def _variance(columns: np.ndarray, slope: np.ndarray) -> float:
     return float(np.sum(np.linalg.solve(triangle.T, slope) ** 2))
 
 
-def _figure_at(
-    there: Problem, wanted: Wanted, values: Mapping[str, float], effects: tuple[str, ...], room: _Room
-) -> tuple[float, np.ndarray]:
-    """The figure, and its slopes to the parameters in natural steps."""
-    at_rest = {name: 0.0 for name, still in zip(room.names, room.still, strict=True) if still}
-    at = there.evaluate({**values, **at_rest}, effects)
-    own = at.columns[:, [at.order.index(name) for name in room.names]] * np.where(room.still, 0.0, room.scale)
-    value, slope, rows = 0.0, np.zeros(len(room.names)), there.rows()
-    for (channel, row), weight in wanted.weights.items():
-        key = (wanted.test, channel)
-        place, std = (
-            rows[key].start + row,
-            float(np.broadcast_to(there.noise.std[key], rows[key].stop - rows[key].start)[row]),
-        )
-        value += weight * (at.residual[place] * std + float(there.tests[wanted.test].channel(channel).value[row]))
-        slope += weight * std * own[place]
-    return float(value), slope
-
-
-def _end(
-    problem: Problem,
-    there: Problem,
-    wanted: Wanted,
-    values: dict[str, float],
-    effects: tuple[str, ...],
-    room: _Room,
-    side: float,
-    rise: float,
-    idea: float,
-) -> tuple[float, bool] | None:
+def _end(valve: _Valve, wanted: Wanted, side: float, rise: float, idea: float) -> tuple[float, bool] | None:
     """Where the figure ends on one side, and whether limits of the parameters ended it; None where no step led there."""
-    p = np.array([values[name] for name in room.names]) / room.scale
-    of = lambda q: {**values, **dict(zip(room.names, (q * room.scale).tolist(), strict=True))}
-    at = problem.evaluate(values, effects)
+    p, at = valve.start, valve.best
     allowed = at.chi2 + rise
-    figure, slope = _figure_at(there, wanted, values, effects, room)
+    figure, slope = valve.figure(wanted)
     for _ in range(ROUNDS):
-        moved, ended = _largest(room, at, p, side * slope, allowed)
+        moved, ended = _largest(valve, at, p, side * slope, allowed)
         for _ in range(HALVINGS):
-            trial = problem.evaluate(of(moved), effects)
+            trial = valve.fit_at(moved)
             # Where chi-square rises by more than twice as much, the ellipsoid was none: an edge closed, or the model bends.
             if np.isfinite(trial.chi2) and trial.chi2 <= max(allowed + rise, at.chi2):
                 break
@@ -232,20 +238,20 @@ def _end(
         else:
             return None
         before, p, at = figure, moved, trial
-        figure, slope = _figure_at(there, wanted, of(p), effects, room)
+        figure, slope = valve.figure(wanted, p)
         settled = abs(figure - before) <= CLOSE * idea
         if settled and (ended or abs(at.chi2 - allowed) <= REACHED * rise):
             return figure, ended and at.chi2 < allowed - REACHED * rise
     return None
 
 
-def _largest(room: _Room, at: Fit, p: np.ndarray, slope: np.ndarray, allowed: float) -> tuple[np.ndarray, bool]:
+def _largest(valve: _Valve, at: Fit, p: np.ndarray, slope: np.ndarray, allowed: float) -> tuple[np.ndarray, bool]:
     """The parameters with the largest slope @ p on the linear model's chi-square of `allowed`, within their limits; whether limits end
     all of the way.
 
     A parameter that the way leads beyond its limit stays there, and the others take what is left.
     """
-    columns = room.columns(at)
+    columns = valve.columns(at)
     residual = np.concatenate([at.residual, np.zeros(len(p))])
     step, open_ = np.zeros(len(p)), np.ones(len(p), dtype=bool)
     while open_.any():
@@ -257,9 +263,9 @@ def _largest(room: _Room, at: Fit, p: np.ndarray, slope: np.ndarray, allowed: fl
         length = float(np.linalg.norm(way))
         on = way / length * np.sqrt(max(left, 0.0)) if length > 0.0 else np.zeros(len(way))
         step[open_] = np.linalg.solve(triangle, on - seen)
-        beyond = open_ & ((p + step < room.lower) | (p + step > room.upper))
+        beyond = open_ & ((p + step < valve.lower) | (p + step > valve.upper))
         if not beyond.any():
             return p + step, False
-        step[beyond] = np.clip(p + step, room.lower, room.upper)[beyond] - p[beyond]
+        step[beyond] = np.clip(p + step, valve.lower, valve.upper)[beyond] - p[beyond]
         open_ &= ~beyond
     return p + step, True

@@ -155,10 +155,7 @@ class KnownParameter:
 @dataclass(frozen=True)
 class PredictedFigure:
     """A figure of the valve at one condition (SI), which need not have been read: its value, standard error and interval by the
-    covariance (None where they say nothing), and the 95 % interval by its profile.
-
-    open_low, open_high: limits of the parameters ended it, not the data.
-    """
+    covariance (None where they say nothing), and the 95 % interval by its profile."""
 
     name: str
     test: str
@@ -168,10 +165,7 @@ class PredictedFigure:
     unit: str
     std: float | None
     ci95: tuple[float, float] | None
-    low: float
-    high: float
-    open_low: bool = False
-    open_high: bool = False
+    profile: Nested
 
 
 @dataclass(frozen=True)

@@ -161,11 +161,11 @@ def test_intervals_of_a_figure_are_the_grids(radius):
         ]
         assert (figure.name, figure.unit, figure.supply_pressure) == ("null leakage", "m3/s", 210e5)
         spread = max(leakage) - min(leakage)
-        assert figure.low == pytest.approx(min(leakage), abs=0.06 * spread)
-        assert figure.high == pytest.approx(max(leakage), abs=0.06 * spread)
+        assert figure.profile.low == pytest.approx(min(leakage), abs=0.06 * spread)
+        assert figure.profile.high == pytest.approx(max(leakage), abs=0.06 * spread)
         if radius > 0.0:  # nearly linear: the covariance says the same
             assert figure.std is not None
-            assert figure.ci95 == pytest.approx((figure.low, figure.high), abs=0.06 * spread)
+            assert figure.ci95 == pytest.approx((figure.profile.low, figure.profile.high), abs=0.06 * spread)
 
 
 def test_at_its_limit_a_radius_has_an_upper_end_and_no_error_bar():

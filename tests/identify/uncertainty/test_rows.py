@@ -68,7 +68,15 @@ def known(**changes):
         {"edge_radius": rows["edge_radius"].posterior}, "flat", "", b"draws",
     )  # fmt: skip
     figure = PredictedFigure(
-        "null leakage", "leakage", 343.15, 210e5, 1e-5, "m3/s", 1e-7, (9.8e-6, 1.02e-5), 9.7e-6, 1.03e-5, False, True
+        "null leakage",
+        "leakage",
+        343.15,
+        210e5,
+        1e-5,
+        "m3/s",
+        1e-7,
+        (9.8e-6, 1.02e-5),
+        Nested(0.95, 9.7e-6, 1.03e-5, False, True),
     )
     of = Knowledge(rows, True, posterior, 100, 2, 7, ("a note <of> the user's",), (figure,))
     return replace(fit, knowledge=replace(of, **changes))
