@@ -16,6 +16,7 @@ import hashlib
 import os
 import pickle
 import tempfile
+import threading
 import weakref
 import zlib
 from collections.abc import Callable, Iterator
@@ -43,6 +44,7 @@ MOST_LOADED = 24 * 1000**2  # bytes
 # others.
 MOST_READS = 3
 
+_changing = threading.Lock()  # of what several threads may change: which programs there are, and which are loaded
 _folder: Path | None = None
 _programs: "weakref.WeakSet[KeptProgram]" = weakref.WeakSet()
 
@@ -115,7 +117,8 @@ class KeptProgram:
             if key not in self.unkept:
                 self.unkept[key] = self._jitted(tree, leaves)
             program = self.unkept[key]
-        rest = [jax.numpy.asarray(leaf) for leaf in leaves[1:] if eqx.is_array(leaf)]
+        there = lambda leaf: leaf if isinstance(leaf, jax.Array) else jax.numpy.asarray(leaf)
+        rest = [there(leaf) for leaf in leaves[1:] if eqx.is_array(leaf)]
         return lambda value: program([value, *rest])
 
     def _jitted(self, tree: Any, leaves: list[Any]) -> Callable:
@@ -135,9 +138,10 @@ class KeptProgram:
             hash(key)
         except TypeError:
             return None
-        if key not in self.kept:
-            self.kept[key] = self._of_disk(tree, leaves)
-        return self.kept[key]
+        with _changing:
+            if key not in self.kept:
+                self.kept[key] = self._of_disk(tree, leaves)
+            return self.kept[key]
 
     def _of_disk(self, tree: Any, leaves: list[Any]) -> "_Program | None":
         assert _folder is not None
@@ -153,7 +157,7 @@ class KeptProgram:
 
 class _Program:
     """One program of this process, of a list of arrays: read from disk when it is needed, compiled and written there where it is not,
-    and let go of when others were used since (`MOST_LOADED`)."""
+    and let go of when others were used since (`MOST_LOADED`). Of several threads one reads or compiles it, and the others wait."""
 
     def __init__(self, function: Callable, options: dict[str, Any], tree: Any, told: list[Any], file: Path) -> None:
         self.function, self.options, self.tree, self.told, self.file = function, options, tree, told, file
@@ -161,11 +165,15 @@ class _Program:
         self.size = 0  # bytes of it as it is written; 0: it is not to be had from disk
         self.proven = False
         self.reads = 0
+        self.making = threading.Lock()
 
     def __call__(self, arrays: list[Any]) -> Any:
-        run = self.run or self._read()
+        run = self.run
         if run is None:
-            return self._compiled(arrays)
+            with self.making:
+                run = self.run or self._read()
+                if run is None:
+                    return self._compiled(arrays)
         _loaded.use(self)
         if self.proven:
             return run(arrays)
@@ -173,22 +181,24 @@ class _Program:
             found = jax.block_until_ready(run(arrays))
         except Exception:  # whatever XLA calls what it cannot run
             self.file.unlink(missing_ok=True)
-            return self._compiled(arrays)
+            with self.making:
+                return self._compiled(arrays)
         self.proven = True
         return found
 
     def _read(self) -> Callable | None:
         try:
             executable, count, answer = _read(self.file)
-            self.run = _callable(executable, count, answer)
+            self.run = run = _callable(executable, count, answer)
         except Exception:  # nothing there, cut short, or of a release that the words do not tell apart
             return None
         self.size = len(executable)
-        self.reads += 1
-        _loaded.read.add(self)
-        if self.reads > MOST_READS:
-            _loaded.room += self.size
-        return self.run
+        with _changing:
+            self.reads += 1
+            _loaded.read.add(self)
+            if self.reads > MOST_READS:
+                _loaded.room += self.size
+        return run
 
     def _compiled(self, arrays: list[Any]) -> Any:
         """What it answers, compiled; from then on it runs as it was kept, which takes an eighth of the memory."""
@@ -214,12 +224,16 @@ class _Loaded:
         """It is the last to go; the longest unused go while there are more than there is room for."""
         if not program.size:
             return
-        self.size += program.size - self.programs.pop(program, 0)
-        self.programs[program] = program.size
-        while self.size > self.room and len(self.programs) > 1:
-            longest_unused = next(iter(self.programs))
-            self.size -= self.programs.pop(longest_unused)
-            longest_unused.run = None
+        gone = False
+        with _changing:
+            self.size += program.size - self.programs.pop(program, 0)
+            self.programs[program] = program.size
+            while self.size > self.room and len(self.programs) > 1:
+                longest_unused = next(iter(self.programs))
+                self.size -= self.programs.pop(longest_unused)
+                longest_unused.run = None
+                gone = True
+        if gone:
             give_memory_back()
 
 
@@ -323,14 +337,25 @@ def _lean(
 
 @contextmanager
 def _out_of_jax_cache() -> Iterator[None]:
-    """JAX keeps nothing of what is compiled within: it is kept here."""
+    """JAX keeps nothing of what is compiled within: it is kept here. The setting is the process's: the last of several threads to leave
+    puts it back."""
+    global _compiling, _usual
     name = "jax_persistent_cache_min_compile_time_secs"
-    before = getattr(jax.config, name)
-    jax.config.update(name, float("inf"))
+    with _changing:
+        if not _compiling:
+            _usual = getattr(jax.config, name)
+            jax.config.update(name, float("inf"))
+        _compiling += 1
     try:
         yield
     finally:
-        jax.config.update(name, before)
+        with _changing:
+            _compiling -= 1
+            if not _compiling:
+                jax.config.update(name, _usual)
+
+
+_compiling, _usual = 0, 0.0
 
 
 @dataclasses.dataclass(frozen=True)

@@ -15,6 +15,7 @@ from thermohyd.effects.library import effect_info
 from thermohyd.identify.fitting.library import asks_for_more, stores
 from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.fitting.problem_fit import Fit
+from thermohyd.identify.fitting.side_by_side import each
 
 from .case import LEVEL_OF_ALL_ROWS, Case, Progress
 from .confirmation import PROVEN, Confirmation, confirmation, fit_of_rows_left, strength, unproven
@@ -92,7 +93,8 @@ def exchange_fits(
     first = final.physics[0]
     others = tuple(name for name in final.effects if name != first)
     say("exchange test")
-    return {name: problem.fit((*others, name), {**final.values, first: 0.0}) for name in chosen}
+    ask = lambda name: problem.fit((*others, name), {**final.values, first: 0.0})
+    return dict(zip(chosen, each(ask, chosen), strict=True))
 
 
 # Far below the level of the search: the test trusts a correlation of the noise that was itself estimated.
@@ -152,7 +154,8 @@ def _channel_shares(problem: Problem, base: Fit, without: Fit, fit: Fit) -> list
 
 def fits_without(problem: Problem, fit: Fit) -> dict[str, Fit]:
     """{effect or fault: the fit without it}."""
-    return {name: problem.fit([n for n in fit.effects if n != name], {**fit.values, name: 0.0}) for name in fit.effects}
+    ask = lambda name: problem.fit([n for n in fit.effects if n != name], {**fit.values, name: 0.0})
+    return dict(zip(fit.effects, each(ask, fit.effects), strict=True))
 
 
 HOPELESS = 0.5  # times the least share: an equal in its place would have to close twice as much, and so is not asked
@@ -221,8 +224,9 @@ def _nearly_found(problem: Problem, fit: Fit, whole: Selection, known: Iterable[
     They weigh as much as what is missing to the critical value lets them: at that value as much as the model without.
     """
     others = {*fit.effects, *known}
-    asked = {name: problem.fit((*fit.effects, name), fit.values) for name in whole.nearly if name not in others}
-    return tuple(Rival(name, "", more, whole.nearly[name]) for name, more in asked.items() if believable(more))
+    names = [name for name in whole.nearly if name not in others]
+    asked = zip(names, each(lambda name: problem.fit((*fit.effects, name), fit.values), names), strict=True)
+    return tuple(Rival(name, "", more, whole.nearly[name]) for name, more in asked if believable(more))
 
 
 def believable(fit: Fit) -> bool:

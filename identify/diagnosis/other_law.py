@@ -10,6 +10,7 @@ from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.fitting.problem_fit import Fit
 from thermohyd.identify.fitting.problem_solution import misfit_scale
 
+from .final_model import fits_without
 from .rivals import ALIKE
 from .search import implausible
 
@@ -48,10 +49,7 @@ def what_the_other_law_says(problem: Problem, final: Fit, critical: float) -> Ot
     scale = min(misfit_scale(there, whole), misfit_scale(problem, final))
     needed = whole
     while needed.effects:
-        without = [
-            there.fit([n for n in needed.effects if n != name], {**needed.values, name: 0.0}) for name in needed.effects
-        ]
-        least = min(without, key=lambda fit: fit.chi2)
+        least = min(fits_without(there, needed).values(), key=lambda fit: fit.chi2)
         least = there.fit(least.effects, least.values, hop_basins=True)
         if not (least.chi2 - needed.chi2) / scale < critical**2:
             break

@@ -19,6 +19,7 @@ from thermohyd.identify.fitting.discrepancy import Discrepancy
 from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.fitting.problem_fit import Fit
 from thermohyd.identify.fitting.problem_solution import gls_covariance, misfit_scale
+from thermohyd.identify.fitting.side_by_side import each
 from thermohyd.identify.fitting.uncertainty import Covariance
 from thermohyd.identify.reduction.monotone_pieces import piece_bounds, sweep_ids
 
@@ -107,8 +108,9 @@ def remaining_misfit(problem: Problem, fit: Fit, say: Callable[[str], None] = la
     say("how far readings may be trusted beside the misfit")
     parts = runs_left_out(problem.tests)
     alone = Beside(fit, misfit_scale(problem, fit))
-    tried = [alone, *(_fitted(problem, fit, length) for length in LENGTHS)]
-    believed = max(tried, key=lambda beside: left_out_score(problem, beside, parts))
+    tried = [alone, *each(lambda length: _fitted(problem, fit, length), LENGTHS)]
+    scores = each(lambda beside: left_out_score(problem, beside, parts), tried)
+    believed = tried[int(np.argmax(scores))]
     weighed = alone
     if believed is not alone:
         say("which weights predict runs left out best")
@@ -131,7 +133,7 @@ def weighed_again(problem: Problem, tried: Sequence[Rival], remaining: Remaining
         fit = beside.fit(rival.fit.effects, rival.fit.values)
         return replace(rival, fit=fit, chi2_more=(fit.chi2 - remaining.fit.chi2) / remaining.weighed.scale)
 
-    return tuple(map(again, tried))
+    return tuple(each(again, tried))
 
 
 def runs_left_out(tests: Mapping[str, TestRecord]) -> np.ndarray:
@@ -195,12 +197,12 @@ def curves_of(problem: Problem, length: float, rows: int) -> Iterator[np.ndarray
         sweeps = list(piece_bounds(sweep_ids(test)))
         shared = kernel_curves(rank, length, CURVES[length])
         apart = min(len(sweeps), MOST_CURVES // FEWEST_CURVES)
-        each = min(CURVES[length], MOST_CURVES // apart)
-        of_one = kernel_curves(rank, length, each)
-        own = np.zeros((test.rows, each * apart))
+        count = min(CURVES[length], MOST_CURVES // apart)
+        of_one = kernel_curves(rank, length, count)
+        own = np.zeros((test.rows, count * apart))
         for number, (start, stop) in enumerate(sweeps):
-            first = number % apart * each
-            own[start:stop, first : first + each] = of_one[start:stop]
+            first = number % apart * count
+            own[start:stop, first : first + count] = of_one[start:stop]
         for columns in (shared, own):
             block = np.zeros((rows, columns.shape[1]))
             block[place] = whitened(problem, key, columns * _typical(problem, key))
@@ -248,11 +250,15 @@ def left_out_errors(problem: Problem, beside: Beside, parts: np.ndarray) -> np.n
     """Mean square misfit (channels,) of the rows of each part in units of their noise, each predicted by a fit without its part."""
     misses = np.zeros(len(parts))
     white = problem.with_noise(problem.noise.white)
-    for part in np.unique(parts[parts >= 0]):
+    numbers = np.unique(parts[parts >= 0]).tolist()
+
+    def missed(part: int) -> np.ndarray:
         rest = weighing(problem.with_rows(parts != part), beside)
         fit = fit_of_rows_left(rest, beside.fit.effects, beside.fit.values)
-        own = parts == part
-        misses[own] = white.evaluate(fit.values, fit.effects).residual[: len(parts)][own]
+        return white.evaluate(fit.values, fit.effects).residual[: len(parts)][parts == part]
+
+    for part, found in zip(numbers, each(missed, numbers), strict=True):
+        misses[parts == part] = found
     shown = [misses[place][parts[place] >= 0] for place in problem.rows().values()]
     return np.array([np.mean(own**2) for own in shown if len(own)])
 

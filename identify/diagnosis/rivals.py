@@ -11,9 +11,10 @@ from thermohyd.identify.fitting.bench_faults import BenchFault, info_of, is_faul
 from thermohyd.identify.fitting.library import asks_for_more, expensive_to_compile, stores
 from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.fitting.problem_fit import Fit
+from thermohyd.identify.fitting.side_by_side import each
 
 from .max_t import NoiseFreedom, normal_score
-from .screening import Screen, screen
+from .screening import Screen, Signature, screen
 from .screening_faults import SHARE, screen_of_faults
 from .search import (
     FAULTS,
@@ -122,10 +123,8 @@ def rivals_of(
     same_place = lambda s: not of_another_test(problem.faults, s.name, name)
     alias = lambda s: s.name == name or (of_the_bench and same_curve(s) and same_place(s))
     at_fault = [s for s in ([] if faults is None else faults.ranked) if not alias(s) and (s.gain > within or twin(s))]
-    tried = []
-    for s in (*likely[:MOST_REFITS], *at_fault[:FAULTS]):
-        if s.name in hopeless:
-            continue
+
+    def ask(s: Signature) -> Rival | None:
         start = on_paper = {**without.values, s.name: s.estimate}
         if named is not None and twin(s):  # the same curve by another name: start where the named one ended
             same = final.values[name] * named.size / s.size * float(np.sign(s.direction @ named.direction))
@@ -138,13 +137,16 @@ def rivals_of(
         if 0.5 * ALIKE < _more(fit, final, scale) < REACH:
             fit = problem.fit((*others, s.name), fit.values, hop_basins=True)
         if fit.values[s.name] == 0.0 or s.name in fit.active:
-            continue
+            return None
         more = _more(fit, final, scale)
         if is_fault(s.name) and not of_the_bench and twin(s):
             # What a fault must gain for the many places that it was looked for in is a matter of chance: no chance made it the same curve.
             # It stands beside the effect then, and takes its place only where it has gained that.
             more = min(more, max(more - (fit.allowance - final.allowance), 0.0))
-        tried.append(Rival(s.name, name, fit, more))
+        return Rival(s.name, name, fit, more)
+
+    asked = [s for s in (*likely[:MOST_REFITS], *at_fault[:FAULTS]) if s.name not in hopeless]
+    tried = [rival for rival in each(ask, asked) if rival is not None]
     law, share = (scores.law, 1.0) if own or faults is None else (faults.law, SHARE)
     known = np.inf if named is None or freedom is None else freedom.along(named.direction, without.used)
     strength = normal_score(float(np.sqrt(max(gain / scale, 0.0))), known)
@@ -170,11 +172,10 @@ def _two_in_its_place(problem: Problem, final: Fit, name: str, without: Fit, sco
     )
     pairs = best_pairs(scores, [s for s in scores.ranked if s.name != name])
     likely = [(a, b) for (a, b), gain in pairs if gain > own.gain + needed - NEARLY and ready(a.name, b.name)]
-    fits = [
-        problem.fit((*others, a.name, b.name), {**without.values, a.name: a.estimate, b.name: b.estimate})
-        for a, b in likely[:MOST_PAIRS]
-    ]
-    best = min(fits, key=merit, default=None)
+    ask = lambda pair: problem.fit(
+        (*others, *(s.name for s in pair)), {**without.values, **{s.name: s.estimate for s in pair}}
+    )
+    best = min(each(ask, likely[:MOST_PAIRS]), key=merit, default=None)
     return best if best is not None and merit(final) - merit(best) > needed else None
 
 
@@ -278,4 +279,4 @@ def all_rivals(
     of = lambda name: rivals_of(
         problem, final, name, steps, scale=scale, freedom=freedom, hopeless=hopeless.get(name, frozenset()), pairs=pairs
     )
-    return {name: of(name) for name in final.effects}
+    return dict(zip(final.effects, each(of, final.effects), strict=True))

@@ -13,6 +13,7 @@ from thermohyd.identify.fitting.bench_faults import info_of, is_fault
 from thermohyd.identify.fitting.library import expensive_to_compile, stores
 from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.fitting.problem_fit import Fit
+from thermohyd.identify.fitting.side_by_side import each
 from thermohyd.identify.fitting.trimmed import FAR
 
 from .max_t import NoiseFreedom, normal_score
@@ -192,11 +193,10 @@ def _gains_of_refits(
     """
     near = [s for s in ranked if s.gain > scores.critical**2 - NEARLY]
     near = [s for s in near if not stores(s.name) and _is_cheap(s.name, chosen)]
-    gains = {}
-    for s in near[:MOST_NEARLY]:
-        fit = problem.fit((*chosen, s.name), {**current.values, s.name: s.estimate}, most_steps=GLANCE)
-        gains[s.name] = max(merit(current) - merit(fit), s.gain)
-    return gains
+    ask = lambda s: problem.fit((*chosen, s.name), {**current.values, s.name: s.estimate}, most_steps=GLANCE)
+    near = near[:MOST_NEARLY]
+    fits = each(ask, near)
+    return {s.name: max(merit(current) - merit(fit), s.gain) for s, fit in zip(near, fits, strict=True)}
 
 
 def _is_cheap(name: str, chosen: tuple[str, ...]) -> bool:
@@ -231,57 +231,52 @@ def _singles(
     A model that misses by far has bent its parameters to the misfit: scores beside it say little, and refits that start
     from it end in local minima. Then every candidate is tried, from the nominal valve too, and the best ones go on by basin hopping.
     """
-    fits = {}
+    fits: dict[str, Fit] = {}
     dear = lambda name: not _is_cheap(name, chosen)
 
-    def ask(s: Signature) -> None:
-        fits[s.name] = problem.fit((*chosen, s.name), {**current.values, s.name: s.estimate}, most_steps=GLANCE)
+    def ask(signatures: list[Signature]) -> None:
+        of = lambda s: problem.fit((*chosen, s.name), {**current.values, s.name: s.estimate}, most_steps=GLANCE)
+        fits.update(zip((s.name for s in signatures), each(of, signatures), strict=True))
 
     lead = leading(ranked)
-    for s in lead:
-        if not dear(s.name) and (any(map(stores, chosen)) or not stores(s.name)):
-            ask(s)
+    ask([s for s in lead if not dear(s.name) and (any(map(stores, chosen)) or not stores(s.name))])
     # Programs of their own, and oil stored at the ports, where they could explain as much as the best of the others, and enough to
     # be added at all.
     gain = current.chi2 - min((fit.chi2 for fit in fits.values()), default=current.chi2)
     needed = (1.0 - RELATIVE_REACH) * scores.critical**2 * max(1.0, needed_beside(current))
     least = lambda s: max(within_reach(gain), needed if dear(s.name) else -np.inf)
-    for s in lead:
-        if dear(s.name) and not stores(s.name) and s.gain >= least(s):
-            ask(s)
+    ask([s for s in lead if dear(s.name) and not stores(s.name) and s.gain >= least(s)])
     left = [s for s in ranked if stores(s.name) and s.name not in fits]
     asked = could_explain(problem, current, scores, least(left[0])) if left else []
-    for s in left:
-        if s.name in asked:
-            ask(s)
+    ask([s for s in left if s.name in asked])
     rows = max(int(current.used.sum()), 1)
     explained = any(fit.chi2 <= EXPLAINED * rows for fit in fits.values())
     if chosen or explained or current.chi2 <= FAR * rows:
         return fits
     null = {n: current.values[n] for n in ("null_bias",) if n in current.values}
-    for name in dict.fromkeys([*fits, *problem.library.names]):
-        if name in chosen or dear(name) or (stores(name) and name not in fits):
-            continue
-        start = {**{n: current.values[n] for n in chosen}, **null, name: effect_info(name).scale}
-        fit = problem.fit((*chosen, name), start, most_steps=GLANCE)
+    every = dict.fromkeys([*fits, *problem.library.names])
+    others = [n for n in every if not (n in chosen or dear(n) or (stores(n) and n not in fits))]
+    kept = {n: current.values[n] for n in chosen}
+    nominal = lambda name: problem.fit(
+        (*chosen, name), {**kept, **null, name: effect_info(name).scale}, most_steps=GLANCE
+    )
+    for name, fit in zip(others, each(nominal, others), strict=True):
         if name not in fits or merit(fit) < merit(fits[name]):
             fits[name] = fit
     lowest = min(map(merit, fits.values()))
     near = (name for name in sorted(fits, key=lambda n: merit(fits[n])) if merit(fits[name]) <= HOPPING_REACH * lowest)
-    for name in islice(near, MOST_HOPPING):
-        fits[name] = problem.fit(fits[name].effects, fits[name].values, hop_basins=True)
-    return fits
+    leaders = list(islice(near, MOST_HOPPING))
+    hop = lambda name: problem.fit(fits[name].effects, fits[name].values, hop_basins=True)
+    return fits | dict(zip(leaders, each(hop, leaders), strict=True))
 
 
 def _faults(problem: Problem, current: Fit, chosen: tuple[str, ...], scores: Screen | None) -> dict[str, Fit]:
     """Refits of the leading faults of the bench that are beyond what chance gives all of them."""
     if scores is None:
         return {}
-    return {
-        s.name: problem.fit((*chosen, s.name), {**current.values, s.name: s.estimate}, most_steps=GLANCE)
-        for s in leading(scores.ranked)[:FAULTS]
-        if s.strength > scores.critical
-    }
+    ask = lambda s: problem.fit((*chosen, s.name), {**current.values, s.name: s.estimate}, most_steps=GLANCE)
+    lead = [s for s in leading(scores.ranked)[:FAULTS] if s.strength > scores.critical]
+    return dict(zip((s.name for s in lead), each(ask, lead), strict=True))
 
 
 def leading(ranked: list[Signature]) -> list[Signature]:
@@ -334,14 +329,16 @@ def _best_pair(
     )
     cheap = [pair for pair in pairs if not too_expensive(pair) or (pair is pairs[0] and not _nearly(pairs))]
     partners = [pair for pair in cheap if lead in (pair[0][0].name, pair[0][1].name)][:3]
-    fits = []
     chosen_pairs = {(a.name, b.name): (a, b) for (a, b), _ in [*cheap[:PAIRS], *partners]}
-    for a, b in chosen_pairs.values():
+
+    def ask(pair: tuple[Signature, Signature]) -> Fit:
+        a, b = pair
         start = {**current.values, a.name: a.estimate, b.name: b.estimate}
         if lead in (a.name, b.name):  # downhill from the best single effect, which is no linear estimate any more
             start = dict(best.values)
-        fits.append(problem.fit((*chosen, a.name, b.name), start, most_steps=GLANCE))
-    return min(fits, key=merit, default=None)
+        return problem.fit((*chosen, a.name, b.name), start, most_steps=GLANCE)
+
+    return min(each(ask, chosen_pairs.values()), key=merit, default=None)
 
 
 def _nearly(pairs: list[tuple[tuple[Signature, Signature], float]]) -> bool:
@@ -358,7 +355,9 @@ def prune(problem: Problem, fit: Fit, chosen: tuple[str, ...], threshold: float)
     while chosen:
         costs = fit.linear_losses()
         in_doubt = [name for name in chosen if not costs.get(name, 0.0) > FAR_FROM_PRUNED * threshold]
-        without = {name: problem.fit([n for n in chosen if n != name], fit.values) for name in in_doubt}
+        at, beside = fit, chosen  # the loop changes both
+        drop = lambda name, at=at, beside=beside: problem.fit([n for n in beside if n != name], at.values)
+        without = dict(zip(in_doubt, each(drop, in_doubt), strict=True))
         weakest = min(in_doubt, key=lambda name: without[name].chi2, default=None)
         if weakest is None or without[weakest].chi2 - fit.chi2 > threshold:
             break

@@ -44,7 +44,7 @@ def without_stand_ins(case: Case, model: FinalModel, split: Split, say: Progress
     say("asking whether one place does what the names do")
     beside = fit.faults if names else ()
     base = problem.fit(beside, model.base.values, hop_basins=True) if beside else model.base
-    found = terms_of(problem, base, split, say)
+    found = terms_of(problem, base, split, say, below=fit.chi2 - PROVEN * model.scale)
     if not found or not found[0].holds:
         return model
     best = found[0].fitted

@@ -14,6 +14,7 @@ import numpy as np
 from thermohyd.identify.fitting.library import stores
 from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.fitting.problem_fit import Fit
+from thermohyd.identify.fitting.side_by_side import each
 from thermohyd.identify.model.places import OF_READING, place_of
 from thermohyd.identify.model.typed_terms import CURVES, KNOTS, basis
 from thermohyd.identify.report.known_physics import known_physics
@@ -37,8 +38,14 @@ AS_GOOD = 6.0  # chi-square, in units of what the best leaves, up to which anoth
 CURVE_POINTS = 41
 BENT = 1.5  # reduced chi-square from which a model counts as bent
 STRAIGHTENED = 3  # times that a table is asked anew
+# Share of what a term must close, below which the best of a first round is not followed further in motion, where a round takes ten seconds:
+# of five effects hidden at full strength the best of the first round was the best of all, to 0.3 of chi-square.
+FAR_OFF = 0.9
 # m: by what the edges of one side may differ from those of the other, as is usual; rounds of a fit begun there.
 UNEQUAL, GLANCE = {"underlap": 1e-6, "edge_radius": 5e-6}, 4
+
+
+Ask = Callable[[Sequence[Scored]], list[tuple[Scored, FittedTerm]]]  # each beside its refit
 
 
 @dataclass(frozen=True)
@@ -118,11 +125,18 @@ def leading(table: Table) -> list[Scored]:
 
 
 def _of_an_instrument(found: Scored) -> bool:
-    return found.entry.place == "position" or found.entry.place.startswith(OF_READING)
+    """In motion nothing reads the position that edges are given; where it is read, it is a reading."""
+    measured = not found.entry.moving and found.entry.place == "position"
+    return measured or found.entry.place.startswith(OF_READING)
 
 
-def terms_of(problem: Problem, fit: Fit, split: Split, say: Progress = lambda _: None) -> tuple[Found, ...]:
-    """The leading terms beside `fit`, which leaves a misfit: the best first; empty where none is beyond chance."""
+def terms_of(
+    problem: Problem, fit: Fit, split: Split, say: Progress = lambda _: None, *, below: float = np.inf
+) -> tuple[Found, ...]:
+    """The leading terms beside `fit`, which leaves a misfit: the best first; empty where none is beyond chance.
+
+    below: chi-square that a term has to come below to be of use; empty too where in motion a first round of refits stays far above it.
+    """
     say("asking where in the circuit, and with what")
     plain = problem
     table, problem = table_of(problem, fit)
@@ -132,23 +146,30 @@ def terms_of(problem: Problem, fit: Fit, split: Split, say: Progress = lambda _:
     refits = not any(stores(name) for name in fit.effects)
     start = fit
 
-    def ask(s: Scored) -> FittedTerm:
-        if not refits:
-            return linear_only(problem, fit, s, table.noise)
-        if problem.in_motion:  # where each takes seconds
-            say(f"fitting a term: {s.entry.place} with {s.entry.variable}")
-        return fitted_inside(problem, start, blank(s.entry, start, s.entry.columns.shape[1]))
+    def ask(scored: Sequence[Scored]) -> list[tuple[Scored, FittedTerm]]:
+        if problem.in_motion and scored:  # where each takes seconds
+            say(f"fitting {len(scored)} terms: {', '.join(dict.fromkeys(s.entry.place for s in scored))}")
+        one = lambda s: (
+            fitted_inside(problem, start, blank(s.entry, start, s.entry.columns.shape[1]))
+            if refits
+            else linear_only(problem, fit, s, table.noise)
+        )
+        return list(zip(scored, each(one, scored), strict=True))
 
-    asked = [(s, ask(s)) for s in lead]
+    asked = ask(lead)
     if refits and not problem.in_motion:
-        both = [(s, f) for s in table.entries if _mirrored(s) for f in _from_both_sides(problem, fit, s)]
+        mirrored = [s for s in table.entries if _mirrored(s)]
+        sides = each(lambda s: _from_both_sides(problem, fit, s), mirrored)
+        both = [(s, f) for s, found in zip(mirrored, sides, strict=True) for f in found]
         asked += [(replace(s, gain=max(fit.chi2 - f.fit.chi2, 0.0)), f) for s, f in both]
         # Where most rows agree with the model, those that do not show what is missing, not what it bent.
         if fit.chi2 > BENT * table.rows:
             for values in plain.where_most_agree(fit)[:1]:
                 start = straightened(problem, fit, replace(fit, values=fit.values | values))
                 agreed, _ = table_of(problem.with_terms(), start)
-                asked += [(s, ask(s)) for s in leading(agreed)]
+                asked += ask(leading(agreed))
+    if problem.in_motion and min(f.fit.chi2 for _, f in asked) > fit.chi2 - FAR_OFF * (fit.chi2 - below):
+        return ()
     # A model that misses by far has bent its parameters to the misfit, and scores beside it say little: they are asked again beside
     # the parameters that the best term so far has straightened.
     for _ in range(STRAIGHTENED if refits else 0):
@@ -158,7 +179,7 @@ def terms_of(problem: Problem, fit: Fit, split: Split, say: Progress = lambda _:
         best_one = min((f for _, f in asked), key=lambda f: f.fit.chi2)
         start = straightened(problem, fit, fitted_inside(problem, best_one.fit, best_one.term, PATIENT).fit)
         table, _ = table_of(problem.with_terms(), start)
-        asked += [(s, ask(s)) for s in leading(table)]
+        asked += ask(leading(table))
         if min(f.fit.chi2 for _, f in asked) > 0.9 * best_so_far:
             break
     freedom = max(table.rows, 1)
@@ -238,7 +259,7 @@ def _from_both_sides(problem: Problem, fit: Fit, found: Scored) -> list[FittedTe
 
 
 def _other_laws(
-    table: Table, best: tuple[Scored, FittedTerm], asked: list[Scored], ask: Callable[[Scored], FittedTerm]
+    table: Table, best: tuple[Scored, FittedTerm], asked: list[Scored], ask: Ask
 ) -> list[tuple[Scored, FittedTerm]]:
     """The other laws of the leading pair, and the simple ones of its place, fitted too: a linear score may have preferred the wrong one."""
     pair, known = best[0].entry.pair, {(s.entry.pair, s.entry.law) for s in asked}
@@ -248,21 +269,21 @@ def _other_laws(
     simple.sort(key=lambda s: -s.gain)
     constant = [s for s in simple if s.entry.law == "constant"]
     chosen = {id(s): s for s in (*own, *constant, *simple[:SIMPLE_LAWS])}
-    return [(s, ask(s)) for s in chosen.values()]
+    return ask(list(chosen.values()))
 
 
-def _simpler(table: Table, asked: list[Scored], ask: Callable[[Scored], FittedTerm]) -> list[tuple[Scored, FittedTerm]]:
+def _simpler(table: Table, asked: list[Scored], ask: Ask) -> list[tuple[Scored, FittedTerm]]:
     """The best law of one coefficient of each pair whose smooth law is asked: beside a bent fit a curve takes up what a refit of the
     parameters gives back."""
     pairs = dict.fromkeys(s.entry.pair for s in asked if s.rank > 1)
     known = {(s.entry.pair, s.entry.law) for s in asked}
-    found = []
+    new = []
     for pair in pairs:
         own = [s for s in table.entries if s.entry.pair == pair and s.rank == 1]
         best = max(own, key=lambda s: s.gain, default=None)
         if best is not None and (pair, best.entry.law) not in known:
-            found.append((best, ask(best)))
-    return found
+            new.append(best)
+    return ask(new)
 
 
 # Chi-square by which a pair that no known physics shows must do better than one that some does.
@@ -275,9 +296,7 @@ def _prior(entry: Entry) -> float:
     return unheard_of + place_of(entry.place, moving=entry.moving).prior
 
 
-def _other_edges(
-    table: Table, best: Scored, asked: list[Scored], ask: Callable[[Scored], FittedTerm]
-) -> list[tuple[Scored, FittedTerm]]:
+def _other_edges(table: Table, best: Scored, asked: list[Scored], ask: Ask) -> list[tuple[Scored, FittedTerm]]:
     """The quantity of the leading place at all edges, a pair or one of them, with the same variable: scores beside a bent fit may have
     preferred the wrong ones."""
     place, variable = best.entry.pair
@@ -287,7 +306,7 @@ def _other_edges(
         for s in table.ranked
         if s.entry.variable == variable and family(s.entry.place) == family(place) and s.entry.pair not in known
     ]
-    return [(s, ask(s)) for s in new]
+    return ask(new)
 
 
 ALIKE = 0.995  # cosine of two directions beyond which no reading tells them apart

@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from threading import local
 from typing import Any
 
 import numpy as np
@@ -33,6 +34,7 @@ from .result import FitResult, OtherLaw, StartOutcome
 from .reversed_signs import reversed_channels, warning_of, with_signs_turned
 from .row_blocks import plain_by_rows
 from .sensed import sensed_channels, sensor_plans, with_starts
+from .side_by_side import each
 from .starts import basin_hopping, null_position
 from .static_readings import base_valve, channel_slices, quantities_of, static_data
 from .static_residuals import FitArgs, box_of, prior_rows, residual_of
@@ -270,7 +272,8 @@ def _other_law(fitted: Fitted, own: FitResult, progress: Progress | None) -> Oth
             np.clip(beside, [plans[n].lower for n in free], [plans[n].upper for n in free]),
             *search.first_starts(),
         ]
-        ends = [search.solve(search.args(fitted.noise), start) for start in starts]
+        args = search.args(fitted.noise)
+        ends = each(lambda start: search.solve(args, start), starts)
         best = min(ends, key=lambda end: end.cost if np.isfinite(end.cost) else np.inf)
         solution = search.basin_hopping(best, fitted.noise)
         there = Fitted(record, fitted.tests, plans, free, fitted.noise, solution, (), ())
@@ -338,14 +341,14 @@ class StaticSearch:
         """`solve` of this search; limits: its `tolerance`, `believe`, `enough`."""
         if self.solver is not None:
             return self.solver(residual, boxes, args, start, **limits)
-        if self._laid_out.get("args") is not args:
-            self._laid_out.update(args=args, both=plain_by_rows(self.free, args))
-        return solve(None, boxes, None, start, both=self._laid_out["both"], **limits)
+        if getattr(self._laid_out, "args", None) is not args:
+            self._laid_out.args, self._laid_out.both = args, plain_by_rows(self.free, args)
+        return solve(None, boxes, None, start, both=self._laid_out.both, **limits)
 
     @cached_property
-    def _laid_out(self) -> dict[str, Any]:
-        """The blocks of the last data that were searched."""
-        return {}
+    def _laid_out(self) -> local:
+        """The blocks of the last data that a thread searched."""
+        return local()
 
     def basin_hopping(self, best: LeastSquaresResult, noise: dict[Key, ChannelNoise]) -> LeastSquaresResult:
         args = self.args(noise)

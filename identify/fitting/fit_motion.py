@@ -24,6 +24,7 @@ from .readings import MotionReadings, Noise, white_noise
 from .relative import with_relatives
 from .result import StartOutcome
 from .sensed import sensed_channels, sensor_plans, traced, with_starts
+from .side_by_side import each
 from .trimmed import FAR
 
 
@@ -65,14 +66,13 @@ def run_fit_motion(
     if ends[0].chi2 > FAR * readings or not np.isfinite(ends[0].chi2):
         scales = traced(tests, record)
         others = OTHERS if not scales else ({scales[0]: 0.3}, {scales[0]: 3.0})
-        for factors in others:
-            say("another start")
-            begin = {
-                n: float(np.clip(plans[n].start * factor, plans[n].lower, plans[n].upper))
-                for n, factor in factors.items()
-                if n in free
-            }
-            ends.append(_grown(problem, begin, lambda _: None))
+        say(f"{len(others)} other starts")
+
+        def begun(factors: Mapping[str, float]) -> Fit:
+            at = {n: float(np.clip(plans[n].start * f, plans[n].lower, plans[n].upper)) for n, f in factors.items()}
+            return _grown(problem, {n: value for n, value in at.items() if n in free}, lambda _: None)
+
+        ends += each(begun, others)
     ends.sort(key=lambda end: (not np.isfinite(end.chi2), end.chi2))
     starts = tuple(_outcome(problem, end) for end in ends)
     best = ends[0]

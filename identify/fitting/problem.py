@@ -30,6 +30,7 @@ from .parameters import IN_MOTION, PARAMETERS, SEEN_IN_MOTION, ParameterPlan
 from .problem_fit import Fit, Work
 from .readings import MotionReadings, Noise, Readings, StaticReadings
 from .sensed import Sensed, SignalRows, sensed_channels, traced
+from .side_by_side import each
 from .starts import basin_hopping, ended_on_a_slope, on_a_kink
 from .static_readings import channel_slices
 from .static_residuals import prior_rows
@@ -266,8 +267,7 @@ class Problem:
                 believe=BELIEVE,
                 enough=enough,
             )
-            self.work.evaluations += result.steps + 1
-            self.work.cost += cost * (result.steps + 1)
+            self.work.add(result.steps + 1, cost)
             return result
 
         stays = patient or hop_basins
@@ -278,7 +278,7 @@ class Problem:
             own = {name: float(value) for name, value in zip(order, best.p, strict=True) if name in self.plans}
             neutral = self._start(order, chosen, own)
             usual = [nominal.get(name, value) for name, value in zip(order, begin, strict=True)]
-            ends = [from_point(np.array(other)) for other in (neutral, usual)]
+            ends = each(lambda other: from_point(np.array(other)), (neutral, usual))
             best = min(best, *ends, key=lambda end: end.cost if np.isfinite(end.cost) else np.inf)
         for _ in range(PATIENCE if stays else 0):
             if best.converged or best.exhausted:

@@ -1,5 +1,6 @@
 """A problem fitted or evaluated once: values, residuals, columns."""
 
+import threading
 from dataclasses import dataclass
 
 import numpy as np
@@ -64,6 +65,9 @@ class Fit:
             return {n: self.values[n] ** 2 / v for n, v in zip(free, variance, strict=True) if n in self.effects}
 
 
+_counting = threading.Lock()
+
+
 @dataclass
 class Work:
     """What the refits of a record have taken so far: evaluations of the model with its derivatives, and their cost in those of
@@ -71,3 +75,9 @@ class Work:
 
     evaluations: int = 0
     cost: float = 0.0
+
+    def add(self, evaluations: int, cost: float) -> None:
+        """Count some more; from any thread."""
+        with _counting:
+            self.evaluations += evaluations
+            self.cost += evaluations * cost

@@ -17,6 +17,7 @@ from thermohyd.identify.bench.test_record import TestRecord
 from thermohyd.identify.reduction.monotone_pieces import piece_bounds, sweep_ids
 
 from .least_squares import LeastSquaresResult
+from .side_by_side import each
 
 
 def _crossing(position: np.ndarray, value: np.ndarray) -> float | None:
@@ -104,9 +105,12 @@ def basin_hopping(
             others += [{"underlap": underlap} for underlap in (*beside, *(place * MICRON for place in places))]
         if not others:
             return best
-        for other in others:
-            moved = np.array([other.get(name, value) for name, value in zip(names, start.p, strict=True)])
-            tried = solve_from(moved, best.cost * (1.0 - better))
+        below = start.cost * (1.0 - better)
+
+        def move(other: Mapping[str, float], at: np.ndarray = start.p, below: float = below) -> LeastSquaresResult:
+            return solve_from(np.array([other.get(n, value) for n, value in zip(names, at, strict=True)]), below)
+
+        for tried in each(move, others):
             if tried.cost < best.cost * (1.0 - better):
                 best = tried
         if best is start:

@@ -2,13 +2,14 @@
 
 A fit to all rows lets the rows that the model cannot meet bend it, far enough to end in another valley. Least trimmed squares fit the
 share of the rows that agrees best, whichever these are (Rousseeuw and Van Driessen, Data Mining and Knowledge Discovery 12, 2006:
-concentration steps from small subsets). A subset here is what one test shows. NumPy only.
+concentration steps from small subsets). A subset here is what one test shows.
 """
 
 from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np
 
+from .side_by_side import each
 from .uncertainty import Key
 
 
@@ -30,11 +31,9 @@ def trimmed_points[Point](
     rows: of each channel, among `asked` (rows,), which says which ones count. fit_to(mask, point): the fit to these rows from a
     point; residual_at(point): (rows,), of all rows, in standard deviations.
     """
-    found: list[tuple[float, Point]] = []
-    for begin in _subsets(rows, len(asked)):
-        if not (begin & asked).any():
-            continue
-        at, last, best = fit_to(begin & asked, start), np.inf, None
+
+    def agreeing(begin: np.ndarray) -> tuple[float, Point] | None:
+        at, last, best = fit_to(begin, start), np.inf, None
         for _ in range(STEPS):
             size = np.where(asked, np.square(residual_at(at)), np.inf)
             if not np.isfinite(size[asked]).all():
@@ -45,8 +44,10 @@ def trimmed_points[Point](
                 break
             last, best = chi2, at
             at = fit_to(kept, at)
-        if best is not None:
-            found.append((last, best))
+        return None if best is None else (last, best)
+
+    subsets = [begin & asked for begin in _subsets(rows, len(asked)) if (begin & asked).any()]
+    found = [one for one in each(agreeing, subsets) if one is not None]
     return [point for _, point in sorted(found, key=lambda item: item[0])]
 
 

@@ -3,6 +3,8 @@
 import os
 import subprocess
 import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import jax
@@ -51,6 +53,28 @@ def test_what_was_compiled_once_is_read(folder, monkeypatch):
     assert np.array_equal(KeptProgram(linear_recursion, {})(KEEP, SOURCE), want)
     assert programs(folder) == [file]
     assert (folder / file).stat().st_size > 500
+
+
+def test_of_several_threads_one_compiles_a_program(folder, monkeypatch):
+    made, compiled = [], kept_programs._compiled_and_kept
+
+    def counted(*given):
+        made.append(threading.get_ident())
+        return compiled(*given)
+
+    monkeypatch.setattr(kept_programs, "_compiled_and_kept", counted)
+    usual = jax.config.jax_persistent_cache_min_compile_time_secs
+    program = KeptProgram(linear_recursion, {})
+    want = np.asarray(linear_recursion(jnp.asarray(KEEP), jnp.asarray(SOURCE)))
+    with ThreadPoolExecutor(3) as pool:
+        for found in pool.map(lambda _: program(KEEP, SOURCE), range(6)):
+            assert np.array_equal(found, want)
+        assert len(made) == 1
+        # Several, one thread each: JAX's own cache is kept out until the last of them is there, and no longer.
+        sizes = [4, 5, 6, 4, 5, 6]
+        assert [len(found) for found in pool.map(lambda n: program(np.ones(n), np.ones(n)), sizes)] == sizes
+    assert len(made) == 4
+    assert jax.config.jax_persistent_cache_min_compile_time_secs == usual
 
 
 def test_what_is_on_disk_and_does_not_run_is_made_anew(folder, monkeypatch):

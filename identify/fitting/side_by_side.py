@@ -1,0 +1,56 @@
+"""Do pieces of work that know nothing of one another at the same time: refits of several candidates, each in a thread.
+
+What they give is what they would give one after another, to the last bit, and in the same order: only the time is another. XLA's programs
+and NumPy's larger steps run beside one another; what is Python's own takes turns.
+"""
+
+import os
+import threading
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
+
+
+# Beyond this many Python's own turns are all that is left (a search's refits spend a third of their time there), and each refit under way
+# holds its columns.
+MOST_THREADS = 8
+
+_within = threading.local()
+
+
+def threads() -> int:
+    """How many at a time: the cores that this process may use, or what NPROC says, by which XLA goes too."""
+    told = os.environ.get("NPROC", "")
+    if told.isdigit():
+        cores = int(told)
+    elif hasattr(os, "sched_getaffinity"):
+        cores = len(os.sched_getaffinity(0))
+    else:
+        cores = os.cpu_count() or 1
+    return max(1, min(cores, MOST_THREADS))
+
+
+def each[Item, Answer](ask: Callable[[Item], Answer], items: Iterable[Item]) -> list[Answer]:
+    """`[ask(item) for item in items]`, several at a time; within such work, and of one item alone, one after another.
+
+    An error of any is raised, the first by their order; what has not begun by then is not begun.
+    """
+    given = list(items)
+    many = min(threads(), len(given))
+    if many < 2 or getattr(_within, "others", False):
+        return [ask(item) for item in given]
+    import jax  # not above: what has nothing to do at the same time does not wait for it
+
+    double, device = jax.config.jax_enable_x64, jax.config.jax_default_device
+
+    def asked(item: Item) -> Answer:
+        _within.others = True  # the thread lives no longer than this call
+        with ExitStack() as kept:  # settings that the caller made for its own thread alone
+            if jax.config.jax_enable_x64 != double:
+                kept.enter_context(jax.enable_x64(double))
+            if jax.config.jax_default_device != device:
+                kept.enter_context(jax.default_device(device))
+            return ask(item)
+
+    with ThreadPoolExecutor(many, thread_name_prefix="refit") as pool:
+        return list(pool.map(asked, given))
