@@ -83,6 +83,19 @@ def give_memory_back() -> None:
         ctypes.CDLL("libc.so.6").malloc_trim(0)
 
 
+def made_once[**Given, Made](make: Callable[Given, Made]) -> Callable[Given, Made]:
+    """`functools.cache` that calls a function once for each of its arguments, whichever threads ask at the same time: of two programs
+    of one function each would be compiled. The arguments come by position."""
+    kept, making = functools.cache(make), threading.RLock()
+
+    @functools.wraps(kept)
+    def asked(*args: Given.args, **kwargs: Given.kwargs) -> Made:
+        with making:
+            return kept(*args, **kwargs)
+
+    return asked
+
+
 class KeptProgram:
     """A function compiled for every set of shapes and of what is no array among its arguments, as `equinox.filter_jit` does.
 

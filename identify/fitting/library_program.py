@@ -36,7 +36,7 @@ from thermohyd.identify.fitting.static_readings import (
 )
 from thermohyd.identify.fitting.static_residuals import channel_layers, rows_of_test
 from thermohyd.identify.noise.whitening import Whitening, whiten
-from thermohyd.kept_programs import KeptProgram
+from thermohyd.kept_programs import KeptProgram, made_once
 from thermohyd.numerics import OFTEN, jitted, known_options
 from thermohyd.port_storage import StoredPorts
 from thermohyd.valve import Valve
@@ -90,7 +90,7 @@ def library_program(effects: tuple[str, ...]) -> KeptProgram:
     return _program(effects, classes_of(effects))
 
 
-@functools.cache
+@made_once
 def _program(effects: tuple[str, ...], classes: tuple[type, ...]) -> KeptProgram:
     """classes: what stands behind the names; a user may put another effect under a name."""
     return jitted(functools.partial(residual_and_columns, effects), known_options(OFTEN), classes)
@@ -101,7 +101,7 @@ def library_residual(effects: tuple[str, ...]) -> Callable[[Any, Any], Array]:
     return _residual(effects, classes_of(effects))
 
 
-@functools.cache
+@made_once
 def _residual(effects: tuple[str, ...], classes: tuple[type, ...]) -> Callable[[Any, Any], Array]:
     return jitted(functools.partial(residual_alone, effects), known_options(OFTEN), classes)
 

@@ -11,14 +11,14 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from thermohyd.kept_programs import KeptProgram
+from thermohyd.kept_programs import KeptProgram, made_once
 from thermohyd.numerics import OPTIONS, jitted, known_options
 
 from .library_program import LibraryArgs, behind, readings_of_rows
 from .static_readings import spread_over_rows
 
 
-@functools.cache
+@made_once
 def place_program(
     effects: tuple[str, ...], classes: tuple[type, ...], test: str, reads: tuple[str, ...]
 ) -> KeptProgram:

@@ -21,7 +21,7 @@ from jaxtyping import Array, Float
 from thermohyd.conditions import Conditions
 from thermohyd.effects.library import classes_of, effect_info
 from thermohyd.identify.noise.whitening import HostWhitening
-from thermohyd.kept_programs import KeptProgram
+from thermohyd.kept_programs import KeptProgram, made_once
 from thermohyd.numerics import OFTEN, OPTIONS, jitted, known_options
 
 from .least_squares import Both
@@ -95,7 +95,7 @@ def place_in_group(conditions: Mapping[str, Conditions], test: str) -> tuple[str
     raise KeyError(test)
 
 
-@functools.cache
+@made_once
 def _program(effects: tuple[str, ...], classes: tuple[type, ...], test: str, reads: tuple[str, ...]) -> KeptProgram:
     """`readings_and_slopes`, compiled; classes: what stands behind the names; a user may put another effect under a name."""
     options = known_options(OFTEN if run_most(effects) else OPTIONS)
@@ -406,7 +406,7 @@ def _nodes(data: StaticData, test: str) -> int:
     return 1 if test not in data.weights else data.weights[test].shape[1]
 
 
-@functools.cache
+@made_once
 def _filter(name: str, classes: tuple[type, ...]) -> KeptProgram:
     """`filtered_together`, compiled; classes: what stands behind the name."""
     return jitted(functools.partial(filtered_together, name), known_options(OPTIONS), classes)

@@ -1,13 +1,12 @@
 """The whitened residuals of static tests that a fit minimises, and their columns by one reverse pass per channel: then the priors."""
 
-import functools
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from thermohyd.kept_programs import made_once
 from thermohyd.valve import Valve
 
 from .boxes import Box
@@ -51,7 +50,7 @@ def own_entries(names: tuple[str, ...]) -> list[int]:
     return [i for i, name in enumerate(names) if name in PARAMETERS]
 
 
-@functools.cache
+@made_once
 def residual_of(names: tuple[str, ...]) -> Residual:
     """The residual function of the named free parameters: one object per set of names, so that it compiles once.
 

@@ -14,6 +14,7 @@ from jaxtyping import Array, Float
 
 from thermohyd.effects.library import classes_of, with_effects
 from thermohyd.identify.noise.whitening import whiten
+from thermohyd.kept_programs import made_once
 from thermohyd.numerics import OPTIONS, jitted, known_options
 
 from .library_program import LibraryArgs, filtered, rowwise_valve, split
@@ -35,7 +36,7 @@ def storage_columns(
     return _compiled(effects, stored, classes_of((*effects, *stored)))(jnp.asarray(p), jnp.asarray(amounts), args)
 
 
-@functools.cache
+@made_once
 def _compiled(effects: tuple[str, ...], stored: tuple[str, ...], classes: tuple[type, ...]) -> Any:
     return jitted(functools.partial(columns_of_stored, effects, stored), known_options(OPTIONS), classes)
 

@@ -14,7 +14,7 @@ import pytest
 from helpers.valves import seed_valve
 
 from thermohyd import kept_programs
-from thermohyd.kept_programs import KeptProgram, begin_work
+from thermohyd.kept_programs import KeptProgram, begin_work, made_once
 from thermohyd.numerics import linear_recursion
 from thermohyd.own_effects import own_effects
 from thermohyd.program_words import CannotKeepError, said
@@ -75,6 +75,24 @@ def test_of_several_threads_one_compiles_a_program(folder, monkeypatch):
         assert [len(found) for found in pool.map(lambda n: program(np.ones(n), np.ones(n)), sizes)] == sizes
     assert len(made) == 4
     assert jax.config.jax_persistent_cache_min_compile_time_secs == usual
+
+
+def test_what_several_threads_ask_for_is_made_once():
+    made, all_there = [], threading.Barrier(3, timeout=60.0)
+
+    @made_once
+    def make(name: str) -> object:
+        made.append(name)
+        return object()
+
+    def ask(name: str) -> object:
+        all_there.wait()
+        return make(name)
+
+    with ThreadPoolExecutor(3) as pool:
+        assert len(set(pool.map(ask, ["a"] * 3))) == 1
+        assert len(set(pool.map(ask, ["a", "b", "b"]))) == 2
+    assert made == ["a", "b"]
 
 
 def test_what_is_on_disk_and_does_not_run_is_made_anew(folder, monkeypatch):
