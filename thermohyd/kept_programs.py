@@ -45,6 +45,7 @@ MOST_LOADED = 24 * 1000**2  # bytes
 MOST_READS = 3
 
 _changing = threading.Lock()  # of what several threads may change: which programs there are, and which are loaded
+_compiling = threading.RLock()  # one program at a time: a large one takes a gigabyte
 _folder: Path | None = None
 _programs: "weakref.WeakSet[KeptProgram]" = weakref.WeakSet()
 
@@ -215,9 +216,10 @@ class _Program:
 
     def _compiled(self, arrays: list[Any]) -> Any:
         """What it answers, compiled; from then on it runs as it was kept, which takes an eighth of the memory."""
-        found, self.run, self.size = _compiled_and_kept(
-            self.function, self.options, self.tree, self.told, self.file, arrays
-        )
+        with _compiling:
+            found, self.run, self.size = _compiled_and_kept(
+                self.function, self.options, self.tree, self.told, self.file, arrays
+            )
         self.proven = True
         _loaded.use(self)
         give_memory_back()
@@ -350,25 +352,14 @@ def _lean(
 
 @contextmanager
 def _out_of_jax_cache() -> Iterator[None]:
-    """JAX keeps nothing of what is compiled within: it is kept here. The setting is the process's: the last of several threads to leave
-    puts it back."""
-    global _compiling, _usual
+    """JAX keeps nothing of what is compiled within: it is kept here. The setting is the process's: one thread at a time."""
     name = "jax_persistent_cache_min_compile_time_secs"
-    with _changing:
-        if not _compiling:
-            _usual = getattr(jax.config, name)
-            jax.config.update(name, float("inf"))
-        _compiling += 1
+    before = getattr(jax.config, name)
+    jax.config.update(name, float("inf"))
     try:
         yield
     finally:
-        with _changing:
-            _compiling -= 1
-            if not _compiling:
-                jax.config.update(name, _usual)
-
-
-_compiling, _usual = 0, 0.0
+        jax.config.update(name, before)
 
 
 @dataclasses.dataclass(frozen=True)

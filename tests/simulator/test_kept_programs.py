@@ -70,7 +70,7 @@ def test_of_several_threads_one_compiles_a_program(folder, monkeypatch):
         for found in pool.map(lambda _: program(KEEP, SOURCE), range(6)):
             assert np.array_equal(found, want)
         assert len(made) == 1
-        # Several, one thread each: JAX's own cache is kept out until the last of them is there, and no longer.
+        # Several, one after another: JAX's own cache is kept out of each, and no longer.
         sizes = [4, 5, 6, 4, 5, 6]
         assert [len(found) for found in pool.map(lambda n: program(np.ones(n), np.ones(n)), sizes)] == sizes
     assert len(made) == 4
