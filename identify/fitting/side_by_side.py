@@ -41,14 +41,14 @@ def each[Item, Answer](ask: Callable[[Item], Answer], items: Iterable[Item]) -> 
         return [ask(item) for item in given]
     import jax  # not above: what has nothing to do at the same time does not wait for it
 
-    double, device = jax.config.jax_enable_x64, jax.config.jax_default_device
+    of_this_thread = lambda: tuple(getattr(jax.config, name) for name in ("jax_enable_x64", "jax_default_device"))
+    double, device = of_this_thread()
 
     def asked(item: Item) -> Answer:
         _within.others = True  # the thread lives no longer than this call
         with ExitStack() as kept:  # settings that the caller made for its own thread alone
-            if jax.config.jax_enable_x64 != double:
+            if of_this_thread() != (double, device):
                 kept.enter_context(jax.enable_x64(double))
-            if jax.config.jax_default_device != device:
                 kept.enter_context(jax.default_device(device))
             return ask(item)
 

@@ -11,6 +11,9 @@ from helpers.small_diagnosis import small_case
 from thermohyd.identify.fitting.side_by_side import MOST_THREADS, each, threads
 
 
+DEVICE = "jax_default_device"
+
+
 @pytest.fixture
 def three(monkeypatch):
     monkeypatch.setenv("NPROC", "3")
@@ -69,7 +72,7 @@ def test_settings_of_the_callers_own_thread_hold_there_too(three):
     with jax.enable_x64(False):
         assert {str(kind) for kind in each(lambda _: jnp.zeros(1).dtype, range(3))} == {"float32"}
     with jax.default_device(jax.devices()[0]):
-        assert each(lambda _: jax.config.jax_default_device, range(3)) == [jax.devices()[0]] * 3
+        assert each(lambda _: getattr(jax.config, DEVICE), range(3)) == [jax.devices()[0]] * 3
     assert {str(kind) for kind in each(lambda _: jnp.zeros(1).dtype, range(3))} == {"float64"}
 
 
