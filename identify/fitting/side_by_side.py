@@ -9,6 +9,7 @@ import threading
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
+from typing import Any
 
 
 # Beyond this many Python's own turns are all that is left (a search's refits spend a third of their time there), and each refit under way
@@ -48,9 +49,17 @@ def each[Item, Answer](ask: Callable[[Item], Answer], items: Iterable[Item]) -> 
         _within.others = True  # the thread lives no longer than this call
         with ExitStack() as kept:  # settings that the caller made for its own thread alone
             if of_this_thread() != (double, device):
-                kept.enter_context(jax.enable_x64(double))
+                kept.enter_context(_with_double(double))
                 kept.enter_context(jax.default_device(device))
             return ask(item)
 
     with ThreadPoolExecutor(many, thread_name_prefix="refit") as pool:
         return list(pool.map(asked, given))
+
+
+def _with_double(double: bool) -> Any:
+    """A setting of JAX for a thread; releases before 0.8 have it elsewhere."""
+    import jax
+    from jax import experimental
+
+    return jax.enable_x64(double) if hasattr(jax, "enable_x64") else experimental.enable_x64(double)

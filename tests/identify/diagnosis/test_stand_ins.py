@@ -47,8 +47,9 @@ def asked(monkeypatch, model: FinalModel, chi2: float | None, *, holds: bool = T
     """(the model that comes back, how often the table was asked) where the best term leaves `chi2`."""
     calls = []
 
-    def terms_of(problem: Problem, fit: Fit, split: Split, say) -> tuple[Found, ...]:
+    def terms_of(problem: Problem, fit: Fit, split: Split, say, *, below: float) -> tuple[Found, ...]:
         calls.append(fit)
+        assert below == model.fit.chi2 - 10.6 * model.scale  # else no term would be of use
         if chi2 is None:
             return ()
         fitted = FittedTerm(LEAK, problem, fit_of(chi2), 0.0, np.ones(1), np.eye(1))

@@ -1,12 +1,20 @@
 """Which of the terms that were fitted are told, and which of two that do alike comes first: no model is run."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from helpers.linear_fit import linear_fit, linear_problem
 
+from thermohyd.identify.diagnosis import typed_terms
+from thermohyd.identify.diagnosis.held_out import split_rows
 from thermohyd.identify.diagnosis.max_t import MaxT
+from thermohyd.identify.diagnosis.term_fit import FittedTerm
 from thermohyd.identify.diagnosis.term_table import Entry, Scored, Table
 from thermohyd.identify.diagnosis.typed_terms import UNHEARD_OF, _prior, judged, leading, told_apart
+from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.model.places import place_of
+from thermohyd.identify.noise.correlation import NoiseCorrelation
 
 
 def entry(place, variable):
@@ -27,6 +35,55 @@ def test_an_instrument_stands_for_what_no_reading_tells_apart():
     law = MaxT.of(np.concatenate([own, other], axis=1), np.zeros(2, dtype=bool), 200)
     found = leading(Table(tuple(scored), law, 200.0, 1.0, 100))
     assert [s.entry.pair for s in found] == [("reading:flows", "flow"), ("viscosity", "temperature")]
+
+
+@pytest.mark.parametrize(("moving", "first"), [(False, "position"), (True, "flow_from_a_to_b")])
+def test_in_motion_nothing_reads_the_position_that_edges_are_given(moving, first):
+    direction = np.eye(5)[:, :1]
+    alike = [
+        Scored(replace(entry(place, "load"), moving=moving), gain, 1, direction)
+        for place, gain in (("flow_from_a_to_b", 90.0), ("position", 89.9))
+    ]
+    law = MaxT.of(direction, np.zeros(1, dtype=bool), 200)
+    assert [s.entry.place for s in leading(Table(tuple(alike), law, 200.0, 1.0, 100))] == [first]
+
+
+@pytest.mark.parametrize(
+    ("left", "in_motion", "followed"),
+    [
+        (150.0, True, True),  # of 800 that a term must close it closes 750
+        (190.0, True, False),
+        (190.0, False, True),  # static tests: a round takes a second
+    ],
+)
+def test_what_stays_far_from_what_it_must_do_is_followed_no_further_in_motion(monkeypatch, left, in_motion, followed):
+    """A first round of refits says it, where a round takes ten seconds."""
+    problem = linear_problem(NoiseCorrelation())
+    rows = sum(len(problem.noise.std[key]) for key in problem.rows())
+    fit = linear_fit(np.full(rows, np.sqrt(900.0 / rows)), np.zeros((rows, 1)))
+    direction = np.eye(rows)[:, :1]
+    lead = Scored(replace(entry("flow_into_a", "pressure"), moving=in_motion), 700.0, 1, direction)
+    table = Table((lead,), MaxT.of(direction, np.zeros(1, dtype=bool), 200), 900.0, 1.0, rows)
+
+    class FollowedError(Exception):
+        """What comes after the first round was asked for."""
+
+    def other_laws(*_):
+        raise FollowedError
+
+    def refit(problem, fit, term, rounds=1):
+        return FittedTerm(term, problem, replace(fit, chi2=left), 0.0, np.ones(1), np.eye(1))
+
+    monkeypatch.setattr(Problem, "in_motion", in_motion)
+    monkeypatch.setattr(typed_terms, "table_of", lambda problem, fit: (table, problem))
+    monkeypatch.setattr(typed_terms, "fitted_inside", refit)
+    monkeypatch.setattr(typed_terms, "_other_laws", other_laws)
+    monkeypatch.setattr(typed_terms, "BENT", 1e9)
+    if followed:
+        with pytest.raises(FollowedError):
+            typed_terms.terms_of(problem, fit, split_rows(problem.tests), below=100.0)
+    else:
+        assert typed_terms.terms_of(problem, fit, split_rows(problem.tests), below=100.0) == ()
 
 
 def test_one_curve_by_another_name_is_told_once():
