@@ -110,7 +110,7 @@ def remaining_misfit(problem: Problem, fit: Fit, say: Callable[[str], None] = la
     alone = Beside(fit, misfit_scale(problem, fit))
     tried = [alone, *each(lambda length: _fitted(problem, fit, length), LENGTHS)]
     scores = each(lambda beside: left_out_score(problem, beside, parts), tried)
-    believed = tried[int(np.argmax(scores))]
+    believed = tried[max(range(len(tried)), key=scores.__getitem__)]
     weighed = alone
     if believed is not alone:
         say("which weights predict runs left out best")
