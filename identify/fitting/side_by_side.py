@@ -12,8 +12,7 @@ from contextlib import ExitStack
 from typing import Any
 
 
-# Beyond this many Python's own turns are all that is left (a search's refits spend a third of their time there), and each refit under way
-# holds its columns.
+# Beyond this many Python's own turns are what is left, and each refit under way holds its columns. Never measured on more than two cores.
 MOST_THREADS = 8
 
 _within = threading.local()
@@ -62,4 +61,5 @@ def _with_double(double: bool) -> Any:
     import jax
     from jax import experimental
 
-    return jax.enable_x64(double) if hasattr(jax, "enable_x64") else experimental.enable_x64(double)
+    name = "enable_x64"
+    return getattr(jax if hasattr(jax, name) else experimental, name)(double)
