@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from thermohyd.side_by_side import cores
+
 from .loudness import Commands, Loudness, loudness
 from .process import fail, plain_failures
 
@@ -56,12 +58,6 @@ Limits = Annotated[
     ),
 ]
 SAID_EVERY = 10.0  # s, where stderr is no terminal
-
-
-def cores() -> int:
-    import os
-
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @contextmanager

@@ -15,7 +15,7 @@ from thermohyd.effects.library import effect_info
 from thermohyd.identify.fitting.library import asks_for_more, stores
 from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.fitting.problem_fit import Fit
-from thermohyd.identify.fitting.side_by_side import each
+from thermohyd.side_by_side import by_name
 
 from .case import LEVEL_OF_ALL_ROWS, Case, Progress
 from .confirmation import PROVEN, Confirmation, confirmation, fit_of_rows_left, strength, unproven
@@ -23,7 +23,7 @@ from .held_out import Split
 from .left_over import LackOfFit, misfit_left, smooth_block
 from .result import MOST_USUAL, HeldOut, Suspect
 from .rivals import Rival, Rivals, all_rivals, settle_rivals, with_edges_exchanged
-from .search import Selection, search, times_usual
+from .search import Selection, fits_without, search, times_usual
 
 
 SEED = 20110913
@@ -93,8 +93,7 @@ def exchange_fits(
     first = final.physics[0]
     others = tuple(name for name in final.effects if name != first)
     say("exchange test")
-    ask = lambda name: problem.fit((*others, name), {**final.values, first: 0.0})
-    return dict(zip(chosen, each(ask, chosen), strict=True))
+    return by_name(lambda name: problem.fit((*others, name), {**final.values, first: 0.0}), chosen)
 
 
 # Far below the level of the search: the test trusts a correlation of the noise that was itself estimated.
@@ -152,12 +151,6 @@ def _channel_shares(problem: Problem, base: Fit, without: Fit, fit: Fit) -> list
     return shares
 
 
-def fits_without(problem: Problem, fit: Fit) -> dict[str, Fit]:
-    """{effect or fault: the fit without it}."""
-    ask = lambda name: problem.fit([n for n in fit.effects if n != name], {**fit.values, name: 0.0})
-    return dict(zip(fit.effects, each(ask, fit.effects), strict=True))
-
-
 HOPELESS = 0.5  # times the least share: an equal in its place would have to close twice as much, and so is not asked
 
 
@@ -177,7 +170,7 @@ def without_weak(
     """
     left = misfit_left(problem, fit, block)
     while left.p_value < LEVEL_OF_LEFT_OVER and len(fit.effects) > keep:
-        without = fits_without(problem, fit) if without is None else without
+        without = fits_without(problem, fit, fit.effects) if without is None else without
         closures = {name: relative_closure(problem, base, without[name], fit) for name in fit.effects}
         weakest = min(closures, key=lambda name: closures[name])
         if closures[weakest] >= least:
@@ -211,7 +204,7 @@ def proven(
         alike = rivals[gone].alike if not doubted else ()  # later ones were never beside the model that is left
         doubted += [replace(r, instead_of="") for r in (Rival(gone, "", fit, 0.0), *alike) if believable(r.fit)]
         fit = problem.fit(without[gone].effects, without[gone].values, hop_basins=True)
-        without, proof = fits_without(problem, fit), None
+        without, proof = fits_without(problem, fit, fit.effects), None
     if suspects:
         rivals = all_rivals(problem, fit, case.steps, scale(fit), case.freedom)
     more = lambda r: replace(r, chi2_more=(r.fit.chi2 - fit.chi2) / scale(fit))
@@ -225,8 +218,8 @@ def _nearly_found(problem: Problem, fit: Fit, whole: Selection, known: Iterable[
     """
     others = {*fit.effects, *known}
     names = [name for name in whole.nearly if name not in others]
-    asked = zip(names, each(lambda name: problem.fit((*fit.effects, name), fit.values), names), strict=True)
-    return tuple(Rival(name, "", more, whole.nearly[name]) for name, more in asked if believable(more))
+    asked = by_name(lambda name: problem.fit((*fit.effects, name), fit.values), names)
+    return tuple(Rival(name, "", more, whole.nearly[name]) for name, more in asked.items() if believable(more))
 
 
 def believable(fit: Fit) -> bool:

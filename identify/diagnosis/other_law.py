@@ -10,9 +10,8 @@ from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.fitting.problem_fit import Fit
 from thermohyd.identify.fitting.problem_solution import misfit_scale
 
-from .final_model import fits_without
 from .rivals import ALIKE
-from .search import implausible
+from .search import fits_without, implausible
 
 
 ANOTHER_LAW = "another law of the edge"  # as a rival is named
@@ -49,7 +48,7 @@ def what_the_other_law_says(problem: Problem, final: Fit, critical: float) -> Ot
     scale = min(misfit_scale(there, whole), misfit_scale(problem, final))
     needed = whole
     while needed.effects:
-        least = min(fits_without(there, needed).values(), key=lambda fit: fit.chi2)
+        least = min(fits_without(there, needed, needed.effects).values(), key=lambda fit: fit.chi2)
         least = there.fit(least.effects, least.values, hop_basins=True)
         if not (least.chi2 - needed.chi2) / scale < critical**2:
             break

@@ -19,9 +19,9 @@ from thermohyd.identify.fitting.discrepancy import Discrepancy
 from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.fitting.problem_fit import Fit
 from thermohyd.identify.fitting.problem_solution import gls_covariance, misfit_scale
-from thermohyd.identify.fitting.side_by_side import each
 from thermohyd.identify.fitting.uncertainty import Covariance
 from thermohyd.identify.reduction.monotone_pieces import piece_bounds, sweep_ids
+from thermohyd.side_by_side import each
 
 from .confirmation import MOST, fit_of_rows_left, parts_left_out
 from .held_out import conditions_of_rows

@@ -11,7 +11,7 @@ from thermohyd.identify.fitting.bench_faults import BenchFault, info_of, is_faul
 from thermohyd.identify.fitting.library import asks_for_more, expensive_to_compile, stores
 from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.fitting.problem_fit import Fit
-from thermohyd.identify.fitting.side_by_side import each
+from thermohyd.side_by_side import by_name, each
 
 from .max_t import NoiseFreedom, normal_score
 from .screening import Screen, Signature, screen
@@ -279,4 +279,4 @@ def all_rivals(
     of = lambda name: rivals_of(
         problem, final, name, steps, scale=scale, freedom=freedom, hopeless=hopeless.get(name, frozenset()), pairs=pairs
     )
-    return dict(zip(final.effects, each(of, final.effects), strict=True))
+    return by_name(of, final.effects)

@@ -1,6 +1,6 @@
 """Choose the missing effects by forward selection: score tests over the library, then refits of the leading singles and pairs."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations, islice
 
@@ -13,8 +13,8 @@ from thermohyd.identify.fitting.bench_faults import info_of, is_fault
 from thermohyd.identify.fitting.library import expensive_to_compile, stores
 from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.fitting.problem_fit import Fit
-from thermohyd.identify.fitting.side_by_side import each
 from thermohyd.identify.fitting.trimmed import FAR
+from thermohyd.side_by_side import by_name, each
 
 from .max_t import NoiseFreedom, normal_score
 from .screening import Screen, Signature, screen
@@ -193,10 +193,15 @@ def _gains_of_refits(
     """
     near = [s for s in ranked if s.gain > scores.critical**2 - NEARLY]
     near = [s for s in near if not stores(s.name) and _is_cheap(s.name, chosen)]
-    ask = lambda s: problem.fit((*chosen, s.name), {**current.values, s.name: s.estimate}, most_steps=GLANCE)
-    near = near[:MOST_NEARLY]
-    fits = each(ask, near)
-    return {s.name: max(merit(current) - merit(fit), s.gain) for s, fit in zip(near, fits, strict=True)}
+    fits = _glances(problem, current, chosen, near[:MOST_NEARLY])
+    return {s.name: max(merit(current) - merit(fits[s.name]), s.gain) for s in near[:MOST_NEARLY]}
+
+
+def _glances(problem: Problem, current: Fit, chosen: tuple[str, ...], asked: Sequence[Signature]) -> dict[str, Fit]:
+    """Short refits with each of these beside the effects chosen so far, from `current` and its estimate on paper."""
+    estimates = {s.name: s.estimate for s in asked}
+    ask = lambda name: problem.fit((*chosen, name), {**current.values, name: estimates[name]}, most_steps=GLANCE)
+    return by_name(ask, estimates)
 
 
 def _is_cheap(name: str, chosen: tuple[str, ...]) -> bool:
@@ -231,24 +236,19 @@ def _singles(
     A model that misses by far has bent its parameters to the misfit: scores beside it say little, and refits that start
     from it end in local minima. Then every candidate is tried, from the nominal valve too, and the best ones go on by basin hopping.
     """
-    fits: dict[str, Fit] = {}
     dear = lambda name: not _is_cheap(name, chosen)
-
-    def ask(signatures: list[Signature]) -> None:
-        of = lambda s: problem.fit((*chosen, s.name), {**current.values, s.name: s.estimate}, most_steps=GLANCE)
-        fits.update(zip((s.name for s in signatures), each(of, signatures), strict=True))
-
+    glances = lambda asked: _glances(problem, current, chosen, asked)
     lead = leading(ranked)
-    ask([s for s in lead if not dear(s.name) and (any(map(stores, chosen)) or not stores(s.name))])
+    fits = glances([s for s in lead if not dear(s.name) and (any(map(stores, chosen)) or not stores(s.name))])
     # Programs of their own, and oil stored at the ports, where they could explain as much as the best of the others, and enough to
     # be added at all.
     gain = current.chi2 - min((fit.chi2 for fit in fits.values()), default=current.chi2)
     needed = (1.0 - RELATIVE_REACH) * scores.critical**2 * max(1.0, needed_beside(current))
     least = lambda s: max(within_reach(gain), needed if dear(s.name) else -np.inf)
-    ask([s for s in lead if dear(s.name) and not stores(s.name) and s.gain >= least(s)])
+    fits |= glances([s for s in lead if dear(s.name) and not stores(s.name) and s.gain >= least(s)])
     left = [s for s in ranked if stores(s.name) and s.name not in fits]
     asked = could_explain(problem, current, scores, least(left[0])) if left else []
-    ask([s for s in left if s.name in asked])
+    fits |= glances([s for s in left if s.name in asked])
     rows = max(int(current.used.sum()), 1)
     explained = any(fit.chi2 <= EXPLAINED * rows for fit in fits.values())
     if chosen or explained or current.chi2 <= FAR * rows:
@@ -260,23 +260,21 @@ def _singles(
     nominal = lambda name: problem.fit(
         (*chosen, name), {**kept, **null, name: effect_info(name).scale}, most_steps=GLANCE
     )
-    for name, fit in zip(others, each(nominal, others), strict=True):
+    for name, fit in by_name(nominal, others).items():
         if name not in fits or merit(fit) < merit(fits[name]):
             fits[name] = fit
     lowest = min(map(merit, fits.values()))
     near = (name for name in sorted(fits, key=lambda n: merit(fits[n])) if merit(fits[name]) <= HOPPING_REACH * lowest)
-    leaders = list(islice(near, MOST_HOPPING))
     hop = lambda name: problem.fit(fits[name].effects, fits[name].values, hop_basins=True)
-    return fits | dict(zip(leaders, each(hop, leaders), strict=True))
+    return fits | by_name(hop, islice(near, MOST_HOPPING))
 
 
 def _faults(problem: Problem, current: Fit, chosen: tuple[str, ...], scores: Screen | None) -> dict[str, Fit]:
     """Refits of the leading faults of the bench that are beyond what chance gives all of them."""
     if scores is None:
         return {}
-    ask = lambda s: problem.fit((*chosen, s.name), {**current.values, s.name: s.estimate}, most_steps=GLANCE)
     lead = [s for s in leading(scores.ranked)[:FAULTS] if s.strength > scores.critical]
-    return dict(zip((s.name for s in lead), each(ask, lead), strict=True))
+    return _glances(problem, current, chosen, lead)
 
 
 def leading(ranked: list[Signature]) -> list[Signature]:
@@ -346,6 +344,11 @@ def _nearly(pairs: list[tuple[tuple[Signature, Signature], float]]) -> bool:
     return len(pairs) > 1 and pairs[1][1] > 0.95 * pairs[0][1]
 
 
+def fits_without(problem: Problem, fit: Fit, names: Iterable[str]) -> dict[str, Fit]:
+    """{effect or fault: the fit without it}."""
+    return by_name(lambda name: problem.fit([n for n in fit.effects if n != name], fit.values), names)
+
+
 # An effect whose loss costs so many times the threshold by the linear estimate is not asked by a refit.
 FAR_FROM_PRUNED = 10.0
 
@@ -355,9 +358,7 @@ def prune(problem: Problem, fit: Fit, chosen: tuple[str, ...], threshold: float)
     while chosen:
         costs = fit.linear_losses()
         in_doubt = [name for name in chosen if not costs.get(name, 0.0) > FAR_FROM_PRUNED * threshold]
-        at, beside = fit, chosen  # the loop changes both
-        drop = lambda name, at=at, beside=beside: problem.fit([n for n in beside if n != name], at.values)
-        without = dict(zip(in_doubt, each(drop, in_doubt), strict=True))
+        without = fits_without(problem, fit, in_doubt)
         weakest = min(in_doubt, key=lambda name: without[name].chi2, default=None)
         if weakest is None or without[weakest].chi2 - fit.chi2 > threshold:
             break

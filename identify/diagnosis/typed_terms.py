@@ -14,10 +14,10 @@ import numpy as np
 from thermohyd.identify.fitting.library import stores
 from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.fitting.problem_fit import Fit
-from thermohyd.identify.fitting.side_by_side import each
 from thermohyd.identify.model.places import OF_READING, place_of
 from thermohyd.identify.model.typed_terms import CURVES, KNOTS, basis
 from thermohyd.identify.report.known_physics import known_physics
+from thermohyd.side_by_side import each
 
 from .case import Progress
 from .confirmation import PROVEN, parts_left_out, predicted_apart

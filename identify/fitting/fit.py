@@ -18,6 +18,7 @@ from thermohyd.identify.reduction.limits import without_limits
 from thermohyd.identify.reduction.reduce import reduce_test
 from thermohyd.kept_programs import begin_work
 from thermohyd.numerics import require_float64
+from thermohyd.side_by_side import each
 
 from .boxes import Box
 from .fit_effects import fit_with, known_effects
@@ -34,7 +35,6 @@ from .result import FitResult, OtherLaw, StartOutcome
 from .reversed_signs import reversed_channels, warning_of, with_signs_turned
 from .row_blocks import plain_by_rows
 from .sensed import sensed_channels, sensor_plans, with_starts
-from .side_by_side import each
 from .starts import basin_hopping, null_position
 from .static_readings import base_valve, channel_slices, quantities_of, static_data
 from .static_residuals import FitArgs, box_of, prior_rows, residual_of

@@ -10,6 +10,7 @@ from thermohyd.identify.bench.test_record import TestRecord
 from thermohyd.identify.noise.level import ChannelNoise, initial_noises
 from thermohyd.identify.reduction.bad_rows import beside_the_fit
 from thermohyd.identify.reduction.limits import without_limits
+from thermohyd.side_by_side import each
 
 from .fit_effects import settled
 from .least_squares import LeastSquaresResult
@@ -24,7 +25,6 @@ from .readings import MotionReadings, Noise, white_noise
 from .relative import with_relatives
 from .result import StartOutcome
 from .sensed import sensed_channels, sensor_plans, traced, with_starts
-from .side_by_side import each
 from .trimmed import FAR
 
 

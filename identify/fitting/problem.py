@@ -19,6 +19,7 @@ from thermohyd.identify.model.term_variables import States
 from thermohyd.identify.model.typed_terms import TypedTerm
 from thermohyd.identify.noise.whitening import Whitening, whiten_on_host
 from thermohyd.identify.reduction.monotone_pieces import run_ids
+from thermohyd.side_by_side import each
 
 from .bench_faults import BenchFault, allowance_of, info_of, is_fault
 from .boxes import Box
@@ -30,7 +31,6 @@ from .parameters import IN_MOTION, PARAMETERS, SEEN_IN_MOTION, ParameterPlan
 from .problem_fit import Fit, Work
 from .readings import MotionReadings, Noise, Readings, StaticReadings
 from .sensed import Sensed, SignalRows, sensed_channels, traced
-from .side_by_side import each
 from .starts import basin_hopping, ended_on_a_slope, on_a_kink
 from .static_readings import channel_slices
 from .static_residuals import prior_rows

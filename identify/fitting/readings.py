@@ -6,7 +6,6 @@ The only place where the two differ for a `Problem`, which puts them behind one 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from threading import local
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -22,6 +21,7 @@ from thermohyd.identify.noise.correlation import NoiseCorrelation
 from thermohyd.identify.noise.level import ChannelNoise
 from thermohyd.identify.noise.whitening import Whitening, whiten_on_host, whitening_of
 from thermohyd.identify.reduction.monotone_pieces import run_ids
+from thermohyd.side_by_side import LastAsked
 
 from .bench_faults import BenchFault, corrected
 from .least_squares import Columns
@@ -214,17 +214,16 @@ class StaticReadings:
     def _evaluated(self, program: tuple[str, ...], p: np.ndarray) -> Any:
         """What `RowBlocks.at` or `TiedRows.evaluate` gives at a point; asked again for the same one, it is not computed again."""
         key = (program, np.asarray(p, dtype=float).tobytes())
-        known = getattr(self._last, "point", None)
-        if known is None or known[0] != key:
+
+        def ask() -> Any:
             rows = self._blocks(program)
-            ask = rows.at if isinstance(rows, RowBlocks) else rows.evaluate
-            known = self._last.point = key, ask(np.asarray(p, dtype=float))
-        return known[1]
+            return (rows.at if isinstance(rows, RowBlocks) else rows.evaluate)(np.asarray(p, dtype=float))
+
+        return self._last.of(key, ask)
 
     @cached_property
-    def _last(self) -> local:
-        """The point that a thread asked for last, and what was found."""
-        return local()
+    def _last(self) -> LastAsked:
+        return LastAsked()
 
     def _of_rows(self, fault: BenchFault, slope: np.ndarray, white: Mapping[Key, Whitening]) -> np.ndarray:
         """A fault's column: what was read is too large in its rows. slope: of each row's weighted residual to what was read."""
@@ -388,16 +387,13 @@ class MotionReadings:
         from .motion_term_columns import rows_with_terms
 
         key = (program, np.asarray(p, dtype=float).tobytes())
-        known = getattr(self._last, "point", None)
-        if known is None or known[0] != key:
-            found = rows_with_terms(self.simulator, self.parameters, program, self._weighing, p, self.terms)
-            known = self._last.point = key, found
-        return known[1]
+        return self._last.of(
+            key, lambda: rows_with_terms(self.simulator, self.parameters, program, self._weighing, p, self.terms)
+        )
 
     @cached_property
-    def _last(self) -> local:
-        """The point that a thread asked for last, and what was found."""
-        return local()
+    def _last(self) -> LastAsked:
+        return LastAsked()
 
     def table(self, program: tuple[str, ...], p: np.ndarray, laws: Any) -> tuple[list[np.ndarray], Any]:
         """Of each law (see `motion_term_columns.Law`) its columns (rows, coefficients) in units of the noise, whitened, beside the

@@ -15,9 +15,9 @@ import numpy as np
 
 from thermohyd.identify.bench.test_record import TestRecord
 from thermohyd.identify.reduction.monotone_pieces import piece_bounds, sweep_ids
+from thermohyd.side_by_side import each
 
 from .least_squares import LeastSquaresResult
-from .side_by_side import each
 
 
 def _crossing(position: np.ndarray, value: np.ndarray) -> float | None:

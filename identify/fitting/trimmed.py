@@ -9,7 +9,8 @@ from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np
 
-from .side_by_side import each
+from thermohyd.side_by_side import each
+
 from .uncertainty import Key
 
 

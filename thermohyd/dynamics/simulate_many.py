@@ -1,6 +1,5 @@
 """Simulate many step tests at once: thousands of scenarios for Monte Carlo studies, tolerances and sweeps."""
 
-import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
@@ -15,6 +14,7 @@ from jaxtyping import Array
 from thermohyd.actuator import Actuator
 from thermohyd.arguments import Heat
 from thermohyd.numerics import jitted, known_options
+from thermohyd.side_by_side import cores
 from thermohyd.valve import Valve
 
 from .batch import BatchedRodas5P
@@ -81,10 +81,6 @@ def _count(given: tuple[Any, ...], along: Along) -> int:
     return lengths.pop() or 0
 
 
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
 def simulate_many(
     valve: Valve,
     actuator: Actuator,
@@ -123,13 +119,13 @@ def simulate_many(
         raise ValueError(f"in_axes must be three entries, each 0 or None, not {in_axes!r}")
     count = _count(given, in_axes)
     on_cpu = jax.default_backend() == "cpu"
-    cores = _cores() if on_cpu else 1
+    at_once = cores() if on_cpu else 1
     most = chunk if chunk is not None else CHUNK if on_cpu else CHUNK_ELSEWHERE
     if most < 1:
         raise ValueError(f"chunk must be at least 1, not {most}")
     # Equal chunks, and as many as keep all cores busy.
-    rounds = -(-count // (most * cores))
-    size = min(most, -(-count // (rounds * cores)))
+    rounds = -(-count // (most * at_once))
+    size = min(most, -(-count // (rounds * at_once)))
     if compiler_options is None:
         compiler_options = known_options(WIDE) if on_cpu else {}
     run = _compiled(tuple(sorted(compiler_options.items())))
@@ -152,7 +148,7 @@ def simulate_many(
     parts = [] if key in _ran else [work(starts[0])]
     _ran.add(key)
     # JAX holds no lock while a program runs, so threads keep all cores busy.
-    pool = ThreadPoolExecutor(cores)
+    pool = ThreadPoolExecutor(at_once)
     try:
         parts += pool.map(work, starts[len(parts) :])
     finally:

@@ -28,6 +28,7 @@ from thermohyd.identify.fitting.static_residuals import (
     residual_and_columns,
     residual_of,
 )
+from thermohyd.side_by_side import each
 
 
 VALVE = Valve(12e-3, 8e-6, 2.5e-6, 6e-6, 0.68, 90.0, 1.2e-6)
@@ -120,3 +121,22 @@ def test_a_search_that_is_stuck_on_a_slope_begins_elsewhere(monkeypatch):
     assert abs(neutral["pilot_leakage"]) < 1e-10
     assert neutral["clearance"] == pytest.approx(free.values["clearance"], rel=1e-6)
     assert nominal["clearance"] == problem_of.plans["clearance"].start
+
+
+def test_refits_give_the_same_to_the_last_bit(monkeypatch):
+    """Each at a point of its own: none may see what another one was asked for."""
+    monkeypatch.setenv("NPROC", "3")
+    case = small_case("two")
+    problem, base = case.problem, case.base
+    names = problem.library.names
+    ask = lambda name: problem.fit((name,), base.values, most_steps=6)
+    before = problem.work.evaluations
+    alone = [ask(name) for name in names]
+    cost = problem.work.evaluations - before
+    for _ in range(2):
+        before = problem.work.evaluations
+        for name, one, other in zip(names, alone, each(ask, names), strict=True):
+            assert (one.chi2, one.values) == (other.chi2, other.values), name
+            np.testing.assert_array_equal(one.residual, other.residual)
+            np.testing.assert_array_equal(one.columns, other.columns)
+        assert problem.work.evaluations - before == cost

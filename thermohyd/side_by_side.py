@@ -18,16 +18,15 @@ MOST_THREADS = 8
 _within = threading.local()
 
 
+def cores() -> int:
+    """How many cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 def threads() -> int:
-    """How many at a time: the cores that this process may use, or what NPROC says, by which XLA goes too."""
+    """How many pieces of work at a time: one per core, or what NPROC says, by which XLA goes too."""
     told = os.environ.get("NPROC", "")
-    if told.isdigit():
-        cores = int(told)
-    elif hasattr(os, "sched_getaffinity"):
-        cores = len(os.sched_getaffinity(0))
-    else:
-        cores = os.cpu_count() or 1
-    return max(1, min(cores, MOST_THREADS))
+    return max(1, min(int(told) if told.isdigit() else cores(), MOST_THREADS))
 
 
 def each[Item, Answer](ask: Callable[[Item], Answer], items: Iterable[Item]) -> list[Answer]:
@@ -54,6 +53,23 @@ def each[Item, Answer](ask: Callable[[Item], Answer], items: Iterable[Item]) -> 
 
     with ThreadPoolExecutor(many, thread_name_prefix="refit") as pool:
         return list(pool.map(asked, given))
+
+
+def by_name[Answer](ask: Callable[[str], Answer], names: Iterable[str]) -> dict[str, Answer]:
+    """{name: ask(name)}, several at a time."""
+    given = list(names)
+    return dict(zip(given, each(ask, given), strict=True))
+
+
+class LastAsked(threading.local):
+    """What each thread asked for last, and what was found: asked again for the same it is not worked out again."""
+
+    known: tuple[Any, Any] | None = None
+
+    def of(self, key: Any, work_out: Callable[[], Any]) -> Any:
+        if self.known is None or self.known[0] != key:
+            self.known = key, work_out()
+        return self.known[1]
 
 
 def _with_double(double: bool) -> Any:

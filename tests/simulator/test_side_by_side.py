@@ -4,11 +4,9 @@ import threading
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 import pytest
-from helpers.small_diagnosis import small_case
 
-from thermohyd.identify.fitting.side_by_side import MOST_THREADS, each, threads
+from thermohyd.side_by_side import MOST_THREADS, LastAsked, by_name, each, threads
 
 
 DEVICE = "jax_default_device"
@@ -76,19 +74,17 @@ def test_settings_of_the_callers_own_thread_hold_there_too(three):
     assert {str(kind) for kind in each(lambda _: jnp.zeros(1).dtype, range(3))} == {"float64"}
 
 
-def test_refits_give_the_same_to_the_last_bit(three):
-    """Each at a point of its own: none may see what another one was asked for."""
-    case = small_case("two")
-    problem, base = case.problem, case.base
-    names = problem.library.names
-    ask = lambda name: problem.fit((name,), base.values, most_steps=6)
-    before = problem.work.evaluations
-    alone = [ask(name) for name in names]
-    cost = problem.work.evaluations - before
-    for _ in range(2):
-        before = problem.work.evaluations
-        for name, one, other in zip(names, alone, each(ask, names), strict=True):
-            assert (one.chi2, one.values) == (other.chi2, other.values), name
-            np.testing.assert_array_equal(one.residual, other.residual)
-            np.testing.assert_array_equal(one.columns, other.columns)
-        assert problem.work.evaluations - before == cost
+def test_answers_by_name(three):
+    assert list(by_name(str.upper, iter("cab")).items()) == [("c", "C"), ("a", "A"), ("b", "B")]
+
+
+def test_what_a_thread_asked_last_is_its_own(three):
+    last, made = LastAsked(), []
+
+    def ask(number: int) -> list[int]:
+        work_out = lambda: made.append(number) or number
+        return [last.of(number, work_out), last.of(number, work_out)]
+
+    assert each(ask, [1, 2, 3]) == [[1, 1], [2, 2], [3, 3]]
+    assert sorted(made) == [1, 2, 3]
+    assert [last.of(key, lambda key=key: key) for key in (1, 2, 1)] == [1, 2, 1]
