@@ -141,9 +141,8 @@ def conclude(
         found = terms_of(problem, asked, split, say)
     end = _with_learned(problem, model, found, smooth, learn, say)
     problem, fit, term, terms, smooth = end.problem, end.fit, end.term, end.terms, end.smooth
-    # Error bars know a misfit that remains. Of runs in time there is no such curve, and a learned term is one.
-    beside_noise = model.disagrees and term is None and not problem.in_motion
-    remaining = remaining_misfit(problem, fit, say) if beside_noise else None
+    # Error bars know a misfit that remains; a learned term is one.
+    remaining = remaining_misfit(problem, fit, say) if model.disagrees and term is None else None
     held = _held_out(case, split, model, fit, term, smooth, first, remaining, say)
     if remaining is not None and remaining.weighed.discrepancy is not None and held.after > held.before:
         # Weights under which runs of some tests are met better may meet the rows held out worse than the ideal valve does.

@@ -31,6 +31,7 @@ from .final_model import FinalModel, final_model
 from .found_faults import with_evidence
 from .model_average import without_rivals
 from .record_noise import NoiseEstimate, first_noise, noise_of, repeats_in
+from .remaining_misfit import Remaining, remaining_misfit
 from .result import DiagnosisResult, NamedEffect, Verdict
 from .screening import finite_steps
 from .stand_ins import without_stand_ins
@@ -127,8 +128,9 @@ def in_words_of_motion(result: DiagnosisResult) -> DiagnosisResult:
 
 def fitted_together(
     record: BenchRecord, static: Stage, motion: Stage, say: Progress = lambda _: None
-) -> tuple[FitResult, FitResult]:
-    """The plain model and the one with everything that both stages named, each fitted to all tests of the record at once."""
+) -> tuple[FitResult, FitResult, Remaining | None]:
+    """The plain model and the one with everything that both stages named, each fitted to all tests of the record at once, and what
+    remains as a part of the error, where a stage ended with a misfit and nothing was learned of it."""
     # Here, not above: the diagnosis of static tests does not wait for the solvers of motion.
     from thermohyd.identify.fitting.fit_motion import joint_problem, jointly_fitted
 
@@ -148,12 +150,18 @@ def fitted_together(
         final = full.fit(effects, {**motion.model.fit.values, **static.model.fit.values}, patient=True)
     fitted = jointly_fitted(problem, plain, as_channel_noise(noise), s.fitted, m.fitted)
     scale = lambda fit: max(fit.chi2 / len(fit.residual), 1.0)
-    of = lambda p, fit: result_of(p, fit, fitted, noise, scale(fit))
-    before = of(problem, plain)
+    of = lambda p, fit, remaining=None: result_of(p, fit, fitted, noise, scale(fit), remaining)
+    before = after = of(problem, plain)
+    misses = (static.model.disagrees or motion.model.disagrees) and not learned
+    remaining = remaining_misfit(full, final, say) if misses else None
+    if remaining is not None:
+        after = of(full, remaining.fit, remaining)
+    elif final is not plain:
+        after = of(full, final)
     # The other law of an edge was asked of the static tests alone.
-    after = with_model_form(before if final is plain else of(full, final), static.result.after.other_law)
+    after = with_model_form(after, static.result.after.other_law)
     after = with_evidence(after, static.model, problem.faults)
-    return before, after
+    return before, after, remaining
 
 
 def in_one(record: BenchRecord, static: Stage, motion: Stage, say: Progress = lambda _: None) -> DiagnosisResult:
@@ -165,7 +173,7 @@ def in_one(record: BenchRecord, static: Stage, motion: Stage, say: Progress = la
     end = m.headline if agreed else f"Dynamic tests: {m.headline}"
     seen = {c.name for c in m.candidates}
     stages = {*unconverged(s.after), *unconverged(m.after)}
-    before, after = fitted_together(record, static, motion, say)
+    before, after, remaining = fitted_together(record, static, motion, say)
     return replace(
         s,
         record=record,
@@ -194,7 +202,7 @@ def in_one(record: BenchRecord, static: Stage, motion: Stage, say: Progress = la
         suspects=(*s.suspects, *m.suspects),
         proof=min((p for p in (s.proof, m.proof) if p is not None), default=None),
         notes=without_rivals(dict.fromkeys((*s.notes, *m.notes))),  # the joint fit's error bars are its model's
-        discrepancy=(),  # and go by the noise
+        discrepancy=() if remaining is None else remaining.channels,
         # Whether a stage's own last fit converged is of no matter: the joint one began from it.
         warnings=tuple(
             dict.fromkeys((*unconverged(after), *(w for w in (*s.warnings, *m.warnings) if w not in stages)))

@@ -1,11 +1,11 @@
 """Where a misfit remains: which parameters predict best, and how far may they be trusted?
 
 Beside its noise each channel has what the model misses: a curve over the position that all its sweeps share, and one that each sweep has
-of its own, with a size and a length of their own (Kennedy and O'Hagan, Journal of the Royal Statistical Society B 63, 2001). Sizes are
-those of highest restricted likelihood (MacKay, Neural Computation 4, 1992), the length is the one under which runs that were left out are
-least surprising (log score: Gneiting and Raftery, Journal of the American Statistical Association 102, 2007). Error bars hold that. Whether
-readings are weighed by it as well, or by their noise alone, is asked of the same runs: by which parameters their readings are met best.
-docs/diagnosis.md section 14.3.
+of its own (in motion over the time, of the runs), with a size and a length of their own (Kennedy and O'Hagan, Journal of the Royal
+Statistical Society B 63, 2001). Sizes are those of highest restricted likelihood (MacKay, Neural Computation 4, 1992), the length is the
+one under which runs that were left out are least surprising (log score: Gneiting and Raftery, Journal of the American Statistical
+Association 102, 2007). Error bars hold that. Whether readings are weighed by it as well, or by their noise alone, is asked of the same
+runs: by which parameters their readings are met best. docs/diagnosis.md section 14.3.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -108,13 +108,16 @@ def remaining_misfit(problem: Problem, fit: Fit, say: Callable[[str], None] = la
     say("how far readings may be trusted beside the misfit")
     parts = runs_left_out(problem.tests)
     alone = Beside(fit, misfit_scale(problem, fit))
-    tried = [alone, *each(lambda length: _fitted(problem, fit, length), LENGTHS)]
+    # In motion a refit takes ten seconds, and thirty would be asked for.
+    moves = any(test.in_motion for test in problem.tests.values())
+    fitted, errors_of = (_on_paper, errors_on_paper) if moves else (_fitted, left_out_errors)
+    tried = [alone, *each(lambda length: fitted(problem, fit, length), LENGTHS)]
     scores = each(lambda beside: left_out_score(problem, beside, parts), tried)
     believed = tried[max(range(len(tried)), key=scores.__getitem__)]
     weighed = alone
     if believed is not alone:
         say("which weights predict runs left out best")
-        errors = left_out_errors(problem, believed, parts) / left_out_errors(problem, alone, parts)
+        errors = errors_of(problem, believed, parts) / errors_of(problem, alone, parts)
         if np.exp(np.mean(np.log(errors))) < BETTER:
             beside = problem.with_discrepancy(believed.discrepancy)
             again = beside.fit(fit.effects, believed.fit.values, hop_basins=True)
@@ -153,12 +156,27 @@ def runs_left_out(tests: Mapping[str, TestRecord]) -> np.ndarray:
     return np.concatenate([by_test[name] for name, test in tests.items() for _ in test.channels])
 
 
+def _all_curves(problem: Problem, fit: Fit, length: float) -> tuple[np.ndarray, np.ndarray]:
+    """Columns of `curves_of` (rows, k), and the group (k,) of each."""
+    curves = list(curves_of(problem, length, len(fit.residual)))
+    return np.concatenate(curves, axis=1), np.repeat(np.arange(len(curves)), [own.shape[1] for own in curves])
+
+
+def _on_paper(problem: Problem, fit: Fit, length: float) -> Beside:
+    """Sizes for curves of one length, and the misfit beside them, where parameters move as they would by one Gauss-Newton step."""
+    columns, which = _all_curves(problem, fit, length)
+    sizes = likeliest_sizes(fit, columns, which, np.ones(int(which[-1]) + 1))
+    discrepancy = Discrepancy(columns * np.sqrt(sizes)[which])
+    left = Projection.beside(discrepancy.whitened(fit.nuisance.T).T)(discrepancy.whitened(fit.residual))
+    rows = len(fit.residual) - len(problem.parameters)
+    scale = max(float(left @ left) / max(rows - len(fit.free), 1), 1.0)
+    return Beside(fit, scale, length, sizes, discrepancy)
+
+
 def _fitted(problem: Problem, fit: Fit, length: float) -> Beside:
     """Sizes and fit in turn, for curves of one length."""
-    curves = list(curves_of(problem, length, len(fit.residual)))
-    columns = np.concatenate(curves, axis=1)
-    which = np.repeat(np.arange(len(curves)), [own.shape[1] for own in curves])
-    seen, found, sizes, discrepancy = fit, fit, np.ones(len(curves)), Discrepancy(columns)
+    columns, which = _all_curves(problem, fit, length)
+    seen, found, sizes, discrepancy = fit, fit, np.ones(int(which[-1]) + 1), Discrepancy(columns)
     for _ in range(ROUNDS):
         before, sizes = sizes, likeliest_sizes(seen, columns, which, sizes)
         discrepancy = Discrepancy(columns * np.sqrt(sizes)[which])
@@ -192,9 +210,9 @@ def curves_of(problem: Problem, length: float, rows: int) -> Iterator[np.ndarray
     """
     for key, place in problem.rows().items():
         test = problem.tests[key[0]]
-        rank = np.empty(test.rows)
-        rank[np.argsort(test.place, kind="stable")] = np.arange(test.rows) / max(test.rows - 1, 1)
         sweeps = list(piece_bounds(sweep_ids(test)))
+        runs = sweeps if test.in_motion else [(0, test.rows)]
+        rank = np.concatenate([_rank(test.place[start:stop]) for start, stop in runs])
         shared = kernel_curves(rank, length, CURVES[length])
         apart = min(len(sweeps), MOST_CURVES // FEWEST_CURVES)
         count = min(CURVES[length], MOST_CURVES // apart)
@@ -207,6 +225,13 @@ def curves_of(problem: Problem, length: float, rows: int) -> Iterator[np.ndarray
             block = np.zeros((rows, columns.shape[1]))
             block[place] = whitened(problem, key, columns * _typical(problem, key))
             yield block
+
+
+def _rank(place: np.ndarray) -> np.ndarray:
+    """0 to 1 in the order of the rows' places (rows,)."""
+    rank = np.empty(len(place))
+    rank[np.argsort(place, kind="stable")] = np.arange(len(place)) / max(len(place) - 1, 1)
+    return rank
 
 
 def kernel_curves(place: np.ndarray, length: float, count: int) -> np.ndarray:
@@ -259,6 +284,26 @@ def left_out_errors(problem: Problem, beside: Beside, parts: np.ndarray) -> np.n
 
     for part, found in zip(numbers, each(missed, numbers), strict=True):
         misses[parts == part] = found
+    return _of_channels(problem, misses, parts)
+
+
+def errors_on_paper(problem: Problem, beside: Beside, parts: np.ndarray) -> np.ndarray:
+    """`left_out_errors`, each part predicted by one Gauss-Newton step from the fit."""
+    fit = beside.fit
+    seen = problem.evaluate(fit.values, fit.effects)
+    white = problem.with_noise(problem.noise.white).evaluate(fit.values, fit.effects)
+    without = _Without.of(problem, beside, seen)
+    columns = _own_columns(problem, fit, white)
+    misses = np.zeros(len(parts))
+    for part in np.unique(parts[parts >= 0]).tolist():
+        left = parts == part
+        step, _ = without.part(part, parts)
+        misses[left] = (white.residual + columns @ step)[: len(parts)][left]
+    return _of_channels(problem, misses, parts)
+
+
+def _of_channels(problem: Problem, misses: np.ndarray, parts: np.ndarray) -> np.ndarray:
+    """Mean squares (channels,) of the rows that belong to a part."""
     shown = [misses[place][parts[place] >= 0] for place in problem.rows().values()]
     return np.array([np.mean(own**2) for own in shown if len(own)])
 
@@ -267,29 +312,58 @@ def left_out_score(problem: Problem, beside: Beside, parts: np.ndarray) -> float
     """Log likelihood of the rows of each part, predicted by parameters that did not see it: one Gauss-Newton step from the fit. Curves
     are not predicted, only allowed for.
     """
-    fit, scale = beside.fit, beside.scale
+    fit = beside.fit
     seen = fit if beside.discrepancy is None else problem.evaluate(fit.values, fit.effects)
-    names = [name for name in fit.free if name not in fit.active]
-    steps = np.array([problem.scale_of(name) for name in names])
-    jacobian = seen.columns[:, [seen.order.index(name) for name in names]] * steps
-    curves = np.zeros((len(seen.residual), 0)) if beside.discrepancy is None else beside.discrepancy.columns
-    whole = np.concatenate([parts, np.full(len(seen.residual) - len(parts), -1)])
-    score = 0.0
-    for part in np.unique(parts[parts >= 0]):
-        kept, left = whole != part, whole == part
-        both = np.concatenate([jacobian[kept], seen.residual[kept, None]], axis=1)
-        among = np.eye(curves.shape[1]) * scale + curves[kept].T @ curves[kept]
-        across = curves[kept].T @ both
-        normal = (both.T @ both - across.T @ cho_solve(cho_factor(among), across)) / scale
-        matrix = normal[:-1, :-1] + np.eye(len(names)) / WITHIN**2
-        step = -np.linalg.solve(matrix, normal[:-1, -1])
+    without, score = _Without.of(problem, beside, seen), 0.0
+    whole = _of_every_row(parts, seen)
+    for part in np.unique(parts[parts >= 0]).tolist():
+        left = whole == part
+        step, matrix = without.part(part, parts)
         spread = cholesky(np.linalg.inv(0.5 * (matrix + matrix.T)), lower=True)
         score += _log_likelihood(
-            seen.residual[left] + jacobian[left] @ step,
-            np.concatenate([curves[left], jacobian[left] @ spread], axis=1),
-            scale,
+            seen.residual[left] + without.columns[left] @ step,
+            np.concatenate([without.curves[left], without.columns[left] @ spread], axis=1),
+            without.scale,
         )
     return score
+
+
+@dataclass(frozen=True)
+class _Without:
+    """Parameters that do not see a part of the rows. columns (rows, n): of the free ones, each for its natural step, and residual, both
+    beside the noise alone; curves (rows, k): of the discrepancy, none without one."""
+
+    columns: np.ndarray
+    residual: np.ndarray
+    curves: np.ndarray
+    scale: float
+
+    @classmethod
+    def of(cls, problem: Problem, beside: Beside, seen: Fit) -> "_Without":
+        curves = np.zeros((len(seen.residual), 0)) if beside.discrepancy is None else beside.discrepancy.columns
+        return cls(_own_columns(problem, beside.fit, seen), seen.residual, curves, beside.scale)
+
+    def part(self, part: int, parts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The Gauss-Newton step (n,) of the other rows, in natural steps, and the inverse (n, n) of its covariance."""
+        kept = np.append(parts != part, np.ones(len(self.residual) - len(parts), dtype=bool))
+        both = np.concatenate([self.columns[kept], self.residual[kept, None]], axis=1)
+        among = np.eye(self.curves.shape[1]) * self.scale + self.curves[kept].T @ self.curves[kept]
+        across = self.curves[kept].T @ both
+        normal = (both.T @ both - across.T @ cho_solve(cho_factor(among), across)) / self.scale
+        matrix = normal[:-1, :-1] + np.eye(self.columns.shape[1]) / WITHIN**2
+        return -np.linalg.solve(matrix, normal[:-1, -1]), matrix
+
+
+def _own_columns(problem: Problem, fit: Fit, seen: Fit) -> np.ndarray:
+    """Columns (rows, n) of what a fit's readings determine, for natural steps, as another look at the same point has them."""
+    names = [name for name in fit.free if name not in fit.active]
+    steps = np.array([problem.scale_of(name) for name in names])
+    return seen.columns[:, [seen.order.index(name) for name in names]] * steps
+
+
+def _of_every_row(parts: np.ndarray, fit: Fit) -> np.ndarray:
+    """The part (rows,) of each row of a fit's residual; priors belong to none."""
+    return np.concatenate([parts, np.full(len(fit.residual) - len(parts), -1)])
 
 
 def _log_likelihood(miss: np.ndarray, spread: np.ndarray, scale: float) -> float:

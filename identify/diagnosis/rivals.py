@@ -125,15 +125,17 @@ def rivals_of(
     at_fault = [s for s in ([] if faults is None else faults.ranked) if not alias(s) and (s.gain > within or twin(s))]
 
     def ask(s: Signature) -> Rival | None:
+        # Further behind than that is no equal, and is not asked from elsewhere (below).
+        in_sight = final.chi2 + scale * max(REACH + penalty(final), 0.0)
         start = on_paper = {**without.values, s.name: s.estimate}
         if named is not None and twin(s):  # the same curve by another name: start where the named one ended
             same = final.values[name] * named.size / s.size * float(np.sign(s.direction @ named.direction))
             start = {**final.values, s.name: same}
-        fit = problem.fit((*others, s.name), start, most_steps=GLANCE)
+        fit = problem.fit((*others, s.name), start, most_steps=GLANCE, goal=in_sight)
         if fit.chi2 > without.chi2 and start is not on_paper:  # worse than without it: led astray by that start
-            fit = problem.fit((*others, s.name), on_paper, most_steps=GLANCE)
+            fit = problem.fit((*others, s.name), on_paper, most_steps=GLANCE, goal=in_sight)
         if not fit.converged and fit.chi2 < without.chi2 - HALF_WAY * gain:
-            fit = problem.fit((*others, s.name), fit.values)
+            fit = problem.fit((*others, s.name), fit.values, goal=in_sight)
         if 0.5 * ALIKE < _more(fit, final, scale) < REACH:
             fit = problem.fit((*others, s.name), fit.values, hop_basins=True)
         if fit.values[s.name] == 0.0 or s.name in fit.active:
@@ -173,7 +175,9 @@ def _two_in_its_place(problem: Problem, final: Fit, name: str, without: Fit, sco
     pairs = best_pairs(scores, [s for s in scores.ranked if s.name != name])
     likely = [(a, b) for (a, b), gain in pairs if gain > own.gain + needed - NEARLY and ready(a.name, b.name)]
     ask = lambda pair: problem.fit(
-        (*others, *(s.name for s in pair)), {**without.values, **{s.name: s.estimate for s in pair}}
+        (*others, *(s.name for s in pair)),
+        {**without.values, **{s.name: s.estimate for s in pair}},
+        goal=merit(final) - needed,
     )
     best = min(each(ask, likely[:MOST_PAIRS]), key=merit, default=None)
     return best if best is not None and merit(final) - merit(best) > needed else None

@@ -155,8 +155,8 @@ def search(
         # one that resembles them later (`rivals`).
         leaves = best.chi2 > EXPLAINED * max(int(best.used.sum()), 1)
         asked = pairs if leaves or not problem.in_motion else []
-        double = _best_pair(problem, current, chosen, scores, asked, best, stored)
         threshold = scores.critical**2 + PAIR_PENALTY
+        double = _best_pair(problem, current, chosen, scores, asked, best, stored, threshold)
         if double is not None and merit(double) < merit(best) - threshold and len(chosen) + 2 <= most:
             best = double
         added = tuple(name for name in best.effects if name not in chosen)
@@ -315,10 +315,11 @@ def _best_pair(
     pairs: list[tuple[tuple[Signature, Signature], float]],
     best: Fit,
     stored: bool,
+    threshold: float,
 ) -> Fit | None:
     """The best nonlinear refit among the leading pairs; partners of the best single effect are tried too.
 
-    stored: whether oil stored at the ports was refitted already.
+    stored: whether oil stored at the ports was refitted already. threshold: by how much a pair must do better than `best`.
     """
     lead = next((name for name in best.effects if name not in chosen), None)
     too_expensive = lambda pair: (
@@ -334,7 +335,7 @@ def _best_pair(
         start = {**current.values, a.name: a.estimate, b.name: b.estimate}
         if lead in (a.name, b.name):  # downhill from the best single effect, which is no linear estimate any more
             start = dict(best.values)
-        return problem.fit((*chosen, a.name, b.name), start, most_steps=GLANCE)
+        return problem.fit((*chosen, a.name, b.name), start, most_steps=GLANCE, goal=merit(best) - threshold)
 
     return min(each(ask, chosen_pairs.values()), key=merit, default=None)
 

@@ -188,6 +188,18 @@ def _compiled(residual: Residual, boxes: Boxes, z: Any, args: Any, tolerance: An
     return small, state.residual, state.columns, state.evaluations, state.done
 
 
+# A search is left where it is once this many more steps, each as good as the better of its last two, would not bring what is asked of
+# it: as many as a short look has (`search.GLANCE`). Steps grow smaller as a rule.
+FURTHER = 15
+
+
+def not_worth_while(costs: Sequence[float], goal: float, worth: float) -> bool:
+    """Whether a search that went down through these costs will not come to `goal`, or will not fall by another `worth`."""
+    if len(costs) < 3:
+        return False
+    return FURTHER * max(costs[-3] - costs[-2], costs[-2] - costs[-1]) < max(costs[-1] - goal, worth)
+
+
 # Variables of a search that is driven from the host come in multiples of this, so that all searches share few programs.
 VARIABLES = 8
 
@@ -208,7 +220,15 @@ def _advance(
 
 
 def _step_by_step(
-    both: Both, boxes: Sequence[Box], z: np.ndarray, args: Any, tolerance: Any, max_steps: int, enough: Any
+    both: Both,
+    boxes: Sequence[Box],
+    z: np.ndarray,
+    args: Any,
+    tolerance: Any,
+    max_steps: int,
+    enough: Any,
+    goal: float,
+    worth: float,
 ) -> Any:
     """The same as `_compiled`, driven from the host: what takes long to compile is compiled alone, in a quarter of the time
     that it takes inside a compiled search. Rows and held variables are no matter of the step: one small program serves all."""
@@ -222,6 +242,7 @@ def _step_by_step(
     p, slope = everything.physical(np.asarray(z, dtype=float)), own.slope(free)
     state: State = _begin(free)
     kept: tuple[np.ndarray, Any] | None = None
+    costs: list[float] = []
     for _ in range(max_steps):
         residual, columns = both(p.copy(), args)
         residual, freed = np.asarray(residual), np.asarray(columns[moving])
@@ -232,8 +253,9 @@ def _step_by_step(
         accepted, done, trial, slope = jax.device_get((state.accepted, state.done, trial, slopes))
         if kept is None or accepted:
             kept = residual, columns
+            costs.append(float(residual @ residual))
         p[moving] = trial[:n]
-        if done:
+        if done or not_worth_while(costs, goal, worth):
             break
     assert kept is not None
     end = np.array(z, dtype=float)
@@ -257,6 +279,8 @@ def solve(
     both: Both | None = None,
     believe: float = BELIEVE_BELOW,
     enough: float = np.inf,
+    goal: float = np.inf,
+    worth: float = 0.0,
 ) -> LeastSquaresResult:
     """Minimise sum(residual(p, args)**2) over the box, from `start` (n,) or the boxes' own starts.
 
@@ -265,7 +289,9 @@ def solve(
     The search stops at the relative offset `tolerance`, or where it cannot get lower. `both`: residual and columns of the
     same problem, compiled by the caller, for one that takes long to compile; the search then runs on the host. `believe`:
     the relative offset up to which an end counts as an optimum, larger where the model is known to a solver's tolerance.
-    enough: the cost below which a search must promise to end, or it is given up on the way.
+    enough: the cost below which a search must promise to end, or it is given up on the way. goal: likewise, by how fast it goes
+    down, whether or not it is near an optimum; worth: the fall for which alone it goes on (`not_worth_while`); both of a search
+    on the host.
     Raises RuntimeError in single precision. Never raises for a solve that fails: read `converged` and `message`.
     """
     require_float64("a fit")
@@ -275,7 +301,7 @@ def solve(
         assert residual is not None
         out = _compiled(residual, Boxes.of(boxes), begin, args, *limits)
     else:
-        out = _step_by_step(both, boxes, begin, args, *limits)
+        out = _step_by_step(both, boxes, begin, args, *limits, goal, worth)
     return judged(boxes, began, jax.device_get(out), believe)
 
 

@@ -50,6 +50,7 @@ BELIEVE = 0.05
 SMALL_START = 0.05  # of the effect's scale
 START_WITHIN = 3.0  # times the largest usual amount
 MOST_STEPS, PATIENCE = 40, 5  # a refit that crawls is no candidate; one that is to stay may go on
+WORTH = 0.05  # chi-square: a short look, which compares candidates, goes on for no less
 # A search starts beside an optimum that basin hopping has been through: fewer and shorter moves [um] than a first fit's.
 MOVES, ROUNDS_OF_MOVES = (2.0, 0.7), 2
 BETTER = 1e-5  # relative fall of chi-square that is no rest of another search's way
@@ -242,11 +243,13 @@ class Problem:
         hop_basins: bool = False,
         far: bool = False,
         most_steps: int = MOST_STEPS,
+        goal: float = np.inf,
     ) -> Fit:
         """Fit the free parameters and the amounts of `effects`, from `start` (missing entries: nominal, neutral).
 
         patient: for a fit that is to stay: to the last digit, and on where it crawls. hop_basins: patient, and over the kinks
-        of the underlap; far: as far as a first fit goes.
+        of the underlap; far: as far as a first fit goes. goal: chi-square that alone is of interest: a fit that will not come there
+        (`not_worth_while`) is left where that shows.
         """
         system = self.system(effects, start)
         chosen, order, free, begin = system.chosen, system.order, system.free, [box.start for box in system.boxes]
@@ -266,6 +269,8 @@ class Problem:
                 both=both,
                 believe=BELIEVE,
                 enough=enough,
+                goal=goal,
+                worth=WORTH if most_steps < MOST_STEPS else 0.0,
             )
             self.work.add(result.steps + 1, cost)
             return result

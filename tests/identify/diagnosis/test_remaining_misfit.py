@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from helpers.linear_fit import linear_fit, linear_problem
+from helpers.short_servo import short_servo_problem
 from helpers.small_bench import REACH, VALVE, conditions_only
 from helpers.small_diagnosis import small_case, small_diagnosis
 
@@ -12,14 +13,21 @@ from thermohyd.identify.diagnosis import conclusion
 from thermohyd.identify.diagnosis.diagnose import diagnose_case
 from thermohyd.identify.diagnosis.remaining_misfit import (
     MOST_CURVES,
+    Beside,
     Remaining,
+    _fitted,
+    _on_paper,
     curves_of,
+    errors_on_paper,
     kernel_curves,
+    left_out_errors,
     likeliest_sizes,
     remaining_misfit,
+    runs_left_out,
 )
 from thermohyd.identify.fitting.discrepancy import Discrepancy
 from thermohyd.identify.fitting.problem import Problem
+from thermohyd.identify.fitting.problem_solution import gls_covariance, misfit_scale
 from thermohyd.identify.noise.correlation import NoiseCorrelation
 
 
@@ -134,3 +142,40 @@ def test_weights_that_predict_worse_than_the_ideal_valve_are_not_kept(monkeypatc
     for name, estimate in result.after.parameters.items():
         assert estimate.value == asked[0].values[name]
     assert result.discrepancy
+
+
+def test_one_gauss_newton_step_predicts_runs_left_out_about_as_refits_do() -> None:
+    case = small_case("outside")
+    beside = _on_paper(case.problem, case.base, 0.15)
+    again = _fitted(case.problem, case.base, 0.15)
+    shown = np.asarray(again.sizes) > 1.0
+    assert np.asarray(beside.sizes)[shown] == pytest.approx(np.asarray(again.sizes)[shown], rel=0.5)
+    parts = runs_left_out(case.problem.tests)
+    alone = Beside(case.base, misfit_scale(case.problem, case.base))
+    on_paper, refitted = (of(case.problem, alone, parts) for of in (errors_on_paper, left_out_errors))
+    assert on_paper == pytest.approx(refitted, rel=0.3)
+
+
+def test_what_a_model_of_motion_misses_is_a_part_of_the_error() -> None:
+    problem = short_servo_problem()
+    plain = problem.fit()
+    found = remaining_misfit(problem, plain)
+    assert found.believed.discrepancy is not None
+    assert {(c.test, c.channel) for c in found.channels} == set(problem.rows())
+    priors = len(problem.parameters)
+    noise_alone = gls_covariance(plain, misfit_scale(problem, plain), priors).matrix
+    held = found.by_noise(problem, plain).covariance(plain, priors).matrix
+    assert np.all(np.diag(held) > 0.0)
+    assert np.exp(np.mean(np.log(np.diag(held) / np.diag(noise_alone)))) > 1.0
+
+
+def test_curves_in_motion_go_by_the_time_within_each_run() -> None:
+    problem = short_servo_problem()
+    key, place = next(iter(problem.rows().items()))
+    shared, own = list(curves_of(problem, 0.5, len(problem.fit().residual)))[:2]
+    run = problem.tests[key[0]].run
+    first, second = (shared[place][run == code] for code in np.unique(run)[:2])
+    rows = min(len(first), len(second))
+    assert first[:rows] == pytest.approx(second[:rows], rel=0.1, abs=0.05)
+    of_first = own[place][run == np.unique(run)[0]]
+    assert np.any(of_first != 0.0, axis=0).sum() == own.shape[1] // len(np.unique(run))

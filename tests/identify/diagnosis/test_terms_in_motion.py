@@ -4,33 +4,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.short_servo import write_short_servo
+from helpers.short_servo import short_servo_problem
 
-from thermohyd.identify.bench.read import read_record
-from thermohyd.identify.bench.test_record import TestRecord
 from thermohyd.identify.diagnosis.term_fit import FittedTerm, columns_of, fitted_inside
-from thermohyd.identify.fitting.library import NOTHING
-from thermohyd.identify.fitting.motion_readings import require_actuator
-from thermohyd.identify.fitting.parameters import IN_MOTION, plan_motion
+from thermohyd.identify.fitting.parameters import IN_MOTION
 from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.fitting.problem_fit import Fit
-from thermohyd.identify.fitting.readings import white_noise
 from thermohyd.identify.model.model import Model
 from thermohyd.identify.model.predict_motion import as_static, predict_motion
 from thermohyd.identify.model.typed_terms import TypedTerm, with_covariance
-from thermohyd.identify.noise.level import initial_noises
 
 
 @pytest.fixture(scope="module")
-def problem(tmp_path_factory) -> Problem:
-    """Two runs of servo_2, all oil at one temperature, without its pressures: less to compute."""
-    folder = write_short_servo(tmp_path_factory.mktemp("servo"))
-    toml = (folder / "bench.toml").read_text().replace('heat = "adiabatic"', 'heat = "isothermal"')
-    (folder / "bench.toml").write_text(toml)
-    record = read_record(folder)
-    plans = plan_motion(record.valve, require_actuator(record), record.start)
-    tests: dict[str, TestRecord] = {**record.dynamic_tests}
-    return Problem(record, tests, plans, NOTHING, white_noise(initial_noises(record.dynamic_tests.values())))
+def problem() -> Problem:
+    return short_servo_problem()
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ import scipy.optimize
 from hypothesis import given, settings, strategies as st
 
 from thermohyd.identify.fitting.boxes import Box
-from thermohyd.identify.fitting.least_squares import multi_start, near_best, solve
+from thermohyd.identify.fitting.least_squares import multi_start, near_best, not_worth_while, solve
 
 
 TIME = jnp.linspace(0.0, 3.0, 40)
@@ -234,3 +234,32 @@ def test_starts_without_a_finite_cost_are_dropped() -> None:
 def test_senseless_boxes_are_refused(wrong: dict[str, Any], words: str) -> None:
     with pytest.raises(ValueError, match=words):
         Box(**{"name": "p", "scale": 1.0, **wrong})
+
+
+@pytest.mark.parametrize(
+    ("costs", "goal", "worth", "left"),
+    [
+        ([3015.0, 2837.0], 1312.0, 0.0, False),  # too early to say
+        ([3015.0, 2837.0, 2823.0], 1312.0, 0.0, False),  # the better of two steps counts: 15 times 178
+        ([3015.0, 2837.0, 2823.0, 2820.0], 1312.0, 0.0, True),
+        ([1334.0, 1333.0, 1317.0, 1315.0], 1312.0, 0.0, False),
+        ([610.02, 610.01, 610.009], np.inf, 0.05, False),
+        ([610.02, 610.018, 610.017], np.inf, 0.05, True),
+        ([610.02, 610.018, 610.017], np.inf, 0.0, False),  # nobody asked
+    ],
+)
+def test_a_search_is_left_where_what_is_asked_of_it_is_out_of_reach(costs, goal, worth, left) -> None:
+    assert not_worth_while(costs, goal, worth) is left
+
+
+def test_a_search_on_the_host_is_left_where_it_will_not_reach_its_goal() -> None:
+    data, boxes = decay_data(0, 2.0, 0.7, 0.3), decay_boxes()
+    both = lambda p, args: (decay(p, data), jax.jacfwd(decay)(jnp.asarray(p), data).T)
+    whole = solve(None, boxes, both=both)
+    assert whole.converged
+    early = solve(None, boxes, both=both, goal=-1e6)
+    assert early.steps < whole.steps
+    assert not early.converged
+    assert not early.exhausted
+    again = solve(None, boxes, both=both, goal=whole.cost + 1.0)
+    assert again.cost == whole.cost
