@@ -163,10 +163,13 @@ def test_what_a_model_of_motion_misses_is_a_part_of_the_error() -> None:
     assert found.believed.discrepancy is not None
     assert {(c.test, c.channel) for c in found.channels} == set(problem.rows())
     priors = len(problem.parameters)
-    noise_alone = gls_covariance(plain, misfit_scale(problem, plain), priors).matrix
+    noise_alone = gls_covariance(plain, misfit_scale(problem, plain), priors)
+    alive = noise_alone.alive  # without pressures the oil's stiffness ends at a limit
+    assert len(alive) >= 3
     held = found.by_noise(problem, plain).covariance(plain, priors).matrix
-    assert np.all(np.diag(held) > 0.0)
-    assert np.exp(np.mean(np.log(np.diag(held) / np.diag(noise_alone)))) > 1.0
+    ratio = np.diag(held)[alive] / np.diag(noise_alone.matrix)[alive]
+    assert np.all(ratio > 0.0)
+    assert np.exp(np.mean(np.log(ratio))) > 1.0
 
 
 def test_curves_in_motion_go_by_the_time_within_each_run() -> None:
