@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
 
-from thermohyd.identify.bench.test_record import TestRecord
+from thermohyd.identify.bench.test_record import TestRecord, dynamic_among
 from thermohyd.identify.fitting.discrepancy import Discrepancy
 from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.fitting.problem_fit import Fit
@@ -109,15 +109,19 @@ def remaining_misfit(problem: Problem, fit: Fit, say: Callable[[str], None] = la
     parts = runs_left_out(problem.tests)
     alone = Beside(fit, misfit_scale(problem, fit))
     # In motion a refit takes ten seconds, and thirty would be asked for.
-    moves = any(test.in_motion for test in problem.tests.values())
-    fitted, errors_of = (_on_paper, errors_on_paper) if moves else (_fitted, left_out_errors)
-    tried = [alone, *each(lambda length: fitted(problem, fit, length), LENGTHS)]
-    scores = each(lambda beside: left_out_score(problem, beside, parts), tried)
-    believed = tried[max(range(len(tried)), key=scores.__getitem__)]
+    on_paper = bool(dynamic_among(problem.tests))
+    fitted = _on_paper if on_paper else _fitted
+    tried = [(alone, fit), *each(lambda length: fitted(problem, fit, length), LENGTHS)]
+    scores = each(lambda one: left_out_score(problem, *one, parts), tried)
+    believed, _ = tried[max(range(len(tried)), key=scores.__getitem__)]
     weighed = alone
     if believed is not alone:
         say("which weights predict runs left out best")
-        errors = errors_of(problem, believed, parts) / errors_of(problem, alone, parts)
+        white = _seen_by(problem.with_noise(problem.noise.white), fit) if on_paper else None
+        errors_of = lambda beside: (
+            left_out_errors(problem, beside, parts) if white is None else errors_on_paper(problem, beside, white, parts)
+        )
+        errors = errors_of(believed) / errors_of(alone)
         if np.exp(np.mean(np.log(errors))) < BETTER:
             beside = problem.with_discrepancy(believed.discrepancy)
             again = beside.fit(fit.effects, believed.fit.values, hop_basins=True)
@@ -162,30 +166,36 @@ def _all_curves(problem: Problem, fit: Fit, length: float) -> tuple[np.ndarray, 
     return np.concatenate(curves, axis=1), np.repeat(np.arange(len(curves)), [own.shape[1] for own in curves])
 
 
-def _on_paper(problem: Problem, fit: Fit, length: float) -> Beside:
-    """Sizes for curves of one length, and the misfit beside them, where parameters move as they would by one Gauss-Newton step."""
+def _on_paper(problem: Problem, fit: Fit, length: float) -> tuple[Beside, Fit]:
+    """Sizes for curves of one length, and the misfit beside them, where parameters move as they would by one Gauss-Newton step; and the
+    fit, which is as the noise alone shows it."""
     columns, which = _all_curves(problem, fit, length)
     sizes = likeliest_sizes(fit, columns, which, np.ones(int(which[-1]) + 1))
     discrepancy = Discrepancy(columns * np.sqrt(sizes)[which])
     left = Projection.beside(discrepancy.whitened(fit.nuisance.T).T)(discrepancy.whitened(fit.residual))
     rows = len(fit.residual) - len(problem.parameters)
     scale = max(float(left @ left) / max(rows - len(fit.free), 1), 1.0)
-    return Beside(fit, scale, length, sizes, discrepancy)
+    return Beside(fit, scale, length, sizes, discrepancy), fit
 
 
-def _fitted(problem: Problem, fit: Fit, length: float) -> Beside:
-    """Sizes and fit in turn, for curves of one length."""
+def _fitted(problem: Problem, fit: Fit, length: float) -> tuple[Beside, Fit]:
+    """Sizes and fit in turn, for curves of one length; and that fit as the noise alone shows it."""
     columns, which = _all_curves(problem, fit, length)
     seen, found, sizes, discrepancy = fit, fit, np.ones(int(which[-1]) + 1), Discrepancy(columns)
     for _ in range(ROUNDS):
         before, sizes = sizes, likeliest_sizes(seen, columns, which, sizes)
         discrepancy = Discrepancy(columns * np.sqrt(sizes)[which])
         found = problem.with_discrepancy(discrepancy).fit(fit.effects, found.values)
-        seen = replace(problem.evaluate(found.values, found.effects), free=found.free, active=found.active)
+        seen = _seen_by(problem, found)
         changed = np.abs(np.sqrt(sizes) - np.sqrt(before)) > SETTLED * np.sqrt(np.maximum(sizes, 1.0))
         if not changed.any():
             break
-    return Beside(found, misfit_scale(problem, found), length, sizes, discrepancy)
+    return Beside(found, misfit_scale(problem, found), length, sizes, discrepancy), seen
+
+
+def _seen_by(problem: Problem, fit: Fit) -> Fit:
+    """The point of a fit with the residual and columns that this problem has there."""
+    return replace(problem.evaluate(fit.values, fit.effects), free=fit.free, active=fit.active)
 
 
 def _channels(problem: Problem, beside: Beside) -> Iterator[ChannelDiscrepancy]:
@@ -287,17 +297,15 @@ def left_out_errors(problem: Problem, beside: Beside, parts: np.ndarray) -> np.n
     return _of_channels(problem, misses, parts)
 
 
-def errors_on_paper(problem: Problem, beside: Beside, parts: np.ndarray) -> np.ndarray:
-    """`left_out_errors`, each part predicted by one Gauss-Newton step from the fit."""
-    fit = beside.fit
-    seen = problem.evaluate(fit.values, fit.effects)
-    white = problem.with_noise(problem.noise.white).evaluate(fit.values, fit.effects)
-    without = _Without.of(problem, beside, seen)
-    columns = _own_columns(problem, fit, white)
+def errors_on_paper(problem: Problem, beside: Beside, white: Fit, parts: np.ndarray) -> np.ndarray:
+    """`left_out_errors`, each part predicted by one Gauss-Newton step from the fit, which knows the noise alone. white: the same in units
+    of white noise."""
+    without = _Without.of(problem, beside, beside.fit, parts)
+    columns = _in_natural_steps(problem, white)
     misses = np.zeros(len(parts))
-    for part in np.unique(parts[parts >= 0]).tolist():
+    for part in without.numbers:
         left = parts == part
-        step, _ = without.part(part, parts)
+        step, _ = without.part(part)
         misses[left] = (white.residual + columns @ step)[: len(parts)][left]
     return _of_channels(problem, misses, parts)
 
@@ -308,22 +316,19 @@ def _of_channels(problem: Problem, misses: np.ndarray, parts: np.ndarray) -> np.
     return np.array([np.mean(own**2) for own in shown if len(own)])
 
 
-def left_out_score(problem: Problem, beside: Beside, parts: np.ndarray) -> float:
+def left_out_score(problem: Problem, beside: Beside, seen: Fit, parts: np.ndarray) -> float:
     """Log likelihood of the rows of each part, predicted by parameters that did not see it: one Gauss-Newton step from the fit. Curves
-    are not predicted, only allowed for.
+    are not predicted, only allowed for. seen: the fit as the noise alone shows it.
     """
-    fit = beside.fit
-    seen = fit if beside.discrepancy is None else problem.evaluate(fit.values, fit.effects)
-    without, score = _Without.of(problem, beside, seen), 0.0
-    whole = _of_every_row(parts, seen)
-    for part in np.unique(parts[parts >= 0]).tolist():
-        left = whole == part
-        step, matrix = without.part(part, parts)
+    without, score = _Without.of(problem, beside, seen, parts), 0.0
+    for part in without.numbers:
+        left = without.parts == part
+        step, matrix = without.part(part)
         spread = cholesky(np.linalg.inv(0.5 * (matrix + matrix.T)), lower=True)
         score += _log_likelihood(
             seen.residual[left] + without.columns[left] @ step,
             np.concatenate([without.curves[left], without.columns[left] @ spread], axis=1),
-            without.scale,
+            beside.scale,
         )
     return score
 
@@ -331,21 +336,29 @@ def left_out_score(problem: Problem, beside: Beside, parts: np.ndarray) -> float
 @dataclass(frozen=True)
 class _Without:
     """Parameters that do not see a part of the rows. columns (rows, n): of the free ones, each for its natural step, and residual, both
-    beside the noise alone; curves (rows, k): of the discrepancy, none without one."""
+    beside the noise alone; curves (rows, k): of the discrepancy, none without one; parts (rows,): below 0 of rows in every fit."""
 
     columns: np.ndarray
     residual: np.ndarray
     curves: np.ndarray
     scale: float
+    parts: np.ndarray
 
     @classmethod
-    def of(cls, problem: Problem, beside: Beside, seen: Fit) -> "_Without":
-        curves = np.zeros((len(seen.residual), 0)) if beside.discrepancy is None else beside.discrepancy.columns
-        return cls(_own_columns(problem, beside.fit, seen), seen.residual, curves, beside.scale)
+    def of(cls, problem: Problem, beside: Beside, seen: Fit, parts: np.ndarray) -> "_Without":
+        """parts: of the readings; priors belong to none."""
+        rows = len(seen.residual)
+        curves = np.zeros((rows, 0)) if beside.discrepancy is None else beside.discrepancy.columns
+        whole = np.concatenate([parts, np.full(rows - len(parts), -1)])
+        return cls(_in_natural_steps(problem, seen), seen.residual, curves, beside.scale, whole)
 
-    def part(self, part: int, parts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The Gauss-Newton step (n,) of the other rows, in natural steps, and the inverse (n, n) of its covariance."""
-        kept = np.append(parts != part, np.ones(len(self.residual) - len(parts), dtype=bool))
+    @property
+    def numbers(self) -> list[int]:
+        return np.unique(self.parts[self.parts >= 0]).tolist()
+
+    def part(self, number: int) -> tuple[np.ndarray, np.ndarray]:
+        """The Gauss-Newton step (n,) of the rows of all other parts, in natural steps, and the inverse (n, n) of its covariance."""
+        kept = self.parts != number
         both = np.concatenate([self.columns[kept], self.residual[kept, None]], axis=1)
         among = np.eye(self.curves.shape[1]) * self.scale + self.curves[kept].T @ self.curves[kept]
         across = self.curves[kept].T @ both
@@ -354,16 +367,9 @@ class _Without:
         return -np.linalg.solve(matrix, normal[:-1, -1]), matrix
 
 
-def _own_columns(problem: Problem, fit: Fit, seen: Fit) -> np.ndarray:
-    """Columns (rows, n) of what a fit's readings determine, for natural steps, as another look at the same point has them."""
-    names = [name for name in fit.free if name not in fit.active]
-    steps = np.array([problem.scale_of(name) for name in names])
-    return seen.columns[:, [seen.order.index(name) for name in names]] * steps
-
-
-def _of_every_row(parts: np.ndarray, fit: Fit) -> np.ndarray:
-    """The part (rows,) of each row of a fit's residual; priors belong to none."""
-    return np.concatenate([parts, np.full(len(fit.residual) - len(parts), -1)])
+def _in_natural_steps(problem: Problem, fit: Fit) -> np.ndarray:
+    """Columns (rows, n) of what a fit adjusted, each for the natural step of its own."""
+    return fit.nuisance * np.array([problem.scale_of(name) for name in fit.free if name not in fit.active])
 
 
 def _log_likelihood(miss: np.ndarray, spread: np.ndarray, scale: float) -> float:

@@ -126,7 +126,7 @@ def rivals_of(
 
     def ask(s: Signature) -> Rival | None:
         # Further behind than that is no equal, and is not asked from elsewhere (below).
-        in_sight = final.chi2 + scale * max(REACH + penalty(final), 0.0)
+        in_sight = final.chi2 + scale * (REACH + penalty(final))
         start = on_paper = {**without.values, s.name: s.estimate}
         if named is not None and twin(s):  # the same curve by another name: start where the named one ended
             same = final.values[name] * named.size / s.size * float(np.sign(s.direction @ named.direction))
