@@ -76,6 +76,7 @@ class LinearProblem(Problem):
         hop_basins: bool = False,
         far: bool = False,
         most_steps: int = 0,
+        goal: float = np.inf,
     ) -> Fit:
         chosen = tuple(name for name in self.library.names if name in set(effects))
         free = (*PARAMETERS[: self.nuisance.shape[1]], *chosen)
