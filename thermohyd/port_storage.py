@@ -150,21 +150,19 @@ def _slopes(
 ) -> _Slopes:
     """away: d distance/d p, 1 or -1. A port knows of the other through a path or through lines only."""
     pressure, along = jax.vmap(_Ties.pressure)(ties, distance), jnp.broadcast_to(away, distance.shape)
-    one = lambda j: np.eye(2)[:, j, None]
+    # One port after the other as the leading axis: under vmap there is one push to compile, not one for each.
+    one = along * np.eye(2)[:, None, :, None]
     if ties.coupling.lines:
         (net, missing), push = jax.linearize(functools.partial(_net, ties), distance, lost)
-        none = jnp.zeros_like(distance)
-        by_pressure = [push(along * one(j), none) for j in range(2)]
-        by_line = [push(none, none + one(j)) for j in range(2)]
-        slope, missing_slope, by_lines, kept = (
-            jnp.stack([part[i] for part in parts], axis=2) for parts in (by_pressure, by_line) for i in (0, 1)
-        )
+        apart = (jnp.concatenate([one, jnp.zeros_like(one)]), jnp.concatenate([jnp.zeros_like(one), jnp.abs(one)]))
+        pushed = [jnp.moveaxis(part, 0, 2) for part in jax.vmap(push)(*apart)]
+        (slope, by_lines), (missing_slope, kept) = ((part[:, :, :2], part[:, :, 2:]) for part in pushed)
         settle = _inverse(-kept)
         follows = _times(settle, missing_slope)
         return _Slopes(pressure, net, slope + _times(by_lines, follows), (missing, settle, follows, by_lines))
     net, push = jax.linearize(lambda d: _net(ties, d, lost)[0], distance)
     if ties.coupling.crossings:
-        return _Slopes(pressure, net, jnp.stack([push(along * one(j)) for j in range(2)], axis=2))
+        return _Slopes(pressure, net, jnp.moveaxis(jax.vmap(push)(one), 0, 2))
     return _Slopes(pressure, net, push(along)[:, None])
 
 

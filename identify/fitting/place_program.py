@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 from thermohyd.kept_programs import KeptProgram, made_once
 from thermohyd.numerics import OPTIONS, jitted, known_options
 
-from .library_program import LibraryArgs, behind, readings_of_rows
+from .library_rows import LibraryArgs, behind, readings_of_rows
 from .static_readings import spread_over_rows
 
 

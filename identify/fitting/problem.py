@@ -26,7 +26,7 @@ from .boxes import Box
 from .discrepancy import Discrepancy
 from .least_squares import Columns, LeastSquaresResult, solve
 from .library import Library, coupled, library_for, relative_cost, stores, with_heat
-from .library_program import ENTRIES
+from .library_rows import ENTRIES
 from .parameters import IN_MOTION, PARAMETERS, SEEN_IN_MOTION, ParameterPlan
 from .problem_fit import Fit, Work
 from .readings import MotionReadings, Noise, Readings, StaticReadings

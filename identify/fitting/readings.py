@@ -26,7 +26,7 @@ from thermohyd.side_by_side import LastAsked
 from .bench_faults import BenchFault, corrected
 from .least_squares import Columns
 from .library import Library, stores, with_heat
-from .library_program import ENTRIES, LibraryArgs, RowTerms, order_of
+from .library_rows import ENTRIES, LibraryArgs, RowTerms, order_of
 from .parameters import PARAMETERS, ParameterPlan
 from .row_blocks import Evaluated, RowBlocks
 from .row_sizes import coarse_size
@@ -170,7 +170,7 @@ class StaticReadings:
         a difference. moved: with the fault larger by a step."""
         places = rows_of_tests(moved.args.data.channels)
         tests = tuple(test for test in blocked_tests(moved.args) if test in fault.shapes)
-        for test, there in moved.residual(p, tests).items():
+        for test, there in moved.stored.residuals_alone(p, tests).items():
             slope[places[test]] = (there - residual[places[test]]) / step
 
     def _blocks(self, program: tuple[str, ...]) -> RowBlocks | TiedRows:
@@ -178,7 +178,7 @@ class StaticReadings:
         if program not in self._laid_out:
             rows, args = {name: test.rows for name, test in self.tests.items()}, self.arguments(program)
             tied = any(stores(name) for name in program)  # a row's readings are of the rows before it, too
-            self._laid_out[program] = TiedRows(program, args, rows) if tied else RowBlocks.of(program, args, rows)
+            self._laid_out[program] = TiedRows.of(program, args, rows) if tied else RowBlocks.of(program, args, rows)
         return self._laid_out[program]
 
     @cached_property
@@ -207,19 +207,13 @@ class StaticReadings:
 
     def _at(self, program: tuple[str, ...], p: np.ndarray) -> tuple[np.ndarray, Any]:
         found = self._evaluated(program, p)
-        if isinstance(found, Evaluated):
-            return found.residuals, Columns(len(p), found.columns)
-        return found[:2]
+        return found.residuals, Columns(len(p), found.columns)
 
     def _evaluated(self, program: tuple[str, ...], p: np.ndarray) -> Any:
-        """What `RowBlocks.at` or `TiedRows.evaluate` gives at a point; asked again for the same one, it is not computed again."""
+        """What `RowBlocks.at` or `TiedRows.at` gives at a point; asked again for the same one, it is not computed again."""
         key = (program, np.asarray(p, dtype=float).tobytes())
 
-        def ask() -> Any:
-            rows = self._blocks(program)
-            return (rows.at if isinstance(rows, RowBlocks) else rows.evaluate)(np.asarray(p, dtype=float))
-
-        return self._last.of(key, ask)
+        return self._last.of(key, lambda: self._blocks(program).at(np.asarray(p, dtype=float)))
 
     @cached_property
     def _last(self) -> LastAsked:
@@ -248,9 +242,10 @@ class StaticReadings:
     def storage(
         self, vector: Callable[[tuple[str, ...]], np.ndarray], present: tuple[str, ...], amounts: Mapping[str, float]
     ) -> tuple[np.ndarray, np.ndarray]:
-        """What `storage_columns` gives beside the effects `present`; vector: the values of named entries."""
+        """What `stored_beside` gives beside the effects `present`; vector: the values of named entries."""
         program = tuple(name for name in self.program((*present, *amounts)) if not stores(name))
-        return stored_beside(program, amounts, vector(self.order(program)), self.arguments(program))
+        rows = {name: test.rows for name, test in self.tests.items()}
+        return stored_beside(program, amounts, vector(self.order(program)), self.arguments(program), rows)
 
     @property
     def _heat_asked(self) -> bool:

@@ -26,7 +26,7 @@ from thermohyd.numerics import OFTEN, OPTIONS, jitted, known_options
 
 from .least_squares import Both
 from .library import run_most, same_program
-from .library_program import ENTRIES, MOVES, LibraryArgs, RowTerms, filtered, readings_of_rows, split
+from .library_rows import ENTRIES, MOVES, LibraryArgs, RowTerms, filtered, readings_of_rows, split
 from .parameters import PARAMETERS
 from .place_program import place_program
 from .static_readings import ChannelRows, StaticData, groups_of, spread_over_rows, stacked
@@ -43,16 +43,19 @@ def block_size(count: int) -> int:
     return SMALL_BLOCK if count <= SMALL_BLOCK else BLOCK
 
 
-def blocks_of(args: LibraryArgs, test: str, count: int) -> tuple[LibraryArgs, ...]:
-    """A test's operating points and learned terms in blocks; count: its rows (or nodes) without pads."""
+def blocks_of(args: LibraryArgs, test: str, count: int, size: int, name: str) -> tuple[LibraryArgs, ...]:
+    """A test's operating points and learned terms in blocks of so many rows, called `name` there; count: its rows (or nodes) without
+    pads."""
     group, first = place_in_group(args.data.conditions, test)
     valve = jax.tree.map(lambda leaf: jnp.asarray(leaf) if eqx.is_array(leaf) else leaf, args.valve)
     found = []
-    for rows, own in zip(_rows_of_blocks(count), _in_blocks(args.data.conditions[test], count), strict=True):
+    for rows, own in zip(
+        _rows_of_blocks(count, size), _in_blocks(args.data.conditions[test], count, size), strict=True
+    ):
         terms = jax.tree.map(
             lambda values, rows=rows: _on_device(np.asarray(values)[..., first + rows]), args.terms[group]
         )
-        found.append(LibraryArgs(valve, StaticData({test: own}, (), {}), (), {group: terms}))
+        found.append(LibraryArgs(valve, StaticData({name: own}, (), {}), (), {group: terms}))
     return tuple(found)
 
 
@@ -68,15 +71,14 @@ def _constant(shape: tuple[int, ...], value: float, dtype: np.dtype) -> Array:
     return jnp.full(shape, value, dtype)  # without one it would be of a weak type, and need programs of its own
 
 
-def _rows_of_blocks(count: int) -> list[np.ndarray]:
+def _rows_of_blocks(count: int, size: int) -> list[np.ndarray]:
     """The last row fills the last block: its operating point is known to be sound."""
-    size = block_size(count)
     return [np.minimum(np.arange(begin, begin + size), count - 1) for begin in range(0, count, size)]
 
 
-def _in_blocks(conditions: Conditions, count: int) -> list[Conditions]:
+def _in_blocks(conditions: Conditions, count: int, size: int) -> list[Conditions]:
     whole = jax.tree.map(np.asarray, complete(conditions))
-    blocks = [jax.tree.map(lambda column, rows=rows: column[rows], whole) for rows in _rows_of_blocks(count)]
+    blocks = [jax.tree.map(lambda column, rows=rows: column[rows], whole) for rows in _rows_of_blocks(count, size)]
     return jax.device_put(blocks)
 
 
@@ -142,8 +144,8 @@ class RowBlocks:
         """rows: of each test, without pads."""
         places = all(terms.places is not None for terms in args.terms.values())
         shared = split(program)[0] if places else same_program(program, args.valve.heat_retention is not None)
-        nodes = {test: rows[test] * _nodes(args.data, test) for test in args.data.conditions}
-        blocks = {test: blocks_of(args, test, count) for test, count in nodes.items()}
+        nodes = rows_of_model(args.data, rows)
+        blocks = {test: blocks_of(args, test, count, block_size(count), test) for test, count in nodes.items()}
         return cls(program, shared, args, nodes, blocks, places)
 
     def moved(self, conditions: Mapping[str, Conditions]) -> "RowBlocks":
@@ -151,8 +153,9 @@ class RowBlocks:
         args = replace(self.args, data=replace(self.args.data, conditions={**self.args.data.conditions, **conditions}))
         blocks = dict(self.blocks)
         for test, read in conditions.items():
-            there = zip(self.blocks[test], _in_blocks(read, self.rows[test]), strict=True)
-            blocks[test] = tuple(replace(block, data=StaticData({test: own}, (), {})) for block, own in there)
+            ((name, before),) = self.blocks[test][0].data.conditions.items()
+            there = zip(self.blocks[test], _in_blocks(read, self.rows[test], len(before.position)), strict=True)
+            blocks[test] = tuple(replace(block, data=StaticData({name: own}, (), {})) for block, own in there)
         return replace(self, args=args, blocks=blocks)
 
     @property
@@ -234,7 +237,7 @@ class RowBlocks:
 
     def joined(self, test: str, parts: list[np.ndarray], entries: np.ndarray | None = None) -> np.ndarray:
         """(..., padded) of a test's blocks (..., block); entries: of the last axis but one."""
-        padded, size = len(self.args.data.conditions[test].position), block_size(self.rows[test])
+        padded, size = len(self.args.data.conditions[test].position), parts[0].shape[-1]
         lead = parts[0].shape[:-1] if entries is None else (len(entries),)
         whole = np.zeros((*lead, padded))
         for number, part in enumerate(parts):
@@ -371,8 +374,9 @@ def plain_by_rows(names: tuple[str, ...], args: FitArgs) -> Both:
     for group, tests in groups_of(data.conditions).items():
         ones = np.ones((len(PARAMETERS), sum(counts[test] for test in tests)))
         terms[group] = RowTerms(ones, 0.0 * ones, ones[0])
-    blocks = {test: blocks_of(LibraryArgs(args.valve, data, (), terms), test, count) for test, count in counts.items()}
-    rows = RowBlocks((), (), LibraryArgs(args.valve, data, (), terms), counts, blocks)
+    whole = LibraryArgs(args.valve, data, (), terms)
+    blocks = {test: blocks_of(whole, test, count, block_size(count), test) for test, count in counts.items()}
+    rows = RowBlocks((), (), whole, counts, blocks)
     prior_value, prior_weight = np.asarray(args.prior_value), np.asarray(args.prior_weight)
 
     def both(values: Any, _: Any) -> tuple[np.ndarray, np.ndarray]:
@@ -401,9 +405,10 @@ def plain_by_rows(names: tuple[str, ...], args: FitArgs) -> Both:
     return both
 
 
-def _nodes(data: StaticData, test: str) -> int:
-    """Rows of the model for each reading of a test."""
-    return 1 if test not in data.weights else data.weights[test].shape[1]
+def rows_of_model(data: StaticData, rows: Mapping[str, int]) -> dict[str, int]:
+    """The operating points of every test, without pads: some for each of its `rows` readings where these are means over nodes."""
+    nodes = {test: data.weights[test].shape[1] for test in data.weights}
+    return {test: rows[test] * nodes.get(test, 1) for test in data.conditions}
 
 
 @made_once

@@ -14,7 +14,7 @@ SUPPLY, RETURN = EDGES[:2], EDGES[2:]
 
 @dataclass(frozen=True)
 class Place:
-    """Where a term acts. entries: of `library_program.ENTRIES`, times these signs; readings: {channel: sign} of what is read.
+    """Where a term acts. entries: of `library_rows.ENTRIES`, times these signs; readings: {channel: sign} of what is read.
 
     unit: of a shift, "1" for a share. local: whose pressure is the local one: "a", "b", "a-b", "supply", "return". noun: what enters or
     shifts, as words say it. asked: variables that it is asked with, all where empty: another place says the rest better.

@@ -17,7 +17,7 @@ from jaxtyping import Array, Float
 
 from thermohyd.identify.bench.errors import BenchInputError
 from thermohyd.identify.fitting.fit import StaticSearch
-from thermohyd.identify.fitting.library_program import residual_alone
+from thermohyd.identify.fitting.library_rows import residual_alone
 from thermohyd.identify.fitting.outcome import Fitted, Uncertainty
 from thermohyd.identify.fitting.readings import Noise, StaticReadings
 from thermohyd.identify.fitting.sensed import SignalRows

@@ -26,8 +26,8 @@ from thermohyd.effects.library import (
     whole_library,
     with_effects,
 )
-from thermohyd.identify.fitting.library_program import library_program
 from thermohyd.identify.fitting.motion_readings import Plan
+from thermohyd.identify.fitting.stored_programs import stored_program
 
 
 @final
@@ -125,16 +125,16 @@ def test_only_what_was_registered_can_be_taken_out(name):
 
 
 def test_programs_are_kept_by_the_class_behind_a_name():
-    names = ("viscosity_shift", "meter_tare")
+    names, reads = ("viscosity_shift", "meter_tare"), ("leakage_flow",)
     with registered(METER_TARE):
-        first, plan = library_program(names), Plan((), names, "adiabatic")
-        assert library_program(names) is first
+        first, plan = stored_program(names, reads), Plan((), names, "adiabatic")
+        assert stored_program(names, reads) is first
         assert Plan((), names, "adiabatic") == plan
     with registered(replace(METER_TARE, effect=OtherTare)):
-        assert library_program(names) is not first
+        assert stored_program(names, reads) is not first
         assert Plan((), names, "adiabatic") != plan
     with registered(METER_TARE):
-        assert library_program(names) is first
+        assert stored_program(names, reads) is first
 
 
 def test_a_force_acts_on_the_moving_mass_and_its_absence_costs_nothing():

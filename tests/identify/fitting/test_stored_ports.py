@@ -11,14 +11,9 @@ from helpers.small_bench import VALVE, conditions_only, record_of
 
 from thermohyd.effects.edges import PortComplianceA
 from thermohyd.effects.library import with_effects
+from thermohyd.identify.fitting import tied_rows
 from thermohyd.identify.fitting.library import library_for
-from thermohyd.identify.fitting.library_program import (
-    LibraryArgs,
-    RowTerms,
-    order_of,
-    residual_alone,
-    residual_and_columns,
-)
+from thermohyd.identify.fitting.library_rows import LibraryArgs, RowTerms, order_of, residual_alone
 from thermohyd.identify.fitting.parameters import PARAMETERS
 from thermohyd.identify.fitting.static_readings import (
     base_valve,
@@ -28,7 +23,7 @@ from thermohyd.identify.fitting.static_readings import (
     predict,
     static_data,
 )
-from thermohyd.identify.fitting.storage_columns import columns_of_stored
+from thermohyd.identify.fitting.tied_rows import TiedRows, of_tests, stored_beside
 from thermohyd.identify.noise.correlation import NoiseCorrelation
 from thermohyd.identify.noise.whitening import whitening_of
 from thermohyd.identify.reduction.monotone_pieces import run_ids
@@ -48,7 +43,8 @@ def record():
     return record_of(tests)
 
 
-def test_columns_against_forward_mode():
+def test_columns_against_forward_mode(monkeypatch):
+    monkeypatch.setattr(tied_rows, "FILLED_UP", 1.0)  # the steps between rows are given out among a program's rows
     bench = record()
     std = {(name, test.channels[0].name): np.full(test.rows, SIZE[name]) for name, test in bench.tests.items()}
     data = static_data(bench.tests, std)
@@ -70,21 +66,29 @@ def test_columns_against_forward_mode():
         named = dict(zip(order_of(EFFECTS), p, strict=True))
         own = replace(valve, **{name: named[name] for name in PARAMETERS if name != "heat_retention"})
         own = with_effects(own, {name: named[name] for name in EFFECTS})
-        found = predict(own, data.conditions)
+        found = {test: predict(own, {test: conditions})[test] for test, conditions in data.conditions.items()}
         return jnp.concatenate([(found[c.test][c.reads] - c.value) * c.weight for c in data.channels])
 
+    counts = {name: len(conditions.position) for name, conditions in data.conditions.items()}
+    tied = TiedRows.of(EFFECTS, args, counts)
     neutral = point.at[-2:].set(0.0)
     with quick_compile():
-        program = jax.jit(lambda p: residual_and_columns(EFFECTS, p, args))
-        residual, columns, _ = program(point)
-        before, of_none, _ = program(neutral)
-        alone = jax.jit(lambda p: residual_alone(EFFECTS, p, args))(point)
-        look = jax.jit(lambda c: columns_of_stored(EFFECTS[:1], EFFECTS[1:], point[:-2], c, args))
-        seen, of_amounts = look(point[-2:])
-        seen_before, of_neutral = look(jnp.zeros(2))
+        residual, columns, by_row = tied.evaluate(np.asarray(point))
+        before, of_none, _ = tied.evaluate(np.asarray(neutral))
+        alone = tied.stored.residuals_alone(np.asarray(point), tuple(counts))
+        by_itself = jax.jit(residual_alone, static_argnums=0)
+        apart = [by_itself(EFFECTS, point, of_tests(args, (test,))) for test in counts]
+        look = lambda c: stored_beside(
+            EFFECTS[:1], dict(zip(EFFECTS[1:], c, strict=True)), np.asarray(point[:-2]), args, counts
+        )
+        seen, of_amounts = look(np.asarray(point[-2:]))
+        seen_before, of_neutral = look(np.zeros(2))
         expected, slopes = jax.jit(lambda p: (plainly(p), jax.jacfwd(plainly)(p)))(point)
-    np.testing.assert_allclose(residual, expected, atol=1e-6 * float(jnp.max(jnp.abs(expected))))
-    np.testing.assert_allclose(alone, residual, atol=1e-9 * float(jnp.max(jnp.abs(expected))))
+    largest = float(jnp.max(jnp.abs(expected)))
+    np.testing.assert_allclose(residual, expected, atol=1e-6 * largest)
+    np.testing.assert_allclose(np.concatenate([alone[test] for test in counts]), residual, atol=1e-9 * largest)
+    np.testing.assert_allclose(np.concatenate(apart), residual, atol=1e-9 * largest)
+    assert np.all(np.isnan(by_row))
     for name, own, other in zip(order_of(EFFECTS), columns, slopes.T, strict=True):
         size = float(jnp.max(jnp.abs(other)))
         assert np.all(np.isfinite(np.asarray(own)))
@@ -93,7 +97,7 @@ def test_columns_against_forward_mode():
     # A search looks at stored oil without the program that fits it: the same readings and derivatives, at neutral and beyond.
     for own, other in ((seen, residual), (seen_before, before), (of_amounts, columns[-2:]), (of_neutral, of_none[-2:])):
         np.testing.assert_allclose(own, other, atol=1e-6 * float(jnp.max(jnp.abs(other))))
-    assert float(jnp.max(jnp.abs(of_neutral))) > 0.0
+    assert float(np.max(np.abs(of_neutral))) > 0.0
 
 
 def test_programs_with_and_without_storage():

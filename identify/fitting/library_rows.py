@@ -1,14 +1,11 @@
-"""Residuals and derivatives of a record's static tests with every effect of a library present: one program for any set of effects.
+"""Readings of a record's static tests with every effect of a library present, from parameters and amounts given row by row.
 
-A fit of some effects holds the others at 0 (an effect at its neutral value changes nothing), so that all refits of a
-search share one compiled solve, and every solve returns the derivatives to all effects, the absent ones included. Where no port
-stores oil, `row_blocks` evaluates the same readings some hundred rows at a time; where one does, `tied_rows` asks here for a test.
+A fit of some effects holds the others at 0 (an effect at its neutral value changes nothing), so that all refits of a search share
+their compiled programs: `row_blocks` evaluates some hundred rows at a time, `stored_programs` a whole test whose ports store oil.
 """
 
-import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import equinox as eqx
 import jax
@@ -16,9 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from thermohyd.chain_in_time import along_rows
 from thermohyd.conditions import Conditions
-from thermohyd.effects.library import EFFECTS, classes_of, effect, effect_info, factor_on, with_effects
+from thermohyd.effects.library import EFFECTS, effect, effect_info, factor_on, with_effects
 from thermohyd.effects.row_shifts import SHIFTS, RowShifts
 from thermohyd.identify.fitting.parameters import PARAMETERS
 from thermohyd.identify.fitting.static_readings import (
@@ -31,13 +27,9 @@ from thermohyd.identify.fitting.static_readings import (
     predict_group,
     predict_stored,
     spread_over_rows,
-    stacked,
     with_parameters,
 )
-from thermohyd.identify.fitting.static_residuals import channel_layers, rows_of_test
 from thermohyd.identify.noise.whitening import Whitening, whiten
-from thermohyd.kept_programs import KeptProgram, made_once
-from thermohyd.numerics import OFTEN, jitted, known_options
 from thermohyd.port_storage import StoredPorts
 from thermohyd.valve import Valve
 
@@ -80,30 +72,6 @@ def split(effects: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
         tuple(name for name in effects if name not in filters),
         tuple(sorted(filters, key=lambda name: infos[name].effect_class.order)),
     )
-
-
-def library_program(effects: tuple[str, ...]) -> KeptProgram:
-    """Compiled (p, args) -> `residual_and_columns`; p in the order of `order_of(effects)`.
-
-    A search beside stored oil calls one thousands of times: it is compiled to run fast (`numerics.OFTEN`).
-    """
-    return _program(effects, classes_of(effects))
-
-
-@made_once
-def _program(effects: tuple[str, ...], classes: tuple[type, ...]) -> KeptProgram:
-    """classes: what stands behind the names; a user may put another effect under a name."""
-    return jitted(functools.partial(residual_and_columns, effects), known_options(OFTEN), classes)
-
-
-def library_residual(effects: tuple[str, ...]) -> Callable[[Any, Any], Array]:
-    """Compiled (p, args) -> `residual_alone`: for differences, at a third of the cost where ports store oil."""
-    return _residual(effects, classes_of(effects))
-
-
-@made_once
-def _residual(effects: tuple[str, ...], classes: tuple[type, ...]) -> Callable[[Any, Any], Array]:
-    return jitted(functools.partial(residual_alone, effects), known_options(OFTEN), classes)
 
 
 def with_amounts(valve: Valve, names: tuple[str, ...], amounts: Sequence[Float[Array, "..."]]) -> Valve:
@@ -191,63 +159,8 @@ def readings_of_rows(
     return found, stored
 
 
-def residual_and_columns(
-    effects: tuple[str, ...], p: Float[Array, " all"], args: LibraryArgs
-) -> tuple[Float[Array, " residuals"], Float[Array, "all residuals"], Float[Array, "fields residuals"]]:
-    """Residuals, the columns of their Jacobian, and what a change of a row's own operating point, in the order of FIELDS, or of
-    `ENTRIES` where places are shifted, does to its residual before whitening (NaN where ports store oil): one reverse pass per
-    channel that shares its rows with others.
-
-    Where ports store oil, two more passes say how a row's parameters move its port pressures if the row before stays, and
-    a linear recursion takes that along the sweep. Filters act last: they are linear in the flow and leave constants alone,
-    so they commute with scale and offset.
-    """
-    data, filters = args.data, split(effects)[1]
-    groups = groups_of(data.conditions)
-    given = len(p) - len(filters)
-    storing = any(effect_info(name).stores for name in effects)
-    entries = given if storing else given + behind(effects, args)
-    whole = jnp.concatenate([p[:given], jnp.zeros(behind(effects, args))])
-    spread = spread_over_rows(whole, data.conditions)
-
-    def of_rows(spread: dict[str, Rows]) -> tuple[tuple[Array, ...], Array | None, Array | None]:
-        found, stored = readings_of_rows(effects, spread, args)
-        readings = tuple(found[c.test][c.reads] for c in data.channels)
-        return readings, None if stored is None else stored.source, None if stored is None else stored.carried
-
-    # Transposed apart: a reverse pass of the readings that is handed zeros for `source` would still run through every step.
-    (readings, source, carried), push = jax.linearize(of_rows, spread)
-    slopes: dict[int, Array] = {}
-    for layer in channel_layers(data):
-        pull = jax.linear_transpose(lambda moved, layer=layer: [push(moved)[0][i] for i in layer], spread)
-        pulled = stacked(pull([jnp.ones_like(readings[i]) for i in layer])[0])
-        for i in layer:
-            slopes[i] = rows_of_test(pulled, data.channels[i].test, groups, data)
-    moved: list[dict[str, Array]] = []
-    if source is not None and carried is not None:
-        pull = jax.linear_transpose(lambda moved: push(moved)[1], spread)
-        ones = [jnp.zeros_like(source).at[port].set(1.0) for port in range(PUSHES)]
-        by_port = [jnp.stack(pull(one)[0][STORED_GROUP][:entries]) for one in ones]
-        along = jax.vmap(lambda sources: along_rows(carried, sources), in_axes=1)(jnp.stack(by_port))
-        moved = [{STORED_GROUP: along[:, port]} for port in range(PUSHES)]
-    parts, columns, by_row = [], [], []
-    for i, channel in enumerate(data.channels):
-        reading, column = readings[i], slopes[i][:entries]
-        if moved and channel.test in groups[STORED_GROUP]:
-            for port in range(PUSHES):
-                own = rows_of_test(moved[port], channel.test, {STORED_GROUP: groups[STORED_GROUP]}, data)
-                column = column + slopes[i][entries + port] * own
-        for name, amount in zip(filters, p[given:], strict=True):
-            reading, column = filtered(name, amount, channel, reading, column, args)
-        reading, column = data.means(channel.test, reading), data.means(channel.test, column) * channel.weight
-        parts.append(whiten(args.whitening[i], (reading - channel.value) * channel.weight))
-        columns.append(whiten(args.whitening[i], jnp.concatenate([column[:given], column[entries:]])))
-        by_row.append(jnp.full((MOVES, column.shape[1]), jnp.nan) if storing else column[given:entries])
-    return jnp.concatenate(parts), jnp.concatenate(columns, axis=1), jnp.concatenate(by_row, axis=1)
-
-
 def residual_alone(effects: tuple[str, ...], p: Float[Array, " all"], args: LibraryArgs) -> Float[Array, " residuals"]:
-    """The residuals of `residual_and_columns`."""
+    """Whitened residuals of all channels behind one another; p in the order of `order_of(effects)`, any of which may store oil."""
     data, filters = args.data, split(effects)[1]
     given = len(p) - len(filters)
     whole = jnp.concatenate([p[:given], jnp.zeros(behind(effects, args))])
