@@ -48,7 +48,10 @@ class Mesh(eqx.Module):
         return self.begin + PARTS[:, None] * self.width
 
     def spread(self, tree: Any) -> Any:
-        """What is given row by row beside every step; single numbers stay such."""
+        """What is given row by row beside every step; single numbers stay such.
+
+        Column by column: all of them stacked and picked at once took half as long again to run, and no less to compile.
+        """
         rows = self.last.size
         return jax.tree.map(lambda leaf: leaf[..., self.owner] if leaf.ndim and leaf.shape[-1] == rows else leaf, tree)
 
