@@ -5,6 +5,7 @@ of blocked ports and nothing in it asks for the test's name. Weights, noise and 
 """
 
 import functools
+from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
@@ -34,7 +35,9 @@ def stored_readings(effects: tuple[str, ...], reads: tuple[str, ...]) -> KeptPro
 
 
 @made_once
-def _made(function, effects: tuple[str, ...], classes: tuple[type, ...], reads: tuple[str, ...]) -> KeptProgram:
+def _made(
+    function: Callable, effects: tuple[str, ...], classes: tuple[type, ...], reads: tuple[str, ...]
+) -> KeptProgram:
     """classes: what stands behind the names; a user may put another effect under a name."""
     return jitted(functools.partial(function, effects, reads), known_options(OFTEN), classes)
 
