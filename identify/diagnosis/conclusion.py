@@ -40,7 +40,7 @@ from .model_average import of_either_sign, with_rivals
 from .next_test import check_of, next_test, what_settles, what_shows
 from .other_law import ANOTHER_LAW, OtherLawSays, what_the_other_law_says
 from .record_noise import NoiseEstimate, first_noise
-from .remaining_misfit import Remaining, remaining_misfit, weighed_again
+from .remaining_misfit import Remaining, remaining_misfit
 from .result import (
     Alternative,
     ChannelNoiseFound,
@@ -54,6 +54,7 @@ from .result import (
     Verdict,
 )
 from .rivals import Rival, Rivals, mirrors
+from .rivals_beside_misfit import rivals_beside_misfit, weighed_again
 from .screening import Screen, candidates, screen
 from .screening_faults import screen_of_faults
 from .search import LEVEL, Selection
@@ -143,6 +144,9 @@ def conclude(
     problem, fit, term, terms, smooth = end.problem, end.fit, end.term, end.terms, end.smooth
     # Error bars know a misfit that remains; a learned term is one.
     remaining = remaining_misfit(problem, fit, say) if model.disagrees and term is None else None
+    if remaining is not None:
+        say("which rivals the data allow beside the misfit")
+        model = replace(model, rivals=rivals_beside_misfit(problem, fit, model.rivals, remaining))
     held = _held_out(case, split, model, fit, term, smooth, first, remaining, say)
     if remaining is not None and remaining.weighed.discrepancy is not None and held.after > held.before:
         # Weights under which runs of some tests are met better may meet the rows held out worse than the ideal valve does.

@@ -8,7 +8,7 @@ Association 102, 2007). Error bars hold that. Whether readings are weighed by it
 runs: by which parameters their readings are met best. docs/diagnosis.md section 14.3.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,7 +27,6 @@ from .confirmation import MOST, fit_of_rows_left, parts_left_out
 from .held_out import conditions_of_rows
 from .left_over import whitened
 from .result import ChannelDiscrepancy
-from .rivals import Rival
 from .screening import Projection
 
 
@@ -128,19 +127,6 @@ def remaining_misfit(problem: Problem, fit: Fit, say: Callable[[str], None] = la
             # Parameters that no search settled on predict by luck.
             weighed = replace(believed, fit=again) if again.converged else alone
     return Remaining(weighed, believed, tuple(_channels(problem, believed)))
-
-
-def weighed_again(problem: Problem, tried: Sequence[Rival], remaining: Remaining) -> tuple[Rival, ...]:
-    """The rivals, fitted with the same weights."""
-    if remaining.weighed.discrepancy is None:
-        return tuple(tried)
-    beside = remaining.weighing(problem)
-
-    def again(rival: Rival) -> Rival:
-        fit = beside.fit(rival.fit.effects, rival.fit.values)
-        return replace(rival, fit=fit, chi2_more=(fit.chi2 - remaining.fit.chi2) / remaining.weighed.scale)
-
-    return tuple(each(again, tried))
 
 
 def runs_left_out(tests: Mapping[str, TestRecord]) -> np.ndarray:

@@ -56,7 +56,7 @@ class LinearProblem(Problem):
     """A linear model in the place of the compiled one: misfit of the ideal valve, parameters' columns, signatures.
 
     misfit (rows,), nuisance (rows, parameters) and signatures {effect: (rows,)}, all in units of the noise; a signature is
-    what one `scale` of the effect does. Amounts keep to the library's limits.
+    what one `scale` of the effect does. Amounts keep to the library's limits. A discrepancy whitens all of them.
     """
 
     misfit: np.ndarray = field(default_factory=lambda: np.zeros(0))
@@ -84,7 +84,7 @@ class LinearProblem(Problem):
         limits = [(EFFECTS[n].lower, EFFECTS[n].upper) if n in EFFECTS else (-np.inf, np.inf) for n in free]
         used = np.ones(len(self.misfit), dtype=bool) if self.used is None else self.used
         at = columns[:, [self.order.index(name) for name in free]] * size
-        solved = lsq_linear(at[used], -self.misfit[used], np.array(limits).T / size, method="bvls")
+        solved = lsq_linear(at[used], -self._beside_missed(self.misfit)[used], np.array(limits).T / size, method="bvls")
         values = dict(zip(free, (float(v) for v in solved.x * size), strict=True))
         pressed = [name for name, side in zip(free, solved.active_mask, strict=True) if side]
         return self._at(values, chosen, free, frozenset(pressed))
@@ -102,13 +102,20 @@ class LinearProblem(Problem):
     @property
     def _columns(self) -> np.ndarray:
         own = [self.signatures[name] / _size(name) for name in self.library.names]
-        return np.concatenate([self.nuisance, *(column[:, None] for column in own)], axis=1)
+        return self._beside_missed(np.concatenate([self.nuisance, *(column[:, None] for column in own)], axis=1))
+
+    def _beside_missed(self, columns: np.ndarray) -> np.ndarray:
+        if self.discrepancy is None:
+            return columns
+        priors = len(self.discrepancy.columns) - len(columns)
+        padded = np.concatenate([columns, np.zeros((priors, *columns.shape[1:]))])
+        return self.discrepancy.whitened(padded.T).T[: len(columns)]
 
     def _at(
         self, values: Mapping[str, float], effects: tuple[str, ...], free: tuple[str, ...], active: frozenset[str]
     ) -> Fit:
         at = {name: values.get(name, 0.0) for name in self.order}
-        residual = self.misfit + self._columns @ np.array(list(at.values()))
+        residual = self._beside_missed(self.misfit) + self._columns @ np.array(list(at.values()))
         made = linear_fit(residual, self._columns, self.order)
         used = np.ones(len(made.residual), dtype=bool)
         if self.used is not None:
