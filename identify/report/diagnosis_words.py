@@ -198,12 +198,14 @@ def proof(result: DiagnosisResult) -> str:
 def rival_sentences(result: DiagnosisResult) -> list[str]:
     """What each rival would have to amount to, and how much worse it is."""
     sentences = []
+    beside = ", beside what is missed" if result.discrepancy else ""
     for effect in result.effects:
         if effect.alternatives:
             fits = [
-                f"{rival.words}{_of_amount(rival)} (chi-square {rival.chi2_more:+.1f})" for rival in effect.alternatives
+                f"{rival.words}{_of_amount(rival)} (chi-square {round(rival.chi2_more, 1) + 0.0:+.1f})"  # no -0.0
+                for rival in effect.alternatives
             ]
-            sentences.append(f"In place of {effect.name} the data allow as well: {'; '.join(fits)}.")
+            sentences.append(f"In place of {effect.name} the data allow as well{beside}: {'; '.join(fits)}.")
     return sentences
 
 
