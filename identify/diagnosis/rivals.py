@@ -46,12 +46,16 @@ HALF_WAY = 0.5  # of what the named one gains: an effect that has not come so fa
 
 @dataclass(frozen=True)
 class Rival:
-    """A refit with `name` in the place of `instead_of`; "": beside all, neither proven nor excluded."""
+    """A refit with `name` in the place of `instead_of`; "": beside all, neither proven nor excluded.
+
+    beside: the same with what is missed in the readings' error, where that is what makes it a rival.
+    """
 
     name: str
     instead_of: str
     fit: Fit
     chi2_more: float
+    beside: Fit | None = None
 
 
 @dataclass(frozen=True)

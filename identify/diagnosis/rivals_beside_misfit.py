@@ -49,7 +49,7 @@ def rivals_beside_misfit(
             if more < ALIKE and again.values[rival.name] != 0.0 and rival.name not in again.active:
                 # A search that was left as hopeless by the noise has not come to its amount.
                 fit = rival.fit if rival.fit.converged else problem.fit(again.effects, again.values)
-                return replace(rival, fit=fit, chi2_more=min(rival.chi2_more, more))
+                return replace(rival, fit=fit, chi2_more=more, beside=again)
         return rival
 
     asked = [(name, rival) for name, those in rivals.items() for rival in those.tried]
@@ -74,7 +74,8 @@ def weighed_again(problem: Problem, tried: Sequence[Rival], remaining: Remaining
     beside = remaining.weighing(problem)
 
     def again(rival: Rival) -> Rival:
-        fit = beside.fit(rival.fit.effects, rival.fit.values)
+        begun = rival.fit if rival.beside is None else rival.beside
+        fit = beside.fit(begun.effects, begun.values)
         return replace(rival, fit=fit, chi2_more=(fit.chi2 - remaining.fit.chi2) / remaining.weighed.scale)
 
     return tuple(each(again, tried))

@@ -77,6 +77,19 @@ def test_in_motion_one_step_decides(monkeypatch: pytest.MonkeyPatch):
     assert on_paper.alike[0].chi2_more == pytest.approx(refits.alike[0].chi2_more, abs=1e-6)
 
 
+def test_a_rival_is_weighed_from_where_it_is_one(monkeypatch: pytest.MonkeyPatch):
+    """A search begun elsewhere may end in another valley."""
+    problem, missed = bench()
+    final, rivals, remaining = judged(problem, missed)
+    found = rivals_beside_misfit(problem, final, rivals, remaining)[NAMED].alike[0]
+    fit, begun = LinearProblem.fit, []
+    monkeypatch.setattr(LinearProblem, "fit", lambda self, effects, start: begun.append(start) or fit(self, effects))
+    [again] = weighed_again(problem, [found], replace(remaining, weighed=remaining.believed))
+    assert found.beside is not None
+    assert begun == [found.beside.values]
+    assert again.chi2_more == pytest.approx(found.chi2_more, abs=1e-6)
+
+
 def test_where_nothing_smooth_is_missed_rivals_stay_as_they_are():
     problem, _ = bench()
     final, rivals, remaining = judged(problem, None)
