@@ -158,10 +158,15 @@ def _on_paper(problem: Problem, fit: Fit, length: float) -> tuple[Beside, Fit]:
     columns, which = _all_curves(problem, fit, length)
     sizes = likeliest_sizes(fit, columns, which, np.ones(int(which[-1]) + 1))
     discrepancy = Discrepancy(columns * np.sqrt(sizes)[which])
-    left = Projection.beside(discrepancy.whitened(fit.nuisance.T).T)(discrepancy.whitened(fit.residual))
     rows = len(fit.residual) - len(problem.parameters)
-    scale = max(float(left @ left) / max(rows - len(fit.free), 1), 1.0)
+    scale = max(chi2_on_paper(fit, discrepancy) / max(rows - len(fit.free), 1), 1.0)
     return Beside(fit, scale, length, sizes, discrepancy), fit
+
+
+def chi2_on_paper(fit: Fit, discrepancy: Discrepancy) -> float:
+    """Chi-square beside a discrepancy where one Gauss-Newton step from the fit leads."""
+    left = Projection.beside(discrepancy.whitened(fit.nuisance.T).T)(discrepancy.whitened(fit.residual))
+    return float(left @ left)
 
 
 def _fitted(problem: Problem, fit: Fit, length: float) -> tuple[Beside, Fit]:

@@ -10,11 +10,10 @@ from dataclasses import replace
 
 from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.fitting.problem_fit import Fit
-from thermohyd.side_by_side import each
+from thermohyd.side_by_side import by_name, each
 
-from .remaining_misfit import Beside, Remaining
+from .remaining_misfit import Remaining, chi2_on_paper
 from .rivals import ALIKE, HALF_WAY, Rival, Rivals
-from .screening import Projection
 from .search import implausible
 
 
@@ -29,11 +28,13 @@ def rivals_beside_misfit(
     believed = remaining.believed
     if believed.discrepancy is None:
         return dict(rivals)
-    beside, own = problem.with_discrepancy(believed.discrepancy), _on_paper(final, believed)
+    missed = believed.discrepancy
+    beside, on_paper = problem.with_discrepancy(missed), lambda fit: chi2_on_paper(fit, missed) / believed.scale
+    own = on_paper(final)
     enough = believed.fit.chi2 + believed.scale * (ALIKE + implausible(believed.fit))
 
     def compared(rival: Rival, gain: float) -> Rival:
-        paper = _on_paper(rival.fit, believed) - own
+        paper = on_paper(rival.fit) - own
         if rival.chi2_more < ALIKE or paper >= HALF_WAY * gain:
             return rival
         if problem.in_motion:
@@ -52,19 +53,13 @@ def rivals_beside_misfit(
                 return replace(rival, fit=fit, chi2_more=more, beside=again)
         return rival
 
-    asked = [(name, rival) for name, those in rivals.items() for rival in those.tried]
-    gains = {name: _on_paper(those.without, believed) - own for name, those in rivals.items()}
-    found = each(lambda one: (one[0], compared(one[1], gains[one[0]])), asked)
-    of = lambda name: sorted((rival for key, rival in found if key == name), key=lambda r: r.chi2_more)
-    return {name: replace(those, tried=tuple(of(name))) for name, those in rivals.items()}
+    def of(name: str) -> Rivals:
+        those = rivals[name]
+        gain = on_paper(those.without) - own
+        tried = each(lambda rival: compared(rival, gain), those.tried)
+        return replace(those, tried=tuple(sorted(tried, key=lambda r: r.chi2_more)))
 
-
-def _on_paper(fit: Fit, beside: Beside) -> float:
-    """Chi-square beside a discrepancy, in units of its scale, where one Gauss-Newton step from the fit leads."""
-    assert beside.discrepancy is not None
-    project = Projection.beside(beside.discrepancy.whitened(fit.nuisance.T).T)
-    left = project(beside.discrepancy.whitened(fit.residual))
-    return float(left @ left) / beside.scale
+    return by_name(of, rivals)
 
 
 def weighed_again(problem: Problem, tried: Sequence[Rival], remaining: Remaining) -> tuple[Rival, ...]:
