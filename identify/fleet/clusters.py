@@ -1,5 +1,6 @@
 """Where a fleet is computed: workers on this machine, or a dask scheduler that somebody started, named by address or by file."""
 
+import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -25,6 +26,9 @@ def client_of(cluster: str, workers: int) -> Iterator["Client"]:
     from distributed import Client, LocalCluster
 
     if cluster == "local":
+        # LocalCluster silences dask only until it is closed, and what its threads still write then, a traceback of a
+        # connection that closes among it, comes later and means nothing to who interrupted a run.
+        logging.getLogger("distributed").setLevel(logging.WARNING)
         # No dashboard, and its server at any free port: another cluster of this machine may have the usual one.
         settings: dict[str, Any] = {
             "dashboard_address": None,

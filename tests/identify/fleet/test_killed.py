@@ -3,6 +3,7 @@
 Real processes, each ended by its own id.
 """
 
+import logging
 import os
 import signal
 import subprocess
@@ -17,6 +18,7 @@ import psutil
 import pytest
 from helpers.fleet_records import write_fleet
 
+from thermohyd.identify.fleet.clusters import client_of
 from thermohyd.identify.fleet.identity import Settings
 from thermohyd.identify.fleet.run import Summary, run_fleet
 from thermohyd.identify.fleet.schema import OF_THE_RUN
@@ -172,3 +174,11 @@ def test_interrupt_finishes_and_says_what_is_left(fleet, tmp_path):
     left = COUNT - len(Store(folder).done())
     assert f"thermohyd: interrupted; {left} records are left, and the same command goes on with them" in said
     assert "Traceback" not in said
+
+
+def test_what_closes_after_the_cluster_is_not_told():
+    """A connection that a worker writes to as it closes is told with its traceback, once LocalCluster has ended its own silence."""
+    with client_of("local", 1):
+        pass
+    assert not logging.getLogger("distributed.batched").isEnabledFor(logging.INFO)
+    assert logging.getLogger("distributed.batched").isEnabledFor(logging.WARNING)
