@@ -40,8 +40,8 @@ PARTS: dict[str, tuple[str, bool]] = {
         f"hidden-bench-{n}": (f"hidden_bench_table.py --set {n} --processes 2", False)
         for n in sets_of("real_bench_records")
     },
-    "hidden-dynamic-1": ("hidden_dynamic_table.py --set 1", False),
-    "hidden-dynamic-2": ("hidden_dynamic_table.py --set 2", False),
+    "hidden-dynamic-1": ("hidden_dynamic_table.py --set 1 --processes 2", False),
+    "hidden-dynamic-2": ("hidden_dynamic_table.py --set 2 --processes 2", False),
     "raw-logs-fitted": ("hidden_raw_logs.py fit", False),
     "raw-logs-diagnosed": ("hidden_raw_logs.py diagnose", False),
     "petab-select-9": ("petab_select_baseline.py --set 9 --per-kind 1 --no-storage --processes 2", False),

@@ -3,22 +3,24 @@
 Every effect of the dynamic library at two strengths, ten records with nothing hidden, and pairs; noise white and AR(1) of
 memory 0.6. Set 1 is for development; set 2, other seeds, is looked at once, when nothing changes any more. Records are made
 by the reference simulator (SciPy) from fixed seeds with hidden values of the four identified parameters.
-Answers stay in build/hidden_dynamic/set1; an interrupted run goes on where it stopped. `make hidden-dynamic`.
+Answers stay in build/hidden_dynamic/set1; an interrupted run goes on where it stopped, as long as the program is the same.
+`make hidden-dynamic`.
 """
 
 import argparse
-import json
 import sys
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 
 ROOT = Path(__file__).parents[1]
-sys.path.insert(0, str(ROOT / "tests"))
+sys.path[:0] = [str(Path(__file__).parent), str(ROOT / "tests")]
 
+from _hidden_run import answer_within, kept, source_hash
 from reference import dynamic_bench
 from reference.actuator import Dynamic
 
@@ -43,6 +45,7 @@ PAIRS = (
 # Air makes oil soft at low pressure: at one pressure it is the bulk modulus by another name, so its records hold runs at two.
 TWO_PRESSURES = (210.0, 70.0, 210.0)
 MEMORY = 0.6
+PATIENCE = 3600  # s, for one record, compiling included
 NAMES = ("spool_frequency", "spool_damping", "bulk_modulus_factor", "viscous_friction")
 
 
@@ -76,8 +79,14 @@ def bench_of(seed: int, effects: dict[str, float], memory: float) -> dynamic_ben
     )  # fmt: skip
 
 
-def answer(folder: Path, seed: int, effects: dict[str, float], memory: float) -> dict:
-    """Make, diagnose and keep the answer of one record."""
+def ask(job: tuple[Path, int, dict[str, float], float]) -> dict[str, Any]:
+    """The answer of one record, made for it."""
+    folder, *hidden = job
+    return answer_within(PATIENCE, folder, lambda record: answer(record, *hidden))
+
+
+def answer(folder: Path, seed: int, effects: dict[str, float], memory: float) -> dict[str, Any]:
+    """Make and diagnose a record."""
     from thermohyd.identify.bench.read import read_record
     from thermohyd.identify.diagnosis.diagnose import diagnose
 
@@ -92,6 +101,8 @@ def answer(folder: Path, seed: int, effects: dict[str, float], memory: float) ->
         if found.ci95 is not None and name in truth
     }
     return {
+        "record": folder.name,
+        "headline": result.headline,
         "truth": effects,
         "memory": memory,
         "verdict": result.verdict,
@@ -141,26 +152,25 @@ def table(answers: dict[str, dict]) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, default=ROOT / "build" / "hidden_dynamic")
     parser.add_argument("--set", type=int, choices=(1, 2), default=1, help="which seeds")
-    parser.add_argument("--only", help="records whose name holds this text")
+    parser.add_argument("--only", default="", help="records whose name holds this text")
+    parser.add_argument("--processes", type=int, default=1, help="records diagnosed at a time")
+    parser.add_argument("--any-version", action="store_true", help="keep answers of an earlier state of the program")
     options = parser.parse_args()
-    from thermohyd.identify.cli.jax_setup import set_up_jax
-
-    set_up_jax()
-    answers: dict[str, dict] = {}
     out = options.out / f"set{options.set}"
-    for seed, (name, (effects, memory)) in enumerate(plan().items(), 100 * options.set):
-        if options.only and options.only not in name:
-            continue
-        kept = out / f"{name}.json"
-        if not kept.exists():
-            print(name, file=sys.stderr, flush=True)
-            found = answer(out / "records" / name, seed, effects, memory)
-            kept.write_text(json.dumps(found, indent=1), encoding="utf-8")
-        answers[name] = json.loads(kept.read_text(encoding="utf-8"))
-    print(table(answers))
+    out.mkdir(parents=True, exist_ok=True)
+    jobs = {
+        name: (out / "records" / name, seed, *hidden)
+        for seed, (name, hidden) in enumerate(plan().items(), 100 * options.set)
+        if options.only in name
+    }
+    version = source_hash(ROOT / "thermohyd", ROOT / "identify")
+    found = kept(out / "answers.jsonl", version, jobs, ask, options.processes, any_version=options.any_version)
+    if failed := [f"{name}: {a['error']}" for name, a in found.items() if "error" in a]:
+        sys.exit("; ".join(failed))
+    print(table({name: found[name] for name in jobs}))
 
 
 if __name__ == "__main__":
