@@ -8,7 +8,6 @@ reference simulator, seeds of their own. Set 1 is for development, set 2 is look
 """
 
 import argparse
-import json
 import sys
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parent))
 
+from _hidden_run import answer_within, kept, source_hash
 from _told_terms import terms_beside, terms_of_a_diagnosis
 from hidden_dynamic_table import ROOT, STRENGTHS, bench_of, dynamic_bench
 
@@ -34,12 +34,25 @@ TRUTH: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "wall_heat": (("heat_of_chamber",), ("temperature",)),
 }
 NOTHING_WRONG = 6
+PATIENCE = 7200  # s, for one record, compiling included
 
 
 def plan(number: int) -> dict[str, tuple[int, dict[str, float]]]:
     """{record: (seed, effects)}."""
     found = {name: (7000 * number + i, {name: own[1]}) for i, (name, own) in enumerate(STRENGTHS.items())}
     return found | {f"none_{i + 1}": (7000 * number + 100 + i, {}) for i in range(NOTHING_WRONG)}
+
+
+def ask(job: tuple[Path, int, dict[str, float], bool]) -> dict[str, Any]:
+    """What is told of one record, made for it; the last of the job: by a whole diagnosis."""
+    folder, seed, effects, search = job
+
+    def told(record: Path) -> dict[str, Any]:
+        dynamic_bench.write(record, bench_of(seed, effects, 0.0))
+        answer = terms_of_a_diagnosis(record, tuple(effects)) if search else terms_beside_the_plain_model(record)
+        return {"effects": list(effects), **answer}
+
+    return answer_within(PATIENCE, folder, told)
 
 
 def terms_beside_the_plain_model(folder: Path) -> dict[str, Any]:
@@ -96,27 +109,22 @@ def main() -> None:
     parser.add_argument("--search", action="store_true", help="a whole diagnosis of each record")
     parser.add_argument("--only", nargs="*", default=[], metavar="RECORD")
     parser.add_argument("--out", type=Path, default=ROOT / "build" / "leave_one_out_motion")
-    parser.add_argument("--again", action="store_true", help="ask again what is answered")
+    parser.add_argument("--processes", type=int, default=1, help="records asked at a time")
+    parser.add_argument("--any-version", action="store_true", help="keep answers of an earlier state of the program")
     options = parser.parse_args()
-    from thermohyd.identify.cli.jax_setup import set_up_jax
-
-    set_up_jax()
     mode = "search" if options.search else "alone"
     folder = options.out / f"set{options.set}"
-    answers = {}
-    for name, (seed, effects) in plan(options.set).items():
-        if options.only and name not in options.only:
-            continue
-        kept = folder / f"{name}_{mode}.json"
-        if options.again or not kept.exists():
-            record = dynamic_bench.write(folder / name, bench_of(seed, effects, 0.0))
-            ask = (
-                terms_of_a_diagnosis(record, tuple(effects)) if options.search else terms_beside_the_plain_model(record)
-            )
-            kept.write_text(json.dumps({"effects": list(effects), **ask}, indent=1), encoding="utf-8")
-        answers[name] = json.loads(kept.read_text(encoding="utf-8"))
-        print(table({name: answers[name]}).splitlines()[-1], flush=True)
-    text = table(answers)
+    folder.mkdir(parents=True, exist_ok=True)
+    jobs = {
+        name: (folder / name, *hidden, options.search)
+        for name, hidden in plan(options.set).items()
+        if not options.only or name in options.only
+    }
+    version = source_hash(ROOT / "thermohyd", ROOT / "identify")
+    found = kept(folder / f"{mode}.jsonl", version, jobs, ask, options.processes, any_version=options.any_version)
+    if failed := [f"{name}: {a['error']}" for name, a in found.items() if "error" in a]:
+        sys.exit("; ".join(failed))
+    text = table({name: found[name] for name in jobs})
     (folder / f"{mode}.txt").write_text(text + "\n", encoding="utf-8")
     print(text)
 
