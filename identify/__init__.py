@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from .servo.performance_figures import bode_figure, performance_figure
     from .servo.study import ServoStudy
     from .studies import predict, sensitivity_study, servo_study
+    from .uncertainty.diagnosed import diagnose_in_depth
     from .uncertainty.posterior import Sampling
     from .uncertainty.result import Knowledge, KnownParameter
     from .uncertainty.study import fit_in_depth
@@ -88,6 +89,7 @@ _HOME = {
     "users_effects": ("load_effects",),
     "uncertainty.posterior": ("Sampling",),
     "uncertainty.result": ("Knowledge", "KnownParameter"),
+    "uncertainty.diagnosed": ("diagnose_in_depth",),
     "uncertainty.study": ("fit_in_depth",),
     "studies": ("predict", "sensitivity_study", "servo_study"),
 }

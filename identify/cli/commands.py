@@ -165,11 +165,19 @@ def diagnose_command(
     ] = "",
     effects: UsersEffects = None,
     model_form: ModelForm = True,
+    posterior: Annotated[
+        bool,
+        typer.Option(
+            "--posterior",
+            help='Draws of the posterior of the final model, faults of the bench in it: pip install "thermohyd[posterior]".',
+        ),
+    ] = False,
+    seed: Annotated[int, typer.Option("--seed", help="Of the draws.", min=0)] = 20110913,
 ) -> None:
     """Find where bench and ideal valve disagree, name the missing effects, add them, and show the gap shrink.
 
     With --out: diagnosis.json, model.json (for simulate), report.html and the plots as PNG and SVG; several records get
-    a folder each, DIR/<name of the record's folder>.
+    a folder each, DIR/<name of the record's folder>. --posterior adds posterior.nc.
     """
 
     def diagnoses() -> "Work":
@@ -181,8 +189,13 @@ def diagnose_command(
         load_users_effects(effects)
         names = known_effects(without.split(","))
         more: dict[str, Any] = {"without": names} if names else {}
+        compute, more = diagnose, more | {"learn": learn}
+        if posterior:
+            from thermohyd.identify.uncertainty.diagnosed import diagnose_in_depth
+
+            compute, more = diagnose_in_depth, {**more, "seed": seed}
         return (
-            (lambda record, say: diagnose(record, learn=learn, model_form=model_form, progress=say, **more)),
+            (lambda record, say: compute(record, model_form=model_form, progress=say, **more)),
             print_summary_of_many,
             unsettled_diagnoses,
         )

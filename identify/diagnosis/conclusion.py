@@ -85,12 +85,17 @@ def result_of(
 
     beside: see `gls_covariance`.
     """
+    whole = as_fitted(problem, fit, fitted, noise)
+    covariance = _covariance(problem, fit, scale, remaining, beside)
+    return with_faults_apart(fit_result(whole, covariance), problem.faults)
+
+
+def as_fitted(problem: Problem, fit: Fit, fitted: Fitted, noise: dict[Key, NoiseEstimate]) -> Fitted:
+    """A fit of a diagnosis as a plain fit hands itself over, its rows in units of white noise."""
     white = problem.with_noise(first_noise(as_channel_noise(noise)))
     solution = solution_of(problem, fit, white.evaluate(fit.values, fit.effects))
     plans = fitted.plans | effect_plans(fit.effects, problem.record)
-    whole = replace(fitted, plans=plans, free=fit.free, noise=as_channel_noise(noise), solution=solution)
-    covariance = _covariance(problem, fit, scale, remaining, beside)
-    return with_faults_apart(fit_result(whole, covariance), problem.faults)
+    return replace(fitted, plans=plans, free=fit.free, noise=as_channel_noise(noise), solution=solution)
 
 
 def _covariance(
@@ -119,6 +124,16 @@ def as_channel_noise(noise: dict[Key, NoiseEstimate]) -> dict[Key, ChannelNoise]
     return {key: ChannelNoise(n.std, n.source, n.known, False, n.std, n.degrees_of_freedom) for key, n in noise.items()}
 
 
+@dataclass(frozen=True)
+class Believed:
+    """The likelihood that the error bars of an answer stand for, of who draws from it: readings known to the noise, and to a
+    discrepancy where something remains; the fit beside these; the variance of its whitened residuals where that exceeds 1."""
+
+    problem: Problem
+    fit: Fit
+    scale: float
+
+
 def conclude(
     case: Case,
     selection: Selection,
@@ -130,6 +145,20 @@ def conclude(
     say: Progress = lambda _: None,
 ) -> DiagnosisResult:
     """Confirm on the rows held out, ask the other law of an edge (`model_form`), and put everything into figures and words."""
+    return concluded(case, selection, split, model, learn=learn, model_form=model_form, say=say)[0]
+
+
+def concluded(
+    case: Case,
+    selection: Selection,
+    split: Split,
+    model: FinalModel,
+    *,
+    learn: bool,
+    model_form: bool = False,
+    say: Progress = lambda _: None,
+) -> tuple[DiagnosisResult, Believed]:
+    """What `conclude` gives, and the likelihood behind it."""
     case = replace(case, base=model.base)
     problem, base = case.problem, case.base
     first = screen(problem.with_all_columns(base), problem.library.names, case.steps, level=LEVEL, freedom=case.freedom)
@@ -194,7 +223,10 @@ def conclude(
         )
     shifts = parameter_shifts(before, after) if effects or term else ()
     gaps = (before.reduced_chi2, after.reduced_chi2)
-    return DiagnosisResult(
+    believed = Believed(problem, fit, max(fit.chi2 / len(fit.residual), 1.0))
+    if remaining is not None:
+        believed = Believed(remaining.believing(problem), remaining.believed.fit, remaining.believed.scale)
+    result = DiagnosisResult(
         record=case.fitted.record,
         verdict=verdict,
         headline=headline(
@@ -247,6 +279,7 @@ def conclude(
         proof=None if model.proof is None else model.proof.together,
         discrepancy=() if remaining is None else remaining.channels,
     )
+    return result, believed
 
 
 def _verdict(model: FinalModel, effects: tuple[NamedEffect, ...], crowded: list[str], at_fault: list[Fault]) -> Verdict:

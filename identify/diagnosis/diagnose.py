@@ -6,7 +6,7 @@ all tests together, so that every value and error bar is that of the whole recor
 """
 
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,7 +26,7 @@ from thermohyd.kept_programs import begin_work
 from thermohyd.numerics import require_float64
 
 from .case import Case, Progress, choose, open_case
-from .conclusion import as_channel_noise, conclude, parameter_shifts, result_of, unconverged
+from .conclusion import Believed, as_channel_noise, concluded, parameter_shifts, result_of, unconverged
 from .final_model import FinalModel, final_model
 from .found_faults import with_evidence
 from .model_average import without_rivals
@@ -112,11 +112,13 @@ ORDER: tuple[Verdict, ...] = ("consistent", "named", "ambiguous", "unexplained")
 
 @dataclass(frozen=True)
 class Stage:
-    """A search over tests of one kind: what it began from, the model that it ended with, and the answer in words."""
+    """A search over tests of one kind: what it began from, the model that it ended with, the answer in words, and the likelihood behind
+    its error bars."""
 
     case: Case
     model: FinalModel
     result: DiagnosisResult
+    believed: Believed
 
 
 def in_words_of_motion(result: DiagnosisResult) -> DiagnosisResult:
@@ -222,6 +224,7 @@ def diagnose(
     model_form: bool = True,
     without: Iterable[str] = (),
     progress: Progress | None = None,
+    and_then: Callable[[Stage], DiagnosisResult] = lambda stage: stage.result,
 ) -> DiagnosisResult:
     """Find where a record disagrees with the ideal valve, name the missing effects, add them and show the gap close.
 
@@ -240,7 +243,7 @@ def diagnose(
     say = progress or (lambda _: None)
     stage = lambda case: diagnose_stage(case, learn=learn, model_form=model_form, say=say)
     if not record.dynamic_tests:
-        result = stage(open_case(record, say, out)).result
+        result = and_then(stage(open_case(record, say, out)))
     elif not record.static_tests:
         result = in_words_of_motion(stage(open_motion(record, say, without=out)).result)
     else:
@@ -262,7 +265,8 @@ def diagnose_stage(
     """What follows `open_case`; `seconds` of the result is left at 0."""
     case, selection, split = choose(case, say)
     model = without_stand_ins(case, final_model(case, selection, split, say), split, say)
-    return Stage(case, model, conclude(case, selection, split, model, learn=learn, model_form=model_form, say=say))
+    ended = concluded(case, selection, split, model, learn=learn, model_form=model_form, say=say)
+    return Stage(case, model, *ended)
 
 
 def diagnose_case(

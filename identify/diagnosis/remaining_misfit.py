@@ -92,6 +92,10 @@ class Remaining:
         """A problem of the same tests whose fits are weighed likewise; of the rows that it uses, if not all."""
         return weighing(problem, self.weighed)
 
+    def believing(self, problem: Problem) -> Problem:
+        """A problem of the same tests whose readings are known to what is believed."""
+        return weighing(problem, self.believed)
+
 
 def weighing(problem: Problem, beside: Beside) -> Problem:
     """A problem whose readings are known to the noise and to a discrepancy, in the rows that it uses."""

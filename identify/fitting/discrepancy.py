@@ -24,7 +24,7 @@ class Discrepancy:
     columns: np.ndarray
 
     @cached_property
-    def _parts(self) -> tuple[np.ndarray, np.ndarray]:
+    def parts(self) -> tuple[np.ndarray, np.ndarray]:
         """Orthonormal directions (rows, k), and what share of each goes."""
         left, size, _ = np.linalg.svd(self.columns, full_matrices=False)
         seen = size > NOTHING
@@ -32,5 +32,5 @@ class Discrepancy:
 
     def whitened(self, values: np.ndarray) -> np.ndarray:
         """Values (..., rows) times the inverse root of that covariance."""
-        left, share = self._parts
+        left, share = self.parts
         return values - ((values @ left) * share) @ left.T

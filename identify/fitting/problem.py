@@ -232,7 +232,7 @@ class Problem:
         free = (*self.free_parameters, *(name for name in order if name in chosen))
         begin = self._start(order, chosen, start or {})
         boxes = [self._box(name, begin[i], name in free) for i, name in enumerate(order)]
-        return System(chosen, order, free, boxes, self._both(programs, order), self._real_rows)
+        return System(chosen, order, free, boxes, self._both(programs, order), self.real_rows)
 
     def fit(
         self,
@@ -366,7 +366,7 @@ class Problem:
         vector = lambda order: np.array([fit.values.get(name, 0.0) for name in order], dtype=float)
         residual, columns = part.storage(vector, self._uncoupled(fit), amounts)
         priors = np.zeros(len(self.parameters))
-        real = self._real_rows(len(residual) + len(priors))
+        real = self.real_rows(len(residual) + len(priors))
         residual = np.concatenate([residual, priors])[real]
         return residual, np.concatenate([columns, np.zeros((len(amounts), len(priors)))], axis=1).T[real]
 
@@ -398,7 +398,7 @@ class Problem:
             parts.append((part.evaluation(program, own), [order.index(name) for name in names]))
         # Of each kind of readings the columns of faults of what was read, which never change.
         still = [name for name in order if is_fault(name) and not self.faults[name].info.moves]
-        given = [{name: self._of_readings(self.faults[name], part) for name in still} for part in self.readings]
+        given = [{name: self.added_by(self.faults[name], part) for name in still} for part in self.readings]
         learned = [self._read_shifts(part) for part in self.readings]
         value, weight = (np.asarray(part) for part in prior_rows([self.plans[name] for name in self.parameters]))
         count = len(value)
@@ -432,7 +432,7 @@ class Problem:
                 residuals.append(residual)
             residuals.append((vector[:count] - value) * weight)
             residual = np.concatenate(residuals)
-            real = None if self.discrepancy is None else self._real_rows(len(residual))
+            real = None if self.discrepancy is None else self.real_rows(len(residual))
             if self.discrepancy is not None:
                 residual[real] = self.discrepancy.whitened(residual[real])
 
@@ -512,7 +512,7 @@ class Problem:
             np.isfinite(std), std, 0.0
         )
 
-    def _of_readings(self, fault: BenchFault, part: Readings) -> np.ndarray:
+    def added_by(self, fault: BenchFault, part: Readings) -> np.ndarray:
         """What a fault of readings adds to the whitened residuals of these tests, padded, per amount: model - what was read + fault."""
         column = np.zeros(_padded(part))
         for key, place in channel_slices(part.tests, part.size).items():
@@ -556,7 +556,7 @@ class Problem:
             return Box(name, value, scale, value, value, held=True)
         return Box(name, min(max(value, lower), upper), scale, lower, upper)
 
-    def _real_rows(self, count: int) -> np.ndarray:
+    def real_rows(self, count: int) -> np.ndarray:
         """Of `count` residuals, the priors the last, those that are no pads."""
         places, first = [], 0
         for part in self.readings:
@@ -569,7 +569,7 @@ class Problem:
         self, chosen: tuple[str, ...], order: tuple[str, ...], free: tuple[str, ...], result: LeastSquaresResult
     ) -> Fit:
         priors = len(self.parameters)
-        real = self._real_rows(len(result.residual))
+        real = self.real_rows(len(result.residual))
         values = dict(zip(order, (float(v) for v in result.p), strict=True))
         pressed = frozenset(name for name, side in zip(order, result.active, strict=True) if side and name in free)
         used = np.ones(len(real), dtype=bool) if self.used is None else np.append(

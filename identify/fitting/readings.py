@@ -227,6 +227,14 @@ class StaticReadings:
                 found[place] = whiten_on_host(white[key], -slope[place] * fault.shapes[key[0]])
         return found
 
+    def moved_by(self, fault: BenchFault) -> dict[str, dict[str, np.ndarray]]:
+        """{test: {field of its operating points: (rows,)}}: by how much one unit of a fault made what was read there too large, SI,
+        padded."""
+        if not fault.info.moves:
+            return {}
+        name, read, true = FIELDS[fault.info.moves], self._with_heat.data.conditions, self._moved({fault: 1.0})
+        return {t: {name: np.asarray(getattr(read[t], name)) - np.asarray(getattr(true[t], name))} for t in true}
+
     def _moved(self, amounts: Mapping[BenchFault, float]) -> dict[str, Conditions]:
         """The operating points of tests with these faults as they would have been read without them."""
         touched: dict[str, set[str]] = {}

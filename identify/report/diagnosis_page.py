@@ -3,6 +3,7 @@
 The files are bytes and text in memory: whole before the first one is written.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
 from typing import Any
@@ -11,11 +12,11 @@ from thermohyd.identify.bench.provenance import record_rows
 from thermohyd.identify.bench.shown_units import significant
 from thermohyd.identify.diagnosis.result import DiagnosisResult
 
-from . import diagnosis_words as words, fit_report as report_content, model_form_words
+from . import diagnosis_words as words, fit_report as report_content, model_form_words, uncertainty_words
 from .diagnosis_curves import diagnosis_views
 from .diagnosis_figures import diagnosis_figures
 from .diagnosis_json import diagnosis_json
-from .fit_json import json_text
+from .fit_json import json_text, knowledge_files
 from .next_steps import after_diagnosis
 from .origin import origin
 from .page import page
@@ -38,12 +39,17 @@ class _NoiseRow:
     effective: str
 
 
-def diagnosis_page(result: DiagnosisResult, figures: dict[str, bytes], version: str) -> str:
-    """The page; `figures` maps the names of `diagnosis_figures` to SVG. Every text is escaped by the template engine."""
+def diagnosis_page(
+    result: DiagnosisResult, figures: dict[str, bytes], version: str, of_knowledge: Mapping[str, bytes] | None = None
+) -> str:
+    """The page; `figures` maps the names of `diagnosis_figures` to SVG. Every text is escaped by the template engine.
+
+    of_knowledge: pictures of what is known of each parameter, beside its row.
+    """
     evidence = [name for name in figures if name.startswith("evidence_")]
     return page(
         "diagnosis.html",
-        figures,
+        {**figures, **(of_knowledge or {})},
         views=diagnosis_views(result),
         origin=origin("diagnose", [result.record]),
         record=result.record,
@@ -65,6 +71,7 @@ def diagnosis_page(result: DiagnosisResult, figures: dict[str, bytes], version: 
         model_form_title=model_form_words.title(result.after),
         model_form=model_form_words.model_form_rows(result.after),
         model_form_sentences=model_form_words.model_form_sentences(result.after),
+        **uncertainty_words.on_a_page(result.after, of_knowledge or {}),
         tests=[name for name in figures if name not in PLACED and name not in evidence],
         evidence=evidence,
         held_out=_sentence(words.held_out(result)),
@@ -109,5 +116,7 @@ def diagnosis_files(result: DiagnosisResult, model_content: dict[str, Any] | Non
     files["diagnosis.json"] = json_text(diagnosis_json(result))
     if model_content is not None:
         files["model.json"] = json_text(model_content)
-    files["report.html"] = diagnosis_page(result, vectors, version("thermohyd"))
+    known_vectors, known_files = knowledge_files(result.after)
+    files |= known_files
+    files["report.html"] = diagnosis_page(result, vectors, version("thermohyd"), known_vectors)
     return files

@@ -247,10 +247,11 @@ ROWS = (5, 4, 3, 2, 1)
 
 
 def print_summary(result: DiagnosisResult, console: Console) -> None:
-    """Write at most one screen to a console; user text is never read as markup."""
+    """Write at most one screen to a console, and what was asked beyond error bars; user text is never read as markup."""
     screens = (_screen(result, console, rows) for rows in ROWS)
     fitting = (screen for screen in screens if len(console.render_lines(screen, pad=False)) <= SCREEN)
     console.print(next(fitting, None) or _screen(result, console, ROWS[-1]))
+    print_known(console, result.after, console.width >= 100)
 
 
 def _screen(result: DiagnosisResult, console: Console, rows: int) -> Group:

@@ -162,9 +162,15 @@ def fit_files(result: FitResult) -> dict[str, bytes | str]:
     vectors, files = drawn(fit_figures(result))
     files["fit.json"] = json_text(fit_json(result))
     files["model.json"] = json_text(model_json(result))
-    known_vectors, known_files = drawn(knowledge_figures(result))
+    known_vectors, known_files = knowledge_files(result)
     files |= known_files
     files["report.html"] = html_report(result, vectors, version("thermohyd"), known_vectors)
+    return files
+
+
+def knowledge_files(result: FitResult) -> tuple[dict[str, bytes], dict[str, bytes | str]]:
+    """What is known of each parameter as pictures for a page, and as files: the same as PNG and SVG, the draws of a posterior."""
+    vectors, files = drawn(knowledge_figures(result))
     if result.knowledge is not None and (posterior := result.knowledge.posterior) is not None and posterior.file:
         files["posterior.nc"] = posterior.file
-    return files
+    return vectors, files

@@ -326,7 +326,7 @@ def print_report(result: FitResult, console: Console) -> None:
     console.print(_parameters(result, wide))
     _sentences(console, parameter_remarks(result), "")
     _model_form(console, result, wide)
-    _knowledge(console, result, wide)
+    print_known(console, result, wide)
     _correlations(console, result)
     _section(console, "Identifiability", identifiability(result))
 
@@ -390,7 +390,8 @@ def _model_form(console: Console, result: FitResult, wide: bool) -> None:
     _sentences(console, model_form_sentences(result), "")
 
 
-def _knowledge(console: Console, result: FitResult, wide: bool) -> None:
+def print_known(console: Console, result: FitResult, wide: bool) -> None:
+    """What is known of each parameter beyond its error bar, where that was asked."""
     if result.knowledge is None:
         return
     _heading(console, TITLE)

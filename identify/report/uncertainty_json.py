@@ -1,5 +1,6 @@
 """`knowledge` of fit.json (docs/bench_format.md section 8.2), SI units; of a relative parameter in its own unit, as all its numbers."""
 
+from collections.abc import Iterable
 from typing import Any
 
 from thermohyd.identify.fitting.result import FitResult
@@ -24,6 +25,7 @@ def knowledge_json(result: FitResult) -> dict[str, Any] | None:
         "profiled": known.profiled,
         "parameters": {name: _row(row, size[name]) for name, row in known.rows.items()},
         "posterior": None if known.posterior is None else _posterior(known.posterior),
+        "faults": {} if known.posterior is None else _faults(known.posterior, known.rows),
         "simulated": known.simulated,
         "failed": known.failed,
         "seed": known.seed,
@@ -94,6 +96,11 @@ def _draws(of: PosteriorOf, size: float) -> dict[str, Any]:
         "ess_bulk": of.ess_bulk,
         "ess_tail": of.ess_tail,
     }
+
+
+def _faults(drawn: Posterior, rows: Iterable[str]) -> dict[str, Any]:
+    """Draws of what is no parameter of the valve: amounts of the bench's faults, SI."""
+    return {name: _draws(of, 1.0) for name, of in drawn.parameters.items() if name not in rows}
 
 
 def _coverage(of: CoverageOf) -> dict[str, Any]:

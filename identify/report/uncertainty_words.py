@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 from rich.console import Console
 from rich.text import Text
@@ -118,6 +119,19 @@ def _predicted(figure: PredictedFigure) -> PredictionRow:
         covariance=covariance,
         profile=_ends(figure.profile, unit.factor, idea),
     )
+
+
+def on_a_page(result: FitResult, pictures: Iterable[str]) -> dict[str, Any]:
+    """What the template of a page takes; nothing is shown where nothing was asked. pictures: names of its figures."""
+    return {
+        "knowledge_title": TITLE,
+        "knowledge": knowledge_rows(result),
+        "predictions_title": PREDICTIONS,
+        "predicted": PREDICTED,
+        "predictions": prediction_rows(result),
+        "knowledge_sentences": knowledge_sentences(result),
+        "knowledge_figures": list(pictures),
+    }
 
 
 def print_predictions(result: FitResult, console: Console, wide: bool) -> None:

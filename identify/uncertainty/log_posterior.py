@@ -1,7 +1,8 @@
-"""The logarithm of the posterior of a fit of static tests, as one traced function of unbounded variables.
+"""The logarithm of the posterior of static tests, of a fit or of a diagnosis, as one traced function of unbounded variables.
 
-The likelihood is the fit's, with its noise as estimated: also with its memory, which the fit itself counts only in its error bars.
-Priors are those of `[start]`, and flat within every parameter's limits.
+The likelihood is the fit's, with its noise as estimated: also with its memory, which the fit itself counts only in its error bars. A
+diagnosis's has its effects, the faults of the bench that it found and the discrepancy that it puts beside the noise. Priors are those of
+`[start]`, and flat within every parameter's limits.
 """
 
 import functools
@@ -16,9 +17,16 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from thermohyd.identify.bench.errors import BenchInputError
+from thermohyd.identify.bench.record import BenchRecord
+from thermohyd.identify.fitting.bench_faults import is_fault
+from thermohyd.identify.fitting.boxes import Box
 from thermohyd.identify.fitting.fit import StaticSearch
-from thermohyd.identify.fitting.library_rows import residual_alone
+from thermohyd.identify.fitting.library_rows import LibraryArgs, residual_alone
 from thermohyd.identify.fitting.outcome import Fitted, Uncertainty
+from thermohyd.identify.fitting.parameters import ParameterPlan
+from thermohyd.identify.fitting.problem import Problem
+from thermohyd.identify.fitting.problem_fit import Fit
+from thermohyd.identify.fitting.problem_solution import solution_of
 from thermohyd.identify.fitting.readings import Noise, StaticReadings
 from thermohyd.identify.fitting.sensed import SignalRows
 from thermohyd.identify.fitting.static_residuals import prior_rows, residual_of
@@ -70,7 +78,8 @@ class Clamp(eqx.Module):
 class LogPosterior:
     """density(u, data) -> ln posterior + constant, traced. start (n,): u of the optimum; covariance (n, n): of u, a first idea.
 
-    names: of the parameters, in order. clamp: from u to SI. data: everything else that the density depends on.
+    names: of the parameters, in order. clamp: from u to the fit's own units, `sizes` (n,) from these to SI. data: everything else that
+    the density depends on.
     """
 
     names: tuple[str, ...]
@@ -80,32 +89,61 @@ class LogPosterior:
     covariance: np.ndarray
     data: Any
     prior: str
+    sizes: np.ndarray | None = None
+
+
+def refuse_motion(record: BenchRecord, *, instead: str = "") -> None:
+    """Raise BenchInputError where dynamic tests take part: their runs are no one traced function. instead: what works for them."""
+    if record.dynamic_tests:
+        raise BenchInputError(
+            "--posterior is for records of static tests: runs in time are integrated piece by piece, which a sampler cannot follow"
+            f"{instead}",
+            file=record.folder,
+        )
 
 
 def log_posterior(fitted: Fitted, known: Uncertainty) -> LogPosterior:
     """Of a fit's free parameters, amounts of effects and of sensors included.
 
-    Raises BenchInputError where dynamic tests take part: their runs are no one traced function.
+    Raises BenchInputError where dynamic tests take part.
     """
-    if any(test.in_motion for test in fitted.tests.values()):
-        raise BenchInputError(
-            "--posterior is for records of static tests: runs in time are integrated piece by piece, which a sampler cannot follow; "
-            "--profile works for them",
-            file=fitted.record.folder,
-        )
+    refuse_motion(fitted.record, instead="; --profile works for them")
     blocks = known.blocks
     noise = Noise(
         {key: fitted.noise[key].used * np.sqrt(block.variance) for key, block in blocks.items()},
         {key: block.correlation for key, block in blocks.items()},
     )
-    plans = [fitted.plans[name] for name in fitted.free]
-    clamp, start, covariance = _whitened(fitted, known)
-    density, of_model = _plain(fitted, noise) if not effects_of(fitted) else _with_effects(fitted, noise)
-    given = [name for name, plan in zip(fitted.free, plans, strict=True) if plan.prior is not None]
-    words = (
-        f"flat within the limits of each parameter{f', and those of [start] on {", ".join(given)}' if given else ''}"
-    )
-    return LogPosterior(fitted.free, density, clamp, start, covariance, (clamp, of_model), words)
+    plans = {name: fitted.plans[name] for name in fitted.free}
+    boxes = [Box(name, plan.start, plan.info.scale, plan.lower, plan.upper) for name, plan in plans.items()]
+    solution = fitted.solution
+    clamp, start, covariance = _whitened(boxes, solution.p, solution.jacobian, np.asarray(known.inflation))
+    effects = effects_of(fitted)
+    if effects:
+        problem = problem_of(fitted, noise)
+        density, of_model = _of_problem(problem, effects, fitted.free, {}, plans, 1.0)
+    else:
+        density, of_model = _plain(fitted, noise)
+    return LogPosterior(fitted.free, density, clamp, start, covariance, (clamp, of_model), _words(plans))
+
+
+def log_posterior_of(
+    problem: Problem, fit: Fit, scale: float, names: Sequence[str], sizes: Sequence[float]
+) -> LogPosterior:
+    """Of the free entries of a fit of static tests: parameters, amounts of effects and of faults of the bench, with what the problem's
+    readings are known to, its discrepancy included. scale: variance of the whitened residuals where that exceeds 1. names, sizes: of
+    `fit.free`, as the draws are to call them, and their units in SI."""
+    plans = {name: problem.plans[name] for name in fit.free if name in problem.plans}
+    boxes = [problem.box_of(name, fit.values[name]) for name in fit.free]
+    solution = solution_of(problem, fit)
+    clamp, start, covariance = _whitened(boxes, solution.p, solution.jacobian, np.full(len(boxes), scale))
+    density, of_model = _of_problem(problem, fit.physics, fit.free, fit.values, plans, scale)
+    data = (clamp, of_model)
+    return LogPosterior(tuple(names), density, clamp, start, covariance, data, _words(plans), np.asarray(sizes))
+
+
+def _words(plans: Mapping[str, ParameterPlan]) -> str:
+    given = [name for name, plan in plans.items() if plan.prior is not None]
+    return f"flat within the limits of each parameter{f', and those of [start] on {", ".join(given)}' if given else ''}"
 
 
 def _log_density(clamp: Clamp, u: Array, squares: Array) -> Array:
@@ -140,19 +178,64 @@ def _plain_density(free: tuple[str, ...]) -> Density:
     return density
 
 
-def _with_effects(fitted: Fitted, noise: Noise) -> tuple[Density, Any]:
-    """The same with effects freed, from the program of the library that holds them."""
-    problem, effects = problem_of(fitted, noise), effects_of(fitted)
+class _Model(eqx.Module):
+    """What the density of a problem depends on, beside the free entries.
+
+    vector: of all entries of the program. moved {test: {field of its operating points: (faults, rows)}} and added (faults, rows): what a
+    unit of each free fault does to what was read, and to the whitened residuals. left (rows, k), share (k,): of the discrepancy, None
+    without one.
+    """
+
+    args: LibraryArgs
+    vector: Float[Array | np.ndarray, " entries"]
+    prior_value: Float[Array | np.ndarray, " n"]
+    prior_weight: Float[Array | np.ndarray, " n"]
+    scale: Float[Array | np.ndarray, ""]
+    moved: dict[str, dict[str, Float[Array | np.ndarray, "faults _"]]]
+    added: Float[Array | np.ndarray, "faults rows"] | None = None
+    left: Float[Array | np.ndarray, "rows k"] | None = None
+    share: Float[Array | np.ndarray, " k"] | None = None
+
+
+def _of_problem(
+    problem: Problem,
+    effects: tuple[str, ...],
+    free: tuple[str, ...],
+    values: Mapping[str, float],
+    plans: Mapping[str, ParameterPlan],
+    scale: float,
+) -> tuple[Density, Any]:
+    """The density of a problem's free entries, from the program of the library that holds its effects. values: of entries that are held;
+    else where their plans begin."""
     (part,) = problem.readings
     assert isinstance(part, StaticReadings)
     program = part.program(effects)
-    entries, free = part.order(program), fitted.free
-    vector = np.array([fitted.plans[n].start if n in fitted.plans else 0.0 for n in entries], dtype=float)
-    value, weight = prior_rows([fitted.plans[name] for name in free])
+    entries = part.order(program)
+    begin = {name: plan.start for name, plan in problem.plans.items()} | dict(values)
+    value, weight = np.zeros(len(free)), np.zeros(len(free))
+    given = [i for i, name in enumerate(free) if name in plans]
+    value[given], weight[given] = (np.asarray(found) for found in prior_rows([plans[free[i]] for i in given]))
     (signals,) = problem.signals
-    held = {name: plan.start for name, plan in fitted.plans.items() if name not in free}
+    held = {name: begin[name] for name in problem.plans if name not in free}
+    faults = [problem.faults[name] for name in free if is_fault(name)]
+    moved: dict[str, dict[str, np.ndarray]] = {}
+    for i, fault in enumerate(faults):
+        for test, fields in part.moved_by(fault).items():
+            for field, rows in fields.items():
+                moved.setdefault(test, {}).setdefault(field, np.zeros((len(faults), len(rows))))[i] = rows
+    added = np.stack([problem.added_by(fault, part) for fault in faults]) if faults else None
+    left, share = None, None
+    if problem.discrepancy is not None:
+        directions, share = problem.discrepancy.parts
+        padded = sum(part.size(test.rows) * len(test.channels) for test in part.tests.values())
+        priors = len(problem.parameters)  # no discrepancy is in them
+        real = problem.real_rows(padded + priors)[:-priors]
+        left = np.zeros((padded, len(share)))
+        left[real] = directions[:-priors]
+    vector = np.array([begin.get(name, 0.0) for name in entries], dtype=float)
+    model = _Model(part.arguments(program), vector, value, weight, np.asarray(scale), moved, added, left, share)
     density = _density(program, entries, free) if not signals else _density_of(program, entries, free, signals, held)
-    return density, (part.arguments(program), jnp.asarray(vector), value, weight)
+    return density, model
 
 
 @functools.cache
@@ -169,41 +252,63 @@ def _density_of(
     held: Mapping[str, float],
 ) -> Density:
     places = [(i, free.index(name)) for i, name in enumerate(entries) if name in free]
+    of_faults = np.array([i for i, name in enumerate(free) if is_fault(name)], dtype=int)
 
     def density(u: Array, data: Any) -> Array:
-        clamp, (args, vector, prior_value, prior_weight) = data
+        clamp, model = data
         p = clamp.physical(u)
+        vector = jnp.asarray(model.vector)
         for i, own in places:
             vector = vector.at[i].set(p[own])
-        residual = residual_alone(program, vector, args)
+        residual = residual_alone(program, vector, _as_read_right(model, p[of_faults]))
         given = {**held, **{name: p[i] for i, name in enumerate(free)}}
         for signal in signals:
             read, behind = jnp.asarray(signal.readings), signal.behind
-            rows = behind.factor(given) * (residual[signal.place] + read) - read
-            for shift, mask in zip(behind.shifts(given), signal.masks, strict=True):
-                rows = rows + shift * jnp.asarray(mask)
+            sensor = behind.sensor
+            factor = sensor.reference / given[behind.gain] if behind.gain else 1.0
+            rows = factor * (residual[signal.place] + read) - read
+            for zero, mask in zip([given[n] for n in behind.zeros] or [sensor.zero], signal.masks, strict=True):
+                rows = rows + sensor.reference * (zero - sensor.reference_zero) * jnp.asarray(mask)
             residual = residual.at[signal.place].set(rows)
-        prior = (p - prior_value) * prior_weight
-        return _log_density(clamp, u, jnp.sum(residual**2) + jnp.sum(prior**2))
+        if model.added is not None:
+            residual = residual + p[of_faults] @ jnp.asarray(model.added)
+        if model.left is not None:
+            left = jnp.asarray(model.left)
+            residual = residual - left @ ((residual @ left) * model.share)
+        prior = (p - model.prior_value) * model.prior_weight
+        return _log_density(clamp, u, jnp.sum(residual**2) / model.scale + jnp.sum(prior**2))
 
     return density
 
 
-def _whitened(fitted: Fitted, known: Uncertainty) -> tuple[Clamp, np.ndarray, np.ndarray]:
-    """The change of variables, u of the optimum, and the covariance of u there: that of the fit, wide where it has none."""
-    plans = [fitted.plans[name] for name in fitted.free]
-    lower, upper = (np.array([getattr(plan, end) for plan in plans], dtype=float) for end in ("lower", "upper"))
-    scale = np.array([plan.info.scale for plan in plans])
+def _as_read_right(model: _Model, amounts: Array) -> LibraryArgs:
+    """The arguments with operating points as they would have been read without the faults."""
+    conditions = dict(model.args.data.conditions)
+    for test, fields in model.moved.items():
+        own = conditions[test]
+        right = {field: getattr(own, field) - amounts @ jnp.asarray(rows) for field, rows in fields.items()}
+        conditions[test] = replace(own, **right)
+    return replace(model.args, data=replace(model.args.data, conditions=conditions)) if model.moved else model.args
+
+
+def _whitened(
+    boxes: Sequence[Box], p: np.ndarray, jacobian: np.ndarray, inflation: np.ndarray
+) -> tuple[Clamp, np.ndarray, np.ndarray]:
+    """The change of variables, u of the optimum p (n,), and the covariance of u there: that of the fit, wide where it has none.
+
+    jacobian (rows, n) of the residuals; inflation (n,): what variances are more than its."""
+    lower, upper = (np.array([getattr(box, end) for box in boxes], dtype=float) for end in ("lower", "upper"))
+    scale = np.array([box.scale for box in boxes])
     # An amount without a limit is an amount of any size; a hundred of its natural steps are more than any bench has.
-    lower = np.where(np.isfinite(lower), lower, fitted.solution.p - 100.0 * scale)
-    upper = np.where(np.isfinite(upper), upper, fitted.solution.p + 100.0 * scale)
+    lower = np.where(np.isfinite(lower), lower, p - 100.0 * scale)
+    upper = np.where(np.isfinite(upper), upper, p + 100.0 * scale)
     widest = WIDEST * (upper - lower)
-    jacobian = fitted.solution.jacobian * widest
+    jacobian = jacobian * widest
     matrix = np.linalg.inv(jacobian.T @ jacobian + np.eye(len(widest))) * np.outer(widest, widest)
-    more = np.sqrt(np.maximum(known.inflation, 1.0))
+    more = np.sqrt(np.maximum(inflation, 1.0))
     matrix = matrix * np.outer(more, more)
     step = np.minimum(np.sqrt(np.diag(matrix)), widest)
     clamp = Clamp(lower, step, (upper - lower) / step)
-    start = clamp.free(fitted.solution.p)
+    start = clamp.free(p)
     slope = np.maximum(clamp.slope(start), 0.3 * step)
     return clamp, start, matrix / np.outer(slope, slope)

@@ -83,7 +83,8 @@ def _physical(target: LogPosterior, draws: np.ndarray) -> np.ndarray:
     import jax
 
     flat = jax.numpy.asarray(draws.reshape(-1, draws.shape[-1]))
-    return np.asarray(jax.vmap(target.clamp.physical)(flat)).reshape(draws.shape)
+    physical = np.asarray(jax.vmap(target.clamp.physical)(flat)).reshape(draws.shape)
+    return physical if target.sizes is None else physical * target.sizes
 
 
 def _parameters(target: LogPosterior, found: Drawn) -> dict[str, PosteriorOf]:
@@ -137,7 +138,8 @@ def _as_file(
         "acceptance_rate": found.acceptance,
         "tree_depth": found.doublings,
     }
-    draws = {name: physical[:, :, i] for i, name in enumerate(target.names)}
+    # A name with a stroke would be a group of the file.
+    draws = {name.replace("/", " per "): physical[:, :, i] for i, name in enumerate(target.names)}
     tree = arviz_base.from_dict({"posterior": draws, "sample_stats": stats})
     tree.attrs.update(
         inference_library="blackjax",

@@ -13,7 +13,7 @@ from helpers.small_bench import small_record
 from thermohyd.identify.bench.record import BenchRecord
 from thermohyd.identify.diagnosis import case as case_module
 from thermohyd.identify.diagnosis.case import Case, open_case
-from thermohyd.identify.diagnosis.diagnose import diagnose_case
+from thermohyd.identify.diagnosis.diagnose import Stage, diagnose_stage
 from thermohyd.identify.diagnosis.result import DiagnosisResult
 from thermohyd.identify.fitting.library import Library
 
@@ -66,5 +66,9 @@ def small_case(name: str) -> Case:
 
 
 @cache
+def small_stage(name: str, learn: bool = False) -> Stage:
+    return diagnose_stage(small_case(name), learn=learn)
+
+
 def small_diagnosis(name: str, learn: bool = False) -> DiagnosisResult:
-    return diagnose_case(small_case(name), learn=learn)
+    return small_stage(name, learn).result
