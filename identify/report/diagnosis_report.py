@@ -32,6 +32,7 @@ from thermohyd.identify.fitting.result import ChannelFit, FitResult
 
 from . import diagnosis_words as words
 from .diagnosis_words import excess, percent
+from .fit_report import print_known
 from .model_form_words import model_form_sentences
 from .term_words import term_headline, term_lines
 from .terminal import heading, indented, table

@@ -5,12 +5,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.fake_diagnosis import fake_diagnosis
 from helpers.fake_fit import fake_fit, fake_parameters
 from scipy.stats import binomtest
 
 from thermohyd.identify.bench.test_record import Channel, TestRecord
 from thermohyd.identify.fitting.uncertainty import Block
 from thermohyd.identify.noise.correlation import NoiseCorrelation, noise_correlation
+from thermohyd.identify.report.diagnosis_page import diagnosis_files
 from thermohyd.identify.report.fit_json import fit_files, fit_json
 from thermohyd.identify.uncertainty.coverage import clopper_pearson, noise_like
 from thermohyd.identify.uncertainty.predictions import figures_among
@@ -214,3 +216,26 @@ def test_a_posterior_that_is_not_reported_leaves_one_sentence_and_no_file():
     assert trouble in result.summary(200)
     assert "posterior.nc" not in fit_files(result)
     assert fit_json(result)["knowledge"]["posterior"]["trouble"] == trouble
+
+
+def test_a_diagnosis_shows_the_same_rows_in_all_its_faces():
+    result = fake_diagnosis("named")
+    knowledge = known().knowledge
+    assert knowledge is not None
+    assert knowledge.posterior is not None
+    of_fault = PosteriorOf(
+        "reading_zero (leakage)", 1e-8, 1e-9, knowledge.posterior.parameters["edge_radius"].intervals, 1.0, 500.0, 500.0
+    )
+    drawn = replace(knowledge.posterior, parameters={**knowledge.posterior.parameters, of_fault.name: of_fault})
+    result = replace(result, after=replace(result.after, knowledge=replace(knowledge, posterior=drawn)))
+    assert "What is known of each parameter" in result.summary(120)
+    assert "What is known of each parameter" not in fake_diagnosis("named").summary(120)
+    content = result.to_dict()["fit"]["knowledge"]
+    assert list(content["faults"]) == ["reading_zero (leakage)"]
+    assert content["faults"]["reading_zero (leakage)"]["mean"] == 1e-8
+    files = diagnosis_files(result)
+    assert files["posterior.nc"] == b"draws"
+    assert "profile_clearance.svg" in files
+    page = str(files["report.html"])
+    assert "a note &lt;of&gt; the user&#39;s" in page
+    assert page.count('<img alt="profile ') == len(knowledge.rows)
