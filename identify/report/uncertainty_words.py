@@ -1,6 +1,6 @@
 """What is known of each parameter beyond its covariance, as text in bench units: the terminal and the page show exactly this."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -123,9 +123,13 @@ def _predicted(figure: PredictedFigure) -> PredictionRow:
 
 def on_a_page(result: FitResult, pictures: Iterable[str]) -> dict[str, Any]:
     """What the template of a page takes; nothing is shown where nothing was asked. pictures: names of its figures."""
+    rows = knowledge_rows(result)
+    columns = [asked(own, rows) for own in ON_A_PAGE]
     return {
         "knowledge_title": TITLE,
-        "knowledge": knowledge_rows(result),
+        "knowledge": rows,
+        "known_columns": columns,
+        "known_tips": {ON_A_PAGE[1][key].lstrip(">~"): words for key, words in TIPS.items() if key in columns[1]},
         "predictions_title": PREDICTIONS,
         "predicted": PREDICTED,
         "predictions": prediction_rows(result),
@@ -235,13 +239,31 @@ SECOND = {
     "coverage": ">coverage",
     "trades": "trades with",
 }
+# A page is wide enough for the test that would tell more.
+ON_A_PAGE = (
+    {**FIRST, "verdict": "identified?"},
+    {**SECOND, "std": ">standard error", "remedy": "~a test that would tell more"},
+)
+
+
+TIPS = {
+    "prior": "of all information on the parameter, what priors brought",
+    "trades": "the strongest correlation",
+    "coverage": "records simulated at this fit whose 95 % interval held its value",
+}
+
+
+def asked(columns: Mapping[str, str], rows: Iterable[KnowledgeRow]) -> dict[str, str]:
+    """What was not asked has no column."""
+    rows = list(rows)
+    return {key: title for key, title in columns.items() if any(getattr(row, key) for row in rows)}
 
 
 def print_knowledge(result: FitResult, console: Console, wide: bool) -> None:
-    """The tables; what was not asked has no column."""
+    """The tables."""
     rows = knowledge_rows(result)
     for columns in (FIRST, SECOND):
-        kept = {key: title for key, title in columns.items() if any(getattr(row, key) for row in rows)}
+        kept = asked(columns, rows)
         cells = [
             [
                 Text(row.verdict, style="bold red" if row.alarming else "") if key == "verdict" else getattr(row, key)
