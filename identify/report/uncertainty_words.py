@@ -34,7 +34,7 @@ class KnowledgeRow:
     trades: str
     coverage: str
     remedy: str
-    alarming: bool
+    doubtful: bool
 
 
 def knowledge_rows(result: FitResult) -> list[KnowledgeRow]:
@@ -61,7 +61,7 @@ def _row(result: FitResult, row: KnownParameter) -> KnowledgeRow:
         trades=trades,
         coverage="" if row.coverage is None else _share(row.coverage),
         remedy=remedy,
-        alarming=row.verdict != "identified",
+        doubtful=row.verdict != "identified",
     )
 
 
@@ -266,7 +266,7 @@ def print_knowledge(result: FitResult, console: Console, wide: bool) -> None:
         kept = asked(columns, rows)
         cells = [
             [
-                Text(row.verdict, style="bold red" if row.alarming else "") if key == "verdict" else getattr(row, key)
+                Text(row.verdict, style="bold red" if row.doubtful else "") if key == "verdict" else getattr(row, key)
                 for key in kept
             ]
             for row in rows
