@@ -15,6 +15,7 @@ PREFIX = "profile_"
 LINE, DRAWS, PARABOLA, RING = "#1f5fa8", "#9fbfdf", "#8a8a8a", "#c9702b"
 BEYOND = 1.35  # of the largest rise that an interval stands for: what is above it is not drawn
 BINS = 40
+ROOM_FOR_WORDS = 1.2  # of the highest bar, where no profile is drawn
 
 
 def knowledge_figures(result: FitResult) -> dict[str, Figure]:
@@ -36,7 +37,7 @@ def _figure(result: FitResult, row: KnownParameter, drawn: Posterior | None) -> 
     axes = figure.add_axes((0.13, 0.17, 0.84, 0.66))
     unit = result.parameters[row.name].shown
     if row.posterior is not None and drawn is not None:
-        _histogram(axes, drawn.draws[:, :, drawn.names.index(row.name)].ravel() * unit.factor, row)
+        _histogram(axes, drawn.draws[:, :, drawn.names.index(row.name)].ravel() * unit.factor, row, unit.factor)
     if row.profile is not None:
         _profile(axes, row, unit.factor)
     axes.set_xlabel(row.name.replace("_", " ") + ("" if unit.label == "-" else f" [{unit.label}]"))
@@ -94,10 +95,16 @@ def _seen(points: list[tuple[float, float, tuple[str, ...]]], top: float) -> lis
     return points[max(low[0] - 1, 0) : low[-1] + 2]
 
 
-def _histogram(axes: Axes, draws: np.ndarray, row: KnownParameter) -> None:
+def _histogram(axes: Axes, draws: np.ndarray, row: KnownParameter, factor: float) -> None:
     count, edges = np.histogram(draws, bins=BINS)
     top = BEYOND * row.profile.rises[-1] if row.profile is not None else float(count.max())
     height = count / count.max() * (0.9 * top if row.profile is not None else top)
     axes.stairs(height, edges, fill=True, color=DRAWS, alpha=0.6, label="posterior draws")
     if row.profile is None:
         axes.set_ylabel("draws")
+        axes.set_ylim(0.0, ROOM_FOR_WORDS * top)
+        if row.std:
+            std, middle = row.std * factor, row.value * factor
+            x = np.linspace(edges[0], edges[-1], 120)
+            law = np.exp(-0.5 * ((x - middle) / std) ** 2) / (std * np.sqrt(2.0 * np.pi))
+            axes.plot(x, law * count.sum() * (edges[1] - edges[0]), "--", color=PARABOLA, label="from the error bar")
