@@ -191,7 +191,7 @@ class _Model(eqx.Module):
     prior_value: Float[Array | np.ndarray, " n"]
     prior_weight: Float[Array | np.ndarray, " n"]
     scale: Float[Array | np.ndarray, ""]
-    moved: dict[str, dict[str, Float[Array | np.ndarray, "faults _"]]]
+    moved: Mapping[str, Mapping[str, Float[Array | np.ndarray, "faults _"]]]
     added: Float[Array | np.ndarray, "faults rows"] | None = None
     left: Float[Array | np.ndarray, "rows k"] | None = None
     share: Float[Array | np.ndarray, " k"] | None = None
