@@ -185,6 +185,17 @@ def test_imposed_pressures_meet_the_closed_ports(case, host, tmp_path):
 
 
 @needs_compiler
+def test_fmi_3_gives_the_same_numbers_without_python(host, tmp_path):
+    given, at = model(*CASES["everything cold"]), points(40)
+    (tmp_path / "two").mkdir()
+    (tmp_path / "three").mkdir()
+    two, three = (outputs(host, tmp_path / name, given, at, fmi=n) for name, n in (("two", 2), ("three", 3)))
+    assert two.keys() == three.keys()
+    for name, found in three.items():
+        np.testing.assert_array_equal(found, two[name])
+
+
+@needs_compiler
 @pytest.mark.parametrize("fmi", [2, 3])
 def test_fmpy_runs_and_validates_it(fmi, host, tmp_path):
     given, at = model(*CASES["everything cold"]), points(40)
