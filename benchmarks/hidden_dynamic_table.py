@@ -81,8 +81,8 @@ def bench_of(seed: int, effects: dict[str, float], memory: float) -> dynamic_ben
 
 def ask(job: tuple[Path, int, dict[str, float], float]) -> dict[str, Any]:
     """The answer of one record, made for it."""
-    folder, *hidden = job
-    return answer_within(PATIENCE, folder, lambda record: answer(record, *hidden))
+    folder, seed, effects, memory = job
+    return answer_within(PATIENCE, folder, lambda record: answer(record, seed, effects, memory))
 
 
 def answer(folder: Path, seed: int, effects: dict[str, float], memory: float) -> dict[str, Any]:
