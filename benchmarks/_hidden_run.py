@@ -110,6 +110,18 @@ def answers_of_seeds(
     )
 
 
+def all_answered(
+    store: Path, jobs: dict[str, Any], ask: Callable[[Any], dict[str, Any]], processes: int, *, any_version: bool
+) -> dict[str, dict[str, Any]]:
+    """`kept` answers to all `jobs`, in their order, by the program as it is; ends the process with the reasons where one has none."""
+    store.parent.mkdir(parents=True, exist_ok=True)
+    version = source_hash(ROOT / "thermohyd", ROOT / "identify")
+    found = kept(store, version, jobs, ask, processes, any_version=any_version)
+    if failed := [f"{name}: {answer['error']}" for name, answer in found.items() if "error" in answer]:
+        sys.exit("; ".join(failed))
+    return {name: found[name] for name in jobs}
+
+
 def kept(
     store: Path,
     version: str,

@@ -15,7 +15,7 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from _hidden_run import answer_within, kept, source_hash
+from _hidden_run import all_answered, answer_within
 from _told_terms import terms_beside, terms_of_a_diagnosis
 from hidden_dynamic_table import ROOT, STRENGTHS, bench_of, dynamic_bench
 
@@ -114,17 +114,12 @@ def main() -> None:
     options = parser.parse_args()
     mode = "search" if options.search else "alone"
     folder = options.out / f"set{options.set}"
-    folder.mkdir(parents=True, exist_ok=True)
     jobs = {
         name: (folder / name, *hidden, options.search)
         for name, hidden in plan(options.set).items()
         if not options.only or name in options.only
     }
-    version = source_hash(ROOT / "thermohyd", ROOT / "identify")
-    found = kept(folder / f"{mode}.jsonl", version, jobs, ask, options.processes, any_version=options.any_version)
-    if failed := [f"{name}: {a['error']}" for name, a in found.items() if "error" in a]:
-        sys.exit("; ".join(failed))
-    text = table({name: found[name] for name in jobs})
+    text = table(all_answered(folder / f"{mode}.jsonl", jobs, ask, options.processes, any_version=options.any_version))
     (folder / f"{mode}.txt").write_text(text + "\n", encoding="utf-8")
     print(text)
 

@@ -424,10 +424,11 @@ class DiagnosisResult(Result):
 
     def figures(self) -> "dict[str, Figure]":
         """Data and models of each test by its name, and "residual_map", "candidates", "evidence_<effect>", "exchange",
-        "variations" where there is something to show: matplotlib figures."""
+        "variations" where there is something to show, "profile_<parameter>" where draws were asked: matplotlib figures."""
         from thermohyd.identify.report.diagnosis_figures import diagnosis_figures
+        from thermohyd.identify.report.uncertainty_figures import knowledge_figures
 
-        return diagnosis_figures(self)
+        return {**diagnosis_figures(self), **knowledge_figures(self.after)}
 
     def _files(self) -> dict[str, bytes | str]:
         from thermohyd.identify.model.model_file import model_json

@@ -6,6 +6,7 @@ is a * quantity + b, linear in the quantity, and acts on residuals and columns o
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -40,14 +41,14 @@ class Sensed:
     def names(self) -> tuple[str, ...]:
         return (self.gain, *self.zeros) if self.gain else self.zeros
 
-    def factor(self, values: Mapping[str, float]) -> float:
-        """a of the readings."""
+    def factor(self, values: Mapping[str, Any]) -> Any:
+        """a of the readings: a number, traced where the values are."""
         return self.sensor.reference / values[self.gain] if self.gain else 1.0
 
-    def shifts(self, values: Mapping[str, float]) -> np.ndarray:
-        """b of the rows of each mask; one for all rows where there is no free zero."""
+    def shifts(self, values: Mapping[str, Any]) -> list[Any]:
+        """b of the rows of each mask; one for all rows where there is no free zero. Numbers, traced where the values are."""
         own = [values[name] for name in self.zeros] or [self.sensor.zero]
-        return self.sensor.reference * (np.array(own) - self.sensor.reference_zero)
+        return [self.sensor.reference * (zero - self.sensor.reference_zero) for zero in own]
 
     @property
     def rows(self) -> np.ndarray:
@@ -62,7 +63,7 @@ class Sensed:
         if self.gain:
             slopes[self.gain] = -factor / values[self.gain] * quantity
         slopes |= {name: self.sensor.reference * mask for name, mask in zip(self.zeros, self.masks, strict=False)}
-        return factor * quantity + self.shifts(values) @ self.rows, factor, slopes
+        return factor * quantity + np.array(self.shifts(values)) @ self.rows, factor, slopes
 
 
 def gain_name(sensor: Sensor) -> str:
@@ -193,9 +194,9 @@ def with_starts(
         shift = (
             0.0
             if free_zeros
-            else behind.shifts({})
+            else behind.shifts({})[0]
             if not behind.zeros
-            else behind.shifts({behind.zeros[0]: sensor.zero})
+            else behind.shifts({behind.zeros[0]: sensor.zero})[0]
         )
         columns = [q] if free_gain else []
         columns += [*behind.masks] if free_zeros else []
@@ -239,7 +240,7 @@ class SignalRows:
         """Put the sensor behind model - reading: residual (rows,) and columns (entries, rows) of all channels, in place."""
         sensor, factor = self.behind.sensor, self.behind.factor(values)
         quantity = residual[self.place] + self.readings
-        residual[self.place] = factor * quantity + self.behind.shifts(values) @ self.masks - self.readings
+        residual[self.place] = factor * quantity + np.array(self.behind.shifts(values)) @ self.masks - self.readings
         columns[:, self.place] *= factor
         if self.behind.gain:
             columns[order.index(self.behind.gain), self.place] -= factor / values[self.behind.gain] * quantity

@@ -264,11 +264,9 @@ def _density_of(
         given = {**held, **{name: p[i] for i, name in enumerate(free)}}
         for signal in signals:
             read, behind = jnp.asarray(signal.readings), signal.behind
-            sensor = behind.sensor
-            factor = sensor.reference / given[behind.gain] if behind.gain else 1.0
-            rows = factor * (residual[signal.place] + read) - read
-            for zero, mask in zip([given[n] for n in behind.zeros] or [sensor.zero], signal.masks, strict=True):
-                rows = rows + sensor.reference * (zero - sensor.reference_zero) * jnp.asarray(mask)
+            rows = behind.factor(given) * (residual[signal.place] + read) - read
+            for shift, mask in zip(behind.shifts(given), signal.masks, strict=True):
+                rows = rows + shift * jnp.asarray(mask)
             residual = residual.at[signal.place].set(rows)
         if model.added is not None:
             residual = residual + p[of_faults] @ jnp.asarray(model.added)

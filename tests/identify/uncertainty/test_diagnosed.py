@@ -136,6 +136,6 @@ def test_beside_a_misfit_the_posterior_is_as_wide_as_the_error_bars():
         assert 0.2 < of.std / estimate.std < 1.5
 
 
-def test_what_cannot_be_drawn_is_said_before_anything_is_searched(tmp_path):
+def test_what_cannot_be_drawn_is_said_before_anything_is_searched():
     with pytest.raises(BenchInputError, match="--learn do not go together"):
         diagnose_in_depth(small_record(), learn=True)

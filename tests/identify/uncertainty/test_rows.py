@@ -233,6 +233,7 @@ def test_a_diagnosis_shows_the_same_rows_in_all_its_faces():
     content = result.to_dict()["fit"]["knowledge"]
     assert list(content["faults"]) == ["reading_zero (leakage)"]
     assert content["faults"]["reading_zero (leakage)"]["mean"] == 1e-8
+    assert "profile_clearance" in result.figures()
     files = diagnosis_files(result)
     assert files["posterior.nc"] == b"draws"
     assert "profile_clearance.svg" in files
