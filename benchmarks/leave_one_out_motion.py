@@ -3,8 +3,8 @@
     python benchmarks/leave_one_out_motion.py             the table of typed terms beside the plain model, every effect out
     python benchmarks/leave_one_out_motion.py --search    a whole diagnosis with the hidden effect alone out: minutes per record
 
-Records of hidden_dynamic_table.py, each effect at the strength that shows well, white noise, and records with nothing wrong; from the
-reference simulator, seeds of their own. Set 1 is for development, set 2 is looked at once. The right answers stand in `TRUTH`.
+Records of hidden_dynamic_table.py, each effect at three strengths, white and correlated noise by turns, and records with nothing wrong;
+from the reference simulator, seeds of their own. Set 1 is for development, set 2 is looked at once. The right answers stand in `TRUTH`.
 """
 
 import argparse
@@ -16,8 +16,9 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).parent))
 
 from _hidden_run import all_answered, answer_within
+from _place_scores import Hidden, table
 from _told_terms import terms_beside, terms_of_a_diagnosis
-from hidden_dynamic_table import ROOT, STRENGTHS, bench_of, dynamic_bench
+from hidden_dynamic_table import MEMORY, ROOT, STRENGTHS, bench_of, dynamic_bench
 
 
 CHAMBERS = ("flow_into_chamber_a", "flow_into_chamber_b", "flow_into_chambers")
@@ -37,70 +38,50 @@ NOTHING_WRONG = 6
 PATIENCE = 7200  # s, for one record, compiling included
 
 
-def plan(number: int) -> dict[str, tuple[int, dict[str, float]]]:
-    """{record: (seed, effects)}."""
-    found = {name: (7000 * number + i, {name: own[1]}) for i, (name, own) in enumerate(STRENGTHS.items())}
-    return found | {f"none_{i + 1}": (7000 * number + 100 + i, {}) for i in range(NOTHING_WRONG)}
+WORDS = ("faint", "middle", "strong")
 
 
-def ask(job: tuple[Path, int, dict[str, float], bool]) -> dict[str, Any]:
+def plan(number: int) -> dict[str, tuple[int, dict[str, float], float]]:
+    """{record: (seed, effects, memory of the noise)}."""
+    found: dict[str, tuple[int, dict[str, float], float]] = {}
+    for i, (name, (faint, strong)) in enumerate(STRENGTHS.items()):
+        for k, amount in enumerate((strong, (faint * strong) ** 0.5, faint)):
+            found[f"{name}_{WORDS[2 - k]}"] = 7000 * number + i + 10 * k, {name: amount}, MEMORY * ((i + k) % 2)
+    for i in range(NOTHING_WRONG):
+        found[f"none_{i + 1}"] = 7000 * number + 100 + i, {}, MEMORY * (i % 2)
+    return found
+
+
+def ask(job: tuple[Path, int, dict[str, float], float, bool]) -> dict[str, Any]:
     """What is told of one record, made for it; the last of the job: by a whole diagnosis."""
-    folder, seed, effects, search = job
+    folder, seed, effects, memory, search = job
 
     def told(record: Path) -> dict[str, Any]:
-        dynamic_bench.write(record, bench_of(seed, effects, 0.0))
-        answer = terms_of_a_diagnosis(record, tuple(effects)) if search else terms_beside_the_plain_model(record)
-        return {"effects": list(effects), **answer}
+        dynamic_bench.write(record, bench_of(seed, effects, memory))
+        return (terms_of_a_diagnosis if search else terms_beside_the_plain_model)(record, tuple(effects))
 
     return answer_within(PATIENCE, folder, told)
 
 
-def terms_beside_the_plain_model(folder: Path) -> dict[str, Any]:
+def terms_beside_the_plain_model(folder: Path, effects: tuple[str, ...]) -> dict[str, Any]:
     """The terms that are told with an empty library."""
-    from thermohyd.effects.library import whole_library
     from thermohyd.identify.bench.read import read_record
     from thermohyd.identify.diagnosis.case import with_noise_around
     from thermohyd.identify.diagnosis.diagnose import open_motion
 
-    case = open_motion(read_record(folder), without=tuple(whole_library()))
-    return terms_beside(with_noise_around(case, case.base), folder)
+    def opened(without: tuple[str, ...]) -> Any:
+        case = open_motion(read_record(folder), without=without)
+        return with_noise_around(case, case.base)
+
+    return terms_beside(opened, folder, effects)
 
 
-def mark(effects: list[str], answer: dict[str, Any]) -> str:
-    """How right the first term that holds is."""
-    told = [t for t in answer["terms"] if t["holds"]]
+def hidden_in(name: str, effects: dict[str, float], memory: float) -> Hidden:
+    """What is hidden in a record, and with which others it is counted."""
     if not effects:
-        return "false" if told else "right"
-    if not told:
-        return f"named {', '.join(answer['named'])}" if answer["named"] else "nothing"
-    places, variables = TRUTH[effects[0]]
-    first, pairs = told[0], [(told[0]["place"], told[0]["variable"]), *map(tuple, told[0]["alternatives"])]
-    if first["place"] in places:
-        return "both" if first["variable"] in variables else "place"
-    return "rival" if any(p in places for p, _ in pairs) else "wrong"
-
-
-def table(answers: dict[str, dict[str, Any]]) -> str:
-    """The rates, then a line per record."""
-    marks = {name: mark(a["effects"], a) for name, a in answers.items()}
-    hidden = [m for name, m in marks.items() if answers[name]["effects"]]
-    none = [m for name, m in marks.items() if not answers[name]["effects"]]
-    of = lambda *kinds: f"{sum(m in kinds for m in hidden)} of {len(hidden)}"
-    lines = [
-        f"right place first: {of('both', 'place')}; place and variable: {of('both')}; right place first or allowed: "
-        f"{of('both', 'place', 'rival')}",
-        f"a false place where nothing is wrong: {none.count('false')} of {len(none)}",
-    ]
-    for name, answer in answers.items():
-        terms = "; ".join(
-            f"{t['place']} {t['variable']} {t['law']} closes {t['gap_closed']:.2f}{'' if t['holds'] else ' (not proven)'}"
-            for t in answer["terms"]
-        )
-        lines.append(
-            f"{name:<20}{marks[name]:<10}{answer['seconds']:5.0f} s  before {answer['before']:.2f}  {terms or 'no term'}"
-            + (f"; allowed too: {answer['terms'][0]['alternatives']}" if answer["terms"] else "")
-        )
-    return "\n".join(lines)
+        return Hidden("", (), "")
+    strength = name.rsplit("_", 1)[1]
+    return Hidden(*effects, (f"{'correlated' if memory else 'white'} noise", strength), strength)
 
 
 def main() -> None:
@@ -119,8 +100,10 @@ def main() -> None:
         for name, hidden in plan(options.set).items()
         if not options.only or name in options.only
     }
-    text = table(all_answered(folder / f"{mode}.jsonl", jobs, ask, options.processes, any_version=options.any_version))
-    (folder / f"{mode}.txt").write_text(text + "\n", encoding="utf-8")
+    answers = all_answered(folder / f"{mode}.jsonl", jobs, ask, options.processes, any_version=options.any_version)
+    hidden = {name: hidden_in(name, *about[1:]) for name, about in plan(options.set).items()}
+    text = f"# Leave-one-out in motion, set {options.set}, {mode}\n\n" + table(hidden, answers, TRUTH)
+    (folder / f"{mode}.md").write_text(text, encoding="utf-8")
     print(text)
 
 

@@ -46,7 +46,7 @@ def stage_of(term: TermRead) -> Stage:
         return _port(term)
     if place in ("supply_pressure", "return_pressure", "pressure_in_passages") and term.variable == "flow":
         return _line(term)
-    if place in ("position", "supply_pressure", "return_pressure", "pressure_in_passages"):
+    if place in ("position", "supply_pressure", "return_pressure", "pressure_in_passages", "oil_temperature"):
         return _condition(term)
     if place == "viscosity":
         return _oil(term)
@@ -107,6 +107,8 @@ def law_code(term: TermRead) -> str:
         return "\n".join([*lines, f"    return {held}"])
     if term.law == "square":
         return "\n".join([*lines, f"    held = {held}", "    return held * jnp.abs(held)"])
+    if term.law == "cube":
+        return "\n".join([*lines, f"    return {held} ** 3"])
     return "\n".join(
         [
             *lines,
@@ -193,7 +195,8 @@ def _line(term: TermRead) -> Stage:
 def _condition(term: TermRead) -> Stage:
     v, needs = _variable(term)
     fields = {"position": {"position": 1}, "supply_pressure": {"supply_pressure": 1}, "return_pressure": {"return_pressure": 1},
-              "pressure_in_passages": {"supply_pressure": -1, "return_pressure": 1}}[term.place]  # fmt: skip
+              "pressure_in_passages": {"supply_pressure": -1, "return_pressure": 1},
+              "oil_temperature": {"temperature": 1}}[term.place]  # fmt: skip
     where = ", ".join(f"c.{name}" for name in fields)
     new = ", ".join(f"so_far.{name} {'+' if sign > 0 else '-'} shift" for name, sign in fields.items())
     both = (f"({where})", f"({new})") if len(fields) > 1 else (where, new)

@@ -42,6 +42,8 @@ class MeteringEdge(eqx.Module):
     land_leakage: Float[Array, "..."] | None = None
     # Growth of the clearance with the edge's mean pressure [m/Pa].
     clearance_per_pressure: Float[Array, "..."] | None = None
+    # Viscosity of the oil at this edge, relative to that of the oil at its pressure and temperature.
+    viscosity_factor: Float[Array, "..."] | None = None
     law: EdgeLaw = eqx.field(static=True, default="orifice")
 
 
@@ -158,6 +160,8 @@ def mass_flow(
     solved as Q = 2 dp/(a + sqrt(a^2 + b |dp|)), which neither small drops nor thin oil cost a digit.
     """
     rho, mu = density_at(oil, mean_pressure), viscosity_at(oil, mean_pressure)
+    if opened.edge.viscosity_factor is not None:
+        mu = mu * opened.edge.viscosity_factor
     through = opened.fixed
     if through is None:
         assert opened.edge.clearance_per_pressure is not None

@@ -413,7 +413,7 @@ def as_term(found: Found) -> Term:
         gap_closed=found.gap_closed,
         alternatives=found.alternatives,
         sentence=term_sentence(term, value, std),
-        confirmed_by=confirmed_by(term.place, term.variable, moving=term.moving),
+        confirmed_by=confirmed_by(term.place, term.variable, term.law, moving=term.moving),
         coefficients=tuple(float(c) for c in term.coefficients),
         low=term.low,
         high=term.high,

@@ -17,6 +17,7 @@ ROUNDS, TRIES, PATIENT = 6, 3, 20  # of Gauss-Newton
 TRIES_IN_MOTION = 6  # a bent machine is far from linear
 DAMPED = 30.0  # a try that raised chi-square is followed by one so much more damped (Marquardt, 1963, has 10): few tries are left
 SETTLED, ENOUGH = 0.02, 1e-4  # chi-square, and share of it, that another round would gain
+MORE = 5  # rounds, each as good as the last, that must bring a fit to its goal
 
 
 @dataclass(frozen=True)
@@ -64,8 +65,11 @@ class _Limits:
         )  # fmt: skip
 
 
-def fitted_inside(problem: Problem, fit: Fit, term: TypedTerm, rounds: int = ROUNDS) -> FittedTerm:
-    """Fit a term and the parameters together by damped Gauss-Newton steps from `fit`; problem: with states.
+def fitted_inside(
+    problem: Problem, fit: Fit, term: TypedTerm, rounds: int = ROUNDS, goal: float = np.inf
+) -> FittedTerm:
+    """Fit a term and the parameters together by damped Gauss-Newton steps from `fit`; problem: with states. goal: chi-square; a fit that
+    `MORE` rounds like its last one would leave above is left where it is.
 
     Variables made of the model's own pressures and flows are those of the last round: each round counts them anew. A parameter that a
     bent fit had pressed against a limit is free again, as far as the limit lets it.
@@ -95,7 +99,7 @@ def fitted_inside(problem: Problem, fit: Fit, term: TypedTerm, rounds: int = ROU
             break
         fall, at, term, state = found
         damping *= 1.0 / DAMPED if damping > 1e-6 else 0.0
-        if fall < max(SETTLED, ENOUGH * at.chi2):
+        if fall < max(SETTLED, ENOUGH * at.chi2) or at.chi2 - MORE * fall > goal:
             break
     kept = limits.kept(fit, at)
     names = tuple(name for name in limits.names if name not in kept.active)

@@ -14,7 +14,8 @@ from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.fitting.problem_fit import Fit
 from thermohyd.identify.model.places import Place, place_of, places_for, places_in_motion, read_as
 from thermohyd.identify.model.term_variables import VARIABLES, States, asked_with
-from thermohyd.identify.model.typed_terms import KNOTS, TypedTerm, shapes_at, thinning_of, values_of
+from thermohyd.identify.model.typed_terms import KNOTS, TypedTerm, shapes_at, thinning_of, thins, values_of
+from thermohyd.identify.report.known_physics import known_physics
 
 from .left_over import whitened_rows
 from .max_t import MaxT
@@ -47,6 +48,18 @@ class Entry:
         return self.place, self.variable
 
 
+# Chi-square by which a pair that no known physics shows must do better than one that some does: 2 ln 20, as the few dozen pairs of the
+# list say what is missing in four records of five, and hundreds share the fifth. By which one that is known by other laws must.
+UNHEARD_OF, UNUSUAL = 6.0, 1.0
+
+
+def prior_of(entry: Entry) -> float:
+    """Chi-square that an entry must gain beyond what its coefficients cost."""
+    known = known_physics(entry.place, entry.variable, entry.law, moving=entry.moving)
+    unheard_of = UNHEARD_OF if known is None else 0.0 if known.usual(entry.law) else UNUSUAL
+    return unheard_of + place_of(entry.place, moving=entry.moving).prior
+
+
 @dataclass(frozen=True)
 class Scored:
     """An entry's chi-square gain beside the model, its rank, and what it leaves of unit directions (rows, rank)."""
@@ -56,31 +69,40 @@ class Scored:
     rank: int
     directions: np.ndarray
 
+    def cost(self, rows: int) -> float:
+        """Chi-square that it must gain: the penalty of the Bayesian information criterion, so that a simpler law wins unless the data say
+        otherwise, and what its place and physics ask beforehand."""
+        return self.rank * float(np.log(rows)) + prior_of(self.entry)
+
     def merit(self, noise: float, rows: int) -> float:
-        """Gain less the penalty of the Bayesian information criterion: a simpler law wins unless the data say otherwise."""
-        return self.gain / noise - self.rank * float(np.log(rows))
+        """Gain less what it costs."""
+        return self.gain / noise - self.cost(rows)
 
 
-Law = tuple[str, str, np.ndarray, float, float]  # variable, law, shapes (readings, coefficients), low, high
+Law = tuple[str, str, np.ndarray, float, float]  # variable, law, columns (readings, coefficients), low, high
 
 
-def _laws(problem: Problem, fit: Fit, place: Place, shown: np.ndarray, states: States) -> Iterator[Law]:
-    """Every law of every variable that a place is asked with; shown (readings,): where a shift of the place shows."""
+def _laws(problem: Problem, fit: Fit, place: Place, slopes: list[np.ndarray], states: States) -> Iterator[Law]:
+    """Every law of every variable that a place is asked with; slopes: `slope_of` of each of its parts."""
     thin = _thinning(problem, states)
+    shown = np.any([slope != 0.0 for slope in slopes], axis=0)
     for variable in VARIABLES.values():
         if not asked_with(place, variable):
             continue
-        values = _values(problem, variable.name, place, states, fit.values["null_bias"])
-        if values is None:
+        null = fit.values["null_bias"]
+        values = [
+            own for part in place.parts if (own := _values(problem, variable.name, part, states, null)) is not None
+        ]
+        if not values:
             continue
-        seen = values[shown]
+        seen = np.concatenate([own[slope != 0.0] for own, slope in zip(values, slopes, strict=True)])
         low, high = float(np.min(seen)), float(np.max(seen))
         constant = variable.name == "constant"
         if not np.isfinite(high - low) or (not constant and high - low <= 1e-6 * max(abs(low), abs(high), 1e-300)):
             continue
         levels = 1 if constant else len(np.unique(np.round((seen - low) / (high - low), 2)))
         laws = ["constant"] if constant else ["proportional"]
-        laws += ["square", "root"] if variable.powers else []
+        laws += ["square", "cube", "root"] if variable.powers else []
         laws += (
             ["laminar"]
             if place.leaks and variable.unit == "Pa" and np.ptp(thin[shown]) > VARIES * thin[shown].mean()
@@ -89,7 +111,10 @@ def _laws(problem: Problem, fit: Fit, place: Place, shown: np.ndarray, states: S
         laws += ["smooth"] if levels > 2 else []
         laws += ["local"] if variable.name in place.followed and levels > KNOTS else []
         for law in laws:
-            yield variable.name, law, shapes_at(law, values, low, high, thin), low, high
+            parts = [
+                slope[:, None] * shapes_at(law, own, low, high, thin) for slope, own in zip(slopes, values, strict=True)
+            ]
+            yield variable.name, law, np.sum(parts, axis=0), low, high
 
 
 def scores_of(
@@ -100,18 +125,16 @@ def scores_of(
     residual = base(fit.residual * fit.used)
     found: list[Scored] = []
     for place in places_for(problem.tests):
-        slope = slope_of(problem, fit, place, slopes)
-        laws = list(_laws(problem, fit, place, slope != 0.0, states)) if slope.any() else []
+        of_parts = [slope_of(problem, fit, part, slopes, states) for part in place.parts]
+        laws = list(_laws(problem, fit, place, of_parts, states)) if np.any(of_parts) else []
         if not laws:
             continue
-        columns = _whitened(
-            problem, fit, slope[:, None] * np.concatenate([shapes for _, _, shapes, _, _ in laws], axis=1)
-        )
+        columns = _whitened(problem, fit, np.concatenate([own for _, _, own, _, _ in laws], axis=1))
         length = np.linalg.norm(columns, axis=0)
         columns = columns / np.where(length > 0.0, length, 1.0)
         left, first = base(columns), 0
-        for variable, law, shapes, low, high in laws:
-            own = slice(first, first + shapes.shape[1])
+        for variable, law, raw, low, high in laws:
+            own = slice(first, first + raw.shape[1])
             first = own.stop
             entry = Entry(place.name, variable, law, columns[:, own], length[own], low, high)
             score = _scored(entry, left[:, own], residual)
@@ -170,11 +193,13 @@ def _scored(entry: Entry, left: np.ndarray, residual: np.ndarray) -> Scored | No
     return Scored(entry, float(loads @ loads), own.shape[1], own)
 
 
-def slope_of(problem: Problem, fit: Fit, place: Place, slopes: dict[str, np.ndarray]) -> np.ndarray:
-    """(readings,): what a shift of a place does to each residual, before whitening, in units of its noise."""
+def slope_of(problem: Problem, fit: Fit, place: Place, slopes: dict[str, np.ndarray], states: States) -> np.ndarray:
+    """(readings,): what a shift of a place, or of a part of it, does to each residual, before whitening, in units of its noise."""
     found = np.zeros(len(next(iter(slopes.values()))))
     for entry, sign in place.entries.items():
         found += sign * slopes[entry]
+    if place.warms:
+        found *= -_thins(problem, states)
     for key, rows in problem.rows().items():
         sign = place.readings.get(read_as(problem.tests[key[0]], key[1]))
         if sign is not None:
@@ -196,6 +221,11 @@ def _thinning(problem: Problem, states: States) -> np.ndarray:
     return np.concatenate([thinning_of(problem.tests[key[0]], states) for key in problem.rows()])
 
 
+def _thins(problem: Problem, states: States) -> np.ndarray:
+    """(readings,): `thins` at each reading's row."""
+    return np.concatenate([thins(problem.tests[key[0]], states) for key in problem.rows()])
+
+
 def _whitened(problem: Problem, fit: Fit, columns: np.ndarray) -> np.ndarray:
     """Columns (readings, k) in units of the noise, whitened as the residual is, zero in the rows of priors and in rows not used."""
     return whitened_rows(problem, columns, len(fit.residual)) * fit.used[:, None]
@@ -205,11 +235,16 @@ def term_columns(
     problem: Problem, fit: Fit, term: TypedTerm, slopes: dict[str, np.ndarray], states: States
 ) -> np.ndarray:
     """Whitened columns (rows, coefficients) of a term at the model's present states."""
-    place = place_of(term.place)
-    values = _values(problem, term.variable, place, states, term.null_bias)
-    assert values is not None
-    shapes = shapes_at(term.law, values, term.low, term.high, _thinning(problem, states))
-    return _whitened(problem, fit, slope_of(problem, fit, place, slopes)[:, None] * shapes)
+    thin, found = _thinning(problem, states), []
+    for part in place_of(term.place).parts:
+        values = _values(problem, term.variable, part, states, term.null_bias)
+        assert values is not None
+        shapes = shapes_at(term.law, values, term.low, term.high, thin)
+        slope = slope_of(problem, fit, part, slopes, states)
+        if part.warms:  # exp(-thins shift), as it stands
+            slope = slope * np.exp(-_thins(problem, states) * (shapes @ np.asarray(term.coefficients)))
+        found.append(slope[:, None] * shapes)
+    return _whitened(problem, fit, np.sum(found, axis=0))
 
 
 @dataclass(frozen=True)

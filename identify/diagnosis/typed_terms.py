@@ -14,9 +14,8 @@ import numpy as np
 from thermohyd.identify.fitting.library import stores
 from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.fitting.problem_fit import Fit
-from thermohyd.identify.model.places import OF_READING, place_of
+from thermohyd.identify.model.places import OF_READING
 from thermohyd.identify.model.typed_terms import CURVES, KNOTS, basis
-from thermohyd.identify.report.known_physics import known_physics
 from thermohyd.side_by_side import each
 
 from .case import Progress
@@ -24,7 +23,7 @@ from .confirmation import PROVEN, parts_left_out, predicted_apart
 from .final_model import ON_HELD_OUT, closed, mean_square
 from .held_out import Split
 from .term_fit import PATIENT, FittedTerm, fitted_inside, linear_only, straightened, with_coefficients
-from .term_table import Entry, Scored, Table, blank, family, table_of
+from .term_table import Scored, Table, blank, family, table_of
 
 
 LEVEL = 1e-3  # of the whole table
@@ -35,6 +34,9 @@ SIMPLE_LAWS = 3  # of the leading place, that are asked in the end
 BY_CHANCE = 2.0  # standard errors of a mean square, within which rows held out show no gap of their own
 A_HAIR = 0.1  # chi-square, in units of what the best leaves: ten times what two refits of one curve end apart
 AS_GOOD = 6.0  # chi-square, in units of what the best leaves, up to which another pair does as well
+FAR_FROM_TOLD = (
+    40.0  # chi-square, in units of what the best leaves, beyond what is told: a curve's five coefficients cost as much
+)
 CURVE_POINTS = 41
 BENT = 1.5  # reduced chi-square from which a model counts as bent
 STRAIGHTENED = 3  # times that a table is asked anew
@@ -50,13 +52,17 @@ Ask = Callable[[Sequence[Scored]], list[tuple[Scored, FittedTerm]]]  # each besi
 
 @dataclass(frozen=True)
 class Found:
-    """A term that chance does not explain. p_value: of the whole table; gap_closed: on rows held out; proof: 2 ln E, as of an effect."""
+    """A term that chance does not explain. p_value: of the whole table; gap_closed: on rows held out; proof: 2 ln E, as of an effect.
+
+    held_out: mean square misfit of the rows held out, without and with the term, in units of the noise; nan where no refit was made.
+    """
 
     fitted: FittedTerm
     p_value: float
     gap_closed: float
     proof: float
     alternatives: tuple[tuple[str, str], ...]
+    held_out: tuple[float, float]
 
     @property
     def holds(self) -> bool:
@@ -146,20 +152,33 @@ def terms_of(
     refits = not any(stores(name) for name in fit.effects)
     start = fit
 
+    asked: list[tuple[Scored, FittedTerm]] = []
+
+    def goal() -> float:
+        """Chi-square up to which a refit may still be told, or be a rival of what is."""
+        ended: dict[tuple[str, str], float] = {}
+        for scored, fitted in asked:
+            ended[scored.entry.pair] = min(fitted.fit.chi2, ended.get(scored.entry.pair, np.inf))
+        if len(ended) < MOST:
+            return np.inf
+        best = sorted(ended.values())
+        return best[MOST - 1] + FAR_FROM_TOLD * max(best[0] / max(table.rows, 1), 1.0)
+
     def ask(scored: Sequence[Scored]) -> list[tuple[Scored, FittedTerm]]:
         if problem.in_motion and scored:  # where each takes seconds
             say(f"fitting {len(scored)} terms: {', '.join(dict.fromkeys(s.entry.place for s in scored))}")
+        within = goal()
         one = lambda s: (
-            fitted_inside(problem, start, blank(s.entry, start, s.entry.columns.shape[1]))
+            fitted_inside(problem, start, blank(s.entry, start, s.entry.columns.shape[1]), goal=within)
             if refits
             else linear_only(problem, fit, s, table.noise)
         )
         return list(zip(scored, each(one, scored), strict=True))
 
-    asked = ask(lead)
+    asked += ask(lead)
     if refits and not problem.in_motion:
-        mirrored = [s for s in table.entries if _mirrored(s)]
-        sides = each(lambda s: _from_both_sides(problem, fit, s), mirrored)
+        mirrored, within = [s for s in table.entries if _mirrored(s)], goal()
+        sides = each(lambda s: _from_both_sides(problem, fit, s, within), mirrored)
         both = [(s, f) for s, found in zip(mirrored, sides, strict=True) for f in found]
         asked += [(replace(s, gain=max(fit.chi2 - f.fit.chi2, 0.0)), f) for s, f in both]
         # Where most rows agree with the model, those that do not show what is missing, not what it bent.
@@ -183,13 +202,12 @@ def terms_of(
         if min(f.fit.chi2 for _, f in asked) > 0.9 * best_so_far:
             break
     freedom = max(table.rows, 1)
-    count = lambda s: s.rank * float(np.log(freedom)) + _prior(s.entry)
     noise = max(min(f.fit.chi2 for _, f in asked) / freedom, 1.0)
-    cost = lambda item: item[1].fit.chi2 / noise + count(item[0])
+    cost = lambda item: item[1].fit.chi2 / noise + item[0].cost(freedom)
     asked.sort(key=cost)
-    if problem.in_motion:
-        asked = sorted([*asked, *_simpler(table, [s for s, _ in asked], ask)], key=cost)
-    elif refits:
+    if refits:
+        asked = sorted([*asked, *_simpler(table, asked, AS_GOOD * noise, ask)], key=cost)
+    if refits and not problem.in_motion:
         asked = sorted([*asked, *_other_edges(table, asked[0][0], [s for s, _ in asked], ask)], key=cost)
     if refits:
         asked = sorted([*asked, *_other_laws(table, asked[0], [s for s, _ in asked], ask)], key=cost)
@@ -225,11 +243,12 @@ def terms_of(
             left = mean_square(replace(seen.problem, used=None), seen.fit, split)
             scale = max(fitted.fit.chi2 / max(int(fit.used.sum()), 1), 1.0)
             one_by_one = bare, apart(with_coefficients(fitted))
-            shown, proof = judged((gap, left), int(split.held.sum()), one_by_one, len(fit.residual), scale)
+            held_out = gap, left
+            shown, proof = judged(held_out, int(split.held.sum()), one_by_one, len(fit.residual), scale)
         else:
             excess = max(fit.chi2 - table.rows, fitted.gain)
-            shown, proof = float(np.clip(fitted.gain / excess, 0.0, 1.0)), np.nan
-        found.append(Found(fitted, table.p_value(scored_), shown, proof, tuple(alike)))
+            shown, proof, held_out = float(np.clip(fitted.gain / excess, 0.0, 1.0)), np.nan, (np.nan, np.nan)
+        found.append(Found(fitted, table.p_value(scored_), shown, proof, tuple(alike), held_out))
     return tuple(found)
 
 
@@ -251,11 +270,12 @@ def _mirrored(found: Scored) -> bool:
     return quantity in UNEQUAL and side in ("supply", "return") and found.entry.law == "constant"
 
 
-def _from_both_sides(problem: Problem, fit: Fit, found: Scored) -> list[FittedTerm]:
+def _from_both_sides(problem: Problem, fit: Fit, found: Scored, goal: float) -> list[FittedTerm]:
     """A term fitted from an amount above 0 and one below."""
     amount = UNEQUAL[found.entry.place.partition(":")[0]]
     term = blank(found.entry, fit, 1)
-    return [fitted_inside(problem, fit, replace(term, coefficients=(side * amount,)), GLANCE) for side in (1.0, -1.0)]
+    begun = [replace(term, coefficients=(side * amount,)) for side in (1.0, -1.0)]
+    return [fitted_inside(problem, fit, own, GLANCE, goal) for own in begun]
 
 
 def _other_laws(
@@ -272,28 +292,20 @@ def _other_laws(
     return ask(list(chosen.values()))
 
 
-def _simpler(table: Table, asked: list[Scored], ask: Ask) -> list[tuple[Scored, FittedTerm]]:
-    """The best law of one coefficient of each pair whose smooth law is asked: beside a bent fit a curve takes up what a refit of the
-    parameters gives back."""
-    pairs = dict.fromkeys(s.entry.pair for s in asked if s.rank > 1)
-    known = {(s.entry.pair, s.entry.law) for s in asked}
+def _simpler(
+    table: Table, asked: list[tuple[Scored, FittedTerm]], near: float, ask: Ask
+) -> list[tuple[Scored, FittedTerm]]:
+    """The best two laws of one coefficient of each pair whose smooth law is asked: beside a bent fit a curve takes up what a refit of the
+    parameters gives back. Of static tests where the smooth law's chi-square is `near` the best."""
+    known = {(s.entry.pair, s.entry.law) for s, _ in asked}
+    best = min(f.fit.chi2 for _, f in asked)
+    pairs = dict.fromkeys(s.entry.pair for s, f in asked if s.rank > 1 and (s.entry.moving or f.fit.chi2 < best + near))
     new = []
     for pair in pairs:
-        own = [s for s in table.entries if s.entry.pair == pair and s.rank == 1]
-        best = max(own, key=lambda s: s.gain, default=None)
-        if best is not None and (pair, best.entry.law) not in known:
-            new.append(best)
+        own = sorted((s for s in table.entries if s.entry.pair == pair and s.rank == 1), key=lambda s: -s.gain)
+        laws = own[:1] if any(s.entry.moving for s in own) else own[:2]
+        new += [s for s in laws if (pair, s.entry.law) not in known]
     return ask(new)
-
-
-# Chi-square by which a pair that no known physics shows must do better than one that some does.
-UNHEARD_OF = 2.0
-
-
-def _prior(entry: Entry) -> float:
-    """Chi-square that an entry must gain beyond what its coefficients cost."""
-    unheard_of = UNHEARD_OF if known_physics(entry.place, entry.variable, moving=entry.moving) is None else 0.0
-    return unheard_of + place_of(entry.place, moving=entry.moving).prior
 
 
 def _other_edges(table: Table, best: Scored, asked: list[Scored], ask: Ask) -> list[tuple[Scored, FittedTerm]]:

@@ -15,7 +15,7 @@ from thermohyd.identify.bench.record import BenchRecord
 from thermohyd.identify.bench.test_record import TestRecord
 from thermohyd.identify.model.learned_terms import ABSOLUTE, LearnedTerm, term_values
 from thermohyd.identify.model.places import place_of, read_as
-from thermohyd.identify.model.term_variables import THINNING, States, thinning
+from thermohyd.identify.model.term_variables import States, of_the_oil
 from thermohyd.identify.model.typed_terms import TypedTerm, entry_shifts, shift_of
 from thermohyd.identify.noise.correlation import NoiseCorrelation
 from thermohyd.identify.noise.level import ChannelNoise
@@ -200,7 +200,7 @@ class StaticReadings:
         assert isinstance(found, Evaluated)
         states = {
             test: {name: value[: self.tests[test].rows] for name, value in own.items()}
-            | {THINNING: thinning(self.record.oil, self.tests[test].temperature)}
+            | of_the_oil(self.record.oil, self.tests[test].temperature)
             for test, own in found.states.items()
         }
         return found.whole[2], states

@@ -1,7 +1,7 @@
 """Where a typed term may act: the places of the circuit, of static tests and in motion. Data: a place is one entry. No JAX."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from thermohyd.identify.bench.test_record import TestRecord
 
@@ -10,16 +10,18 @@ FLOW_READINGS = ("leakage_flow", "flow")
 PRESSURE_READINGS = ("load_pressure", "pressure_a", "pressure_b")
 EDGES = ("pa", "pb", "at", "bt")
 SUPPLY, RETURN = EDGES[:2], EDGES[2:]
+AT_PORT = {"a": ("pa", "at"), "b": ("pb", "bt")}
 
 
 @dataclass(frozen=True)
 class Place:
     """Where a term acts. entries: of `library_rows.ENTRIES`, times these signs; readings: {channel: sign} of what is read.
 
-    unit: of a shift, "1" for a share. local: whose pressure is the local one: "a", "b", "a-b", "supply", "return". noun: what enters or
-    shifts, as words say it. asked: variables that it is asked with, all where empty: another place says the rest better.
-    followed: variables that it may go with from place to place (law "local"), in static tests.
-    prior: chi-square by which it must do better than a simpler place: of some edges and not all, of two pressures and not one.
+    unit: of a shift, "1" for a share. local: whose pressure is the local one: "a", "b", "a-b", "supply", "return", or of what lies at
+    both ports "each" its own. noun: what enters or shifts, as words say it. asked: variables that it is asked with, all where
+    empty: another place says the rest better. followed: variables that it may go with from place to place (law "local"), in
+    static tests. prior: chi-square by which it must do better than a simpler place: of some edges and not all, of two pressures and
+    not one. warms: its shift is of a temperature [K], whose entries are factors on the viscosity.
     moving: of `term_variables.MOVED`, times these signs, in tests in motion; asked_moving: the variables it is asked with there.
     """
 
@@ -34,11 +36,22 @@ class Place:
     prior: float = 0.0
     moving: Mapping[str, float] = field(default_factory=dict)
     asked_moving: tuple[str, ...] = ()
+    warms: bool = False
 
     @property
     def leaks(self) -> bool:
         """Whether what it lets in or out may pass a gap."""
         return self.name.startswith("flow_")
+
+    @property
+    def parts(self) -> tuple["Place", ...]:
+        """Of static tests: what it shifts at port A and at port B, where each goes with its own pressure; else itself."""
+        if self.local != "each" or not self.entries:
+            return (self,)
+        at = {
+            port: {e: sign for e, sign in self.entries.items() if e.split("_")[-1] in AT_PORT[port]} for port in AT_PORT
+        }
+        return tuple(replace(self, local=port, entries=entries) for port, entries in at.items())
 
     @property
     def static(self) -> bool:
@@ -58,9 +71,31 @@ def _edge_places(quantity: str, unit: str, noun: str) -> list[Place]:
     parts = {"": (EDGES, "all edges"), ":supply": (SUPPLY, "the supply edges"), ":return": (RETURN, "the return edges")}
     parts |= {f":{edge}": ((edge,), f"the edge {_edge_words(edge)}") for edge in EDGES}
     return [
-        Place(f"{quantity}{part}", unit, f"{noun} of {words}", _of_edges(quantity, edges), prior=_PRIOR[len(edges)])
+        Place(f"{quantity}{part}", unit, f"{noun} {words}", _of_edges(quantity, edges), prior=_PRIOR[len(edges)])
         for part, (edges, words) in parts.items()
     ]
+
+
+def _edge_flows() -> list[Place]:
+    """A factor on what an edge lets through: of all edges also from spot to spot, as a slot that is not as wide everywhere does."""
+    whole, *parts = _edge_places("edge_flow", "1", "a factor on the flow of")
+    return [replace(whole, followed=("opening",)), *parts]
+
+
+# What warms oil on its way: what it has passed before, and what it flows beside.
+_WARMS_OIL = ("constant", "pressure", "pressure_drop", "flow", "temperature", "time")
+
+
+def _oil_temperatures() -> list[Place]:
+    """The temperature of the oil in the valve; and at some edges, where it shows in the viscosity, with the pressure of each one's port."""
+    alone = {edge: port for port, edges in AT_PORT.items() for edge in edges}
+    whole, *parts = _edge_places("oil_temperature", "K", "a warming of the oil at")
+    found = [replace(whole, noun="a warming of the oil in the valve", entries={"temperature": 1.0}, asked=_WARMS_OIL)]
+    for place in parts:
+        part = place.name.partition(":")[2]
+        entries = {entry.replace("oil_temperature", "viscosity"): sign for entry, sign in place.entries.items()}
+        found.append(replace(place, local=alone.get(part, "each"), entries=entries, asked=_WARMS_OIL, warms=True))
+    return found
 
 
 def _edge_words(edge: str) -> str:
@@ -119,10 +154,11 @@ PLACES: dict[str, Place] = {
               {"supply_pressure": -1.0, "return_pressure": 1.0}, prior=1.0),
         Place("viscosity", "1", "a factor on the oil's viscosity", {"viscosity": 1.0}, moving={"viscosity": 1.0},
               asked_moving=("constant", "temperature", "load", "time")),
-        *_edge_places("edge_flow", "1", "a factor on the flow"),
-        *_edge_places("clearance", "m", "a change of the clearance"),
-        *_edge_places("underlap", "m", "a change of the underlap"),
-        *_edge_places("edge_radius", "m", "a change of the edge radius"),
+        *_oil_temperatures(),
+        *_edge_flows(),
+        *_edge_places("clearance", "m", "a change of the clearance of"),
+        *_edge_places("underlap", "m", "a change of the underlap of"),
+        *_edge_places("edge_radius", "m", "a change of the edge radius of"),
         *_MOVING,
     )
 }  # fmt: skip

@@ -41,7 +41,7 @@ from .pieces import PLACE, predicted_in_pieces
 from .places import place_of, read_as
 from .predict_motion import as_read, as_static, require_actuator, signal_of_reading, unit_of
 from .simulation_output import note_lines, simulation_files, simulation_json, simulation_table, spare_the_record
-from .term_variables import BLOCKED, THINNING, States, thinning
+from .term_variables import BLOCKED, States, of_the_oil
 from .typed_terms import TypedTerm, entry_shifts, shift_of
 
 
@@ -293,7 +293,7 @@ def _with_typed_terms(
     if not terms:
         return ask({}, channels), {}
     wanted = ("leakage_flow", "supply_flow", "pressure_a", "pressure_b") if test.name in BLOCKED else ("flow",)
-    thin = {THINNING: thinning(model.oil, test.temperature)}
+    thin = of_the_oil(model.oil, test.temperature)
     states_of = lambda more: {test.name: {n: found[0] for n, found in ask(more, wanted).items()} | thin}
     states = states_of({})
     for _ in range(PASSES):

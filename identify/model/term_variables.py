@@ -15,8 +15,9 @@ from .places import FLOW_READINGS, Place, read_as
 # {what its rows could read: model's values (rows,), SI} of each test: pressures of the ports, flows.
 States = Mapping[str, Mapping[str, np.ndarray]]
 BLOCKED = ("leakage", "pressure_gain")
-# Beside what a test's rows could read: how much more the oil lets through a gap at a row's temperature than at 40 degC.
-THINNING = "thinning"
+# Beside what a test's rows could read: how much more the oil lets through a gap at a row's temperature than at 40 degC, and by which
+# share its viscosity falls for each K there.
+THINNING, THINS = "thinning", "thins"
 REFERENCE_TEMPERATURE = 313.15  # K; where a term that follows the temperature is 0
 
 
@@ -27,6 +28,12 @@ def thinning(oil: OilDefinition, temperature: np.ndarray) -> np.ndarray:
         return kinematic_viscosity(oil, at) * (1.0 - oil.expansion * (at - STATED_AT))
 
     return dynamic(np.full(1, REFERENCE_TEMPERATURE)) / dynamic(np.asarray(temperature, dtype=float))
+
+
+def of_the_oil(oil: OilDefinition, temperature: np.ndarray) -> dict[str, np.ndarray]:
+    """{`THINNING`: mu(40 degC)/mu(T), `THINS`: -d ln mu/dT [1/K]} (rows,), at zero gauge pressure."""
+    near = [np.log(thinning(oil, temperature + step)) for step in (-0.5, 0.5)]
+    return {THINNING: thinning(oil, temperature), THINS: near[1] - near[0]}
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ import numpy as np
 
 from .places import PLACES, Place, place_of
 from .term_variables import VARIABLES, asked_with
-from .typed_terms import LAWS, TypedTerm, coefficients_of
+from .typed_terms import LAWS, LAWS_IN_MOTION, TypedTerm, coefficients_of
 
 
 KEYS = (
@@ -26,6 +26,7 @@ def typed_json(term: TypedTerm) -> dict[str, Any]:
         "proportional": "c0 v",
         "laminar": "c0 v mu(40 degC)/mu(T), mu the oil's viscosity",
         "square": "c0 v |v|",
+        "cube": "c0 v^3",
         "root": "c0 sign(v) sqrt|v|",
     }[term.law]
     return {
@@ -66,8 +67,10 @@ def typed_term(
             raise fail(f'{where} "{key}" must be one of {", ".join(options)}')
     if not asked_with(place, VARIABLES[entry["variable"]], moving=moving):
         raise fail(f"{where}: a term of {place.name} does not go with {entry['variable']}")
-    if entry["law"] == "local" and (moving or entry["variable"] not in place.followed):
-        raise fail(f"{where}: the law local is one of static tests, and none of {place.name} with {entry['variable']}")
+    if moving and entry["law"] not in LAWS_IN_MOTION:
+        raise fail(f"{where}: the law {entry['law']} is one of static tests")
+    if entry["law"] == "local" and (entry["variable"] not in place.followed):
+        raise fail(f"{where}: the law local is none of {place.name} with {entry['variable']}")
     coefficients, ends = entry.get("coefficients"), entry.get("range")
     count = coefficients_of(entry["law"])
     if not isinstance(coefficients, list) or len(coefficients) != count:

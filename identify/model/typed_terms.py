@@ -14,12 +14,13 @@ from numpy.polynomial import legendre
 from thermohyd.identify.bench.test_record import TestRecord
 
 from .places import Place, place_of
-from .term_variables import THINNING, VARIABLES, At, States
+from .term_variables import THINNING, THINS, VARIABLES, At, States
 
 
-POWERS = {"proportional": 1.0, "laminar": 1.0, "square": 2.0, "root": 0.5}
+POWERS = {"proportional": 1.0, "laminar": 1.0, "square": 2.0, "cube": 3.0, "root": 0.5}
 CURVES = ("smooth", "local")  # of several coefficients, all in the place's own unit
 LAWS = ("constant", *POWERS, *CURVES)
+LAWS_IN_MOTION = ("constant", "proportional", "square", "root", "smooth")
 DEGREE = 3  # of the smooth law: a slope, a bend, and one turn
 KNOTS = 24  # of the local law, evenly from end to end: a dozen waves over a stroke
 
@@ -65,8 +66,8 @@ def unit_of(place: str, variable: str, law: str) -> str:
     own, of = place_of(place).unit, VARIABLES[variable].unit
     if law == "constant" or law in CURVES or of == "1":
         return own
-    if variable == "flow" and own == "m3/s":
-        own, of = "1", "1"
+    if variable == "flow" and own == "m3/s" and law == "proportional":
+        return "1"
     if variable == "reading_rate":
         return "s"
     if own == of and law == "proportional":
@@ -74,7 +75,9 @@ def unit_of(place: str, variable: str, law: str) -> str:
     if of == f"{own}/s" and law == "proportional":
         return "s"
     whole = f"({of})" if "/" in of else of
-    power = {"proportional": whole, "laminar": whole, "square": f"{whole}^2", "root": f"sqrt({of})"}[law]
+    power = {"square": f"{whole}^2", "cube": f"{whole}^3", "root": f"sqrt({of})"}.get(law, whole)
+    if own == of:
+        return {"square": f"1/{whole}", "cube": f"1/{whole}^2", "root": f"sqrt({of})"}[law]
     if (own, variable, law) == ("m3/s", "pressure_rate", "proportional"):
         return "m3/Pa"
     return f"m3/(s {power})" if own == "m3/s" and law != "root" else f"{own}/{power}"
@@ -147,8 +150,10 @@ def entry_shifts(term: TypedTerm, test: TestRecord, states: States) -> dict[str,
     the edges do. Only one that drains the more the higher the pressure, which alone has one balance.
     """
     place = place_of(term.place)
-    shift = shift_of(term, test, states)
-    found = {entry: sign * shift for entry, sign in place.entries.items()}
+    shifts = [(part, shift_of(term, test, states, part)) for part in place.parts]
+    if place.warms:
+        shifts = [(part, np.expm1(-thins(test, states) * shift)) for part, shift in shifts]
+    found = {entry: sign * shift for part, shift in shifts for entry, sign in part.entries.items()}
     if term.variable not in OF_PORTS or not place.entries.keys() & FLOWS.keys():
         return found
     values = values_of(term.variable, place, test, states, term.null_bias)
@@ -197,7 +202,12 @@ def thinning_of(test: TestRecord, states: States) -> np.ndarray:
     return states[test.name].get(THINNING, np.ones(test.rows))
 
 
-def shift_of(term: TypedTerm, test: TestRecord, states: States) -> np.ndarray:
-    """What the term shifts its place by at each row of a test (rows,), SI."""
-    values = values_of(term.variable, place_of(term.place), test, states, term.null_bias)
+def thins(test: TestRecord, states: States) -> np.ndarray:
+    """-d ln mu/dT [1/K] at a test's rows (rows,), at no pressure."""
+    return states[test.name].get(THINS, np.zeros(test.rows))
+
+
+def shift_of(term: TypedTerm, test: TestRecord, states: States, part: Place | None = None) -> np.ndarray:
+    """What the term shifts its place by, or a part of it, at each row of a test (rows,), SI."""
+    values = values_of(term.variable, part or place_of(term.place), test, states, term.null_bias)
     return shapes_at(term.law, values, term.low, term.high, thinning_of(test, states)) @ np.asarray(term.coefficients)

@@ -9,10 +9,15 @@ from thermohyd.identify.model.places import OF_READING
 class Known:
     """What physics is known to show as terms of these places and variables, and what would confirm it on the bench."""
 
-    places: tuple[str, ...]  # without their edges
+    places: tuple[str, ...]  # without their edges, but of oil that is warmer at some of them ("oil_temperature:")
     variables: tuple[str, ...]
     does: str
     confirm: str
+    laws: tuple[str, ...] = ()  # by which it usually goes, empty where none is more usual
+
+    def usual(self, law: str) -> bool:
+        """Whether it usually goes by this law."""
+        return not self.laws or law in self.laws
 
 
 # Tests in motion.
@@ -191,10 +196,25 @@ KNOWN = (
         "check the transducer against a dial gauge",
     ),
     Known(
-        ("supply_pressure", "return_pressure", "pressure_in_passages"),
+        ("supply_pressure",),
         ("flow",),
-        "what lines and passages between gauge and edge lose",
+        "what a pressure control that droops, or the line between gauge and valve, loses",
         "put the gauge at the valve, or read again at another flow",
+        ("proportional",),
+    ),
+    Known(
+        ("return_pressure",),
+        ("flow",),
+        "what a filter, a cooler or a hose in the return line builds up",
+        "put the return's gauge at the valve, or read again at another flow",
+        ("square",),
+    ),
+    Known(
+        ("pressure_in_passages",),
+        ("flow",),
+        "what drillings and bends between the gauges and the edges lose",
+        "read both port pressures at a large flow, or read again at another one",
+        ("square",),
     ),
     Known(
         ("viscosity",),
@@ -203,10 +223,34 @@ KNOWN = (
         "measure a sample of the oil at two temperatures",
     ),
     Known(
+        ("oil_temperature",),
+        ("constant", "temperature", "time"),
+        "what a thermometer that is off or sits far from the valve, or a body that has not warmed through, does",
+        "put a thermometer into the valve's return port, and wait at one temperature",
+    ),
+    Known(
+        ("oil_temperature",),
+        ("pressure", "pressure_drop", "flow"),
+        "what oil that keeps its throttling heat does",
+        "put a thermometer into the return port, and repeat with colder oil",
+    ),
+    Known(
         ("viscosity",),
-        ("pressure", "pressure_drop", "flow", "load"),
+        ("pressure", "pressure_drop", "flow"),
         "what oil that thickens under pressure, or keeps its throttling heat, does",
         "repeat at another supply pressure",
+    ),
+    Known(
+        ("oil_temperature:",),
+        ("pressure_drop",),
+        "what oil that keeps the heat of the edge before it does",
+        "repeat with colder oil and at another supply pressure: the heat goes with the pressure drop",
+    ),
+    Known(
+        ("clearance",),
+        ("time",),
+        "what silt that settles in the gap does",
+        "hold the spool still and watch the leakage fall, then move it to and fro",
     ),
     Known(
         ("clearance",),
@@ -227,9 +271,9 @@ KNOWN = (
         "read both port pressures, or inspect the edge",
     ),
     Known(
-        _LENGTHS,
+        ("clearance", "edge_flow"),
         ("position", "opening"),
-        "what an edge that is no longer straight, or an eccentric spool, does",
+        "what an eccentric spool, a slot that narrows or an edge that is no longer straight does",
         "inspect the lands",
     ),
     Known((OF_READING,), ("constant",), "what an instrument's zero does", "read the instrument with its line shut"),
@@ -254,9 +298,10 @@ KNOWN = (
 )
 
 
-def known_physics(place: str, variable: str, *, moving: bool = False) -> Known | None:
-    """The first entry of `KNOWN` for a pair of place and variable, or of `KNOWN_IN_MOTION`."""
-    family = OF_READING if place.startswith(OF_READING) else place.split(":")[0]
-    return next(
-        (k for k in (KNOWN_IN_MOTION if moving else KNOWN) if family in k.places and variable in k.variables), None
-    )
+def known_physics(place: str, variable: str, law: str = "", *, moving: bool = False) -> Known | None:
+    """The entry of `KNOWN` for a pair of place and variable, or of `KNOWN_IN_MOTION`: the first that usually goes by the law, else the
+    first."""
+    apart = (OF_READING, "oil_temperature:")
+    family = next((start for start in apart if place.startswith(start)), place.split(":")[0])
+    found = [k for k in (KNOWN_IN_MOTION if moving else KNOWN) if family in k.places and variable in k.variables]
+    return next((k for k in found if k.usual(law)), found[0] if found else None)

@@ -25,6 +25,7 @@ LAW_WORDS = {
     "proportional": "in proportion to",
     "laminar": "in proportion to",
     "square": "with the square of",
+    "cube": "with the cube of",
     "root": "with the square root of",
 }
 
@@ -32,9 +33,12 @@ LAW_WORDS = {
 def law_words(term: TypedTerm) -> str:
     """ "in proportion to dp_A/dt"."""
     place, about = place_of(term.place, moving=term.moving), VARIABLES[term.variable]
+    # Of a port the drop is that from the supply to its own pressure.
+    in_full = term.moving or (term.variable == "pressure_drop" and place.local in ("a", "b", "each"))
+    words = about.moving if in_full else about.words
     if term.law == "constant":
-        return about.moving if term.moving else about.words
-    variable = (about.moving if term.moving else about.words).format(p=SYMBOLS[place.local])
+        return words
+    variable = words.format(p=SYMBOLS[place.local])
     if term.law == "smooth":
         return f"that varies smoothly with {variable}"
     if term.law == "local":
@@ -67,15 +71,15 @@ def amount_words(value: float, std: float | None, unit: str) -> str:
 def term_sentence(term: TypedTerm, value: float, std: float | None) -> str:
     """Place, law, amount, and what physics does that: no capital, no full stop."""
     place = place_of(term.place)
-    known = known_physics(term.place, term.variable, moving=term.moving)
+    known = known_physics(term.place, term.variable, term.law, moving=term.moving)
     size = amount_words(value, std, term.unit)
     how = {"smooth": "; its spread is ", "local": "; its spread about a straight line is "}.get(term.law, ", ")
     return f"{place.noun} {law_words(term)}{how}{size}: {UNKNOWN if known is None else known.does}"
 
 
-def confirmed_by(place: str, variable: str, *, moving: bool = False) -> str:
+def confirmed_by(place: str, variable: str, law: str, *, moving: bool = False) -> str:
     """What would confirm a term on the bench."""
-    known = known_physics(place, variable, moving=moving)
+    known = known_physics(place, variable, law, moving=moving)
     return ASK if known is None else known.confirm
 
 

@@ -28,12 +28,13 @@ from .effect import (
 # Edges in the order of their entries: two of the supply, two of the return.
 EDGES = ("pa", "pb", "at", "bt")
 _LENGTHS = ("edge_radius", "clearance", "underlap")
-# What can be shifted: Pa, a share, m3/s, m; `edge_flow` a share of what the slots of an edge let through. A flow into a port may
+# What can be shifted: Pa, a share, m3/s, m; `edge_flow` a share of what the slots of an edge let through. Viscosity of all the oil,
+# and of what passes one edge. A flow into a port may
 # follow the port's own pressure, which `..._per_pressure` [m3/(s Pa)] says: held at what the pressure was, a flow that
 # drains a blocked port would overshoot.
 SHIFTS = (
     "return_pressure", "viscosity", "flow_into_a", "flow_into_b", "flow_into_a_per_pressure", "flow_into_b_per_pressure",
-    *(f"{quantity}_{edge}" for quantity in (*_LENGTHS, "edge_flow") for edge in EDGES),
+    *(f"{quantity}_{edge}" for quantity in (*_LENGTHS, "edge_flow", "viscosity") for edge in EDGES),
 )  # fmt: skip
 
 
@@ -64,14 +65,18 @@ class RowShifts(AbstractConditionEffect, AbstractOilEffect, AbstractEdgeEffect, 
     def _shifted(self, edge: MeteringEdge, names: tuple[str, ...]) -> MeteringEdge:
         by = lambda quantity: jnp.stack([self.of(f"{quantity}_{name}") for name in names])
         return eqx.tree_at(
-            lambda e: (e.radius, e.clearance, e.underlap, e.slot_width),
+            lambda e: (e.radius, e.clearance, e.underlap, e.slot_width, e.viscosity_factor),
             edge,
             (
                 jnp.maximum(edge.radius + by("edge_radius"), 0.0),
                 jnp.maximum(edge.clearance + by("clearance"), SMALLEST_CLEARANCE),
                 edge.underlap + by("underlap"),
                 edge.slot_width * (1.0 + by("edge_flow")),
+                1.0 + by("viscosity")
+                if edge.viscosity_factor is None
+                else edge.viscosity_factor * (1.0 + by("viscosity")),
             ),
+            is_leaf=lambda leaf: leaf is None,
         )
 
     def inflow(self, pressure: Float[Array, "2 rows"], oil: Oil, conditions: Conditions) -> Float[Array, "2 #rows"]:

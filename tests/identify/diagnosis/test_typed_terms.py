@@ -5,15 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from helpers.linear_fit import linear_fit, linear_problem
+from helpers.small_diagnosis import small_case
 
 from thermohyd.identify.diagnosis import typed_terms
 from thermohyd.identify.diagnosis.held_out import split_rows
 from thermohyd.identify.diagnosis.max_t import MaxT
-from thermohyd.identify.diagnosis.term_fit import FittedTerm
-from thermohyd.identify.diagnosis.term_table import Entry, Scored, Table
-from thermohyd.identify.diagnosis.typed_terms import UNHEARD_OF, _prior, judged, leading, told_apart
+from thermohyd.identify.diagnosis.term_fit import FittedTerm, columns_of
+from thermohyd.identify.diagnosis.term_table import UNHEARD_OF, UNUSUAL, Entry, Scored, Table, opened, prior_of
+from thermohyd.identify.diagnosis.typed_terms import judged, leading, told_apart
 from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.model.places import place_of
+from thermohyd.identify.model.typed_terms import TypedTerm
 from thermohyd.identify.noise.correlation import NoiseCorrelation
 
 
@@ -108,7 +110,35 @@ def test_a_gap_that_the_rows_held_out_do_not_show_is_that_of_the_proofs_rows(on_
 
 def test_what_known_physics_does_comes_first_among_equals():
     known, unheard = entry("viscosity", "constant"), entry("viscosity", "rate")
-    assert _prior(known) == 0.0
-    assert _prior(unheard) == UNHEARD_OF
+    assert prior_of(known) == 0.0
+    assert prior_of(unheard) == UNHEARD_OF
+    # By another law than it usually goes.
+    loss = entry("return_pressure", "flow")
+    assert (prior_of(replace(loss, law="square")), prior_of(loss)) == (0.0, UNUSUAL)
     # Of one edge beside that: what all edges do is simpler.
-    assert _prior(entry("edge_radius:pa", "rate")) == UNHEARD_OF + place_of("edge_radius:pa").prior
+    assert prior_of(entry("edge_radius:pa", "rate")) == UNHEARD_OF + place_of("edge_radius:pa").prior
+
+
+@pytest.mark.parametrize(
+    ("place", "variable", "law", "coefficients"),
+    [
+        ("oil_temperature:return", "pressure_drop", "proportional", (4e-7,)),
+        ("oil_temperature:pa", "pressure_drop", "smooth", (1.0, 0.5, -0.3, 0.2)),
+        ("oil_temperature", "constant", "constant", (2.0,)),
+    ],
+)
+def test_columns_of_a_warming_are_the_derivatives_of_the_residual(place, variable, law, coefficients):
+    case = small_case("pilot")
+    problem = opened(case.problem, case.base)
+    term = TypedTerm(place, variable, law, coefficients, *((1.0, 1.0) if law == "constant" else (0.0, 210e5)))
+    at = lambda own: problem.with_terms(replace(term, coefficients=own)).evaluate(case.base.values, ())
+    columns = np.zeros(0)
+    for _ in range(6):  # a variable made of the model's own pressures is that of the last round
+        columns, states = columns_of(problem.with_terms(term), at(coefficients), term)
+        problem = problem.with_states(states)
+    for i, own in enumerate(coefficients):
+        step = 1e-3 * abs(own)
+        moved = [tuple(c + sign * step * (k == i) for k, c in enumerate(coefficients)) for sign in (1.0, -1.0)]
+        wanted = (at(moved[0]).residual - at(moved[1]).residual) / (2.0 * step)
+        assert np.abs(wanted).max() > 0.0
+        np.testing.assert_allclose(columns[:, i], wanted, atol=2e-3 * np.abs(wanted).max())

@@ -19,8 +19,9 @@ from thermohyd.identify.model import pieces, predict
 from thermohyd.identify.model.learned_terms import LearnedTerm
 from thermohyd.identify.model.model import Model
 from thermohyd.identify.model.predict import as_static, predict_test
+from thermohyd.identify.model.term_variables import of_the_oil, thinning
 from thermohyd.identify.model.typed_term_file import typed_json, typed_term
-from thermohyd.identify.model.typed_terms import KNOTS, TypedTerm, basis, slope_of_law
+from thermohyd.identify.model.typed_terms import KNOTS, TypedTerm, basis, entry_shifts, slope_of_law
 from thermohyd.identify.reduction.reduce import smooth_sweep
 from thermohyd.oil_definition import OilDefinition
 
@@ -218,12 +219,35 @@ def test_a_local_term_shifts_the_position_from_spot_to_spot():
     )
 
 
+def test_warmer_oil_in_the_valve_is_what_a_thermometer_that_is_off_does():
+    test = sweep()
+    term = TypedTerm("oil_temperature", "constant", "constant", (3.0,), 1.0, 1.0)
+    found, _ = leakage(model_of(learned=(term,)), test)
+    np.testing.assert_allclose(found, by_reference(test, {"temperature_offset": 3.0}), rtol=1e-9)
+
+
+def test_oil_that_is_warmer_at_an_edge_is_thinner_there_by_its_own_law():
+    test = sweep("pressure_gain")
+    term = TypedTerm("oil_temperature:return", "pressure_drop", "proportional", (2e-7,), 0.0, 210e5)
+    ports = {port: np.linspace(0.0, 60e5, test.rows) for port in ("pressure_a", "pressure_b")}
+    ports["pressure_b"] = ports["pressure_b"][::-1]
+    oil = of_the_oil(model_of().oil, test.temperature)
+    found = entry_shifts(term, test, {"pressure_gain": ports | oil})
+    assert set(found) == {"viscosity_at", "viscosity_bt"}
+    for entry, port in (("viscosity_at", "pressure_a"), ("viscosity_bt", "pressure_b")):
+        warmer = 2e-7 * (test.supply_pressure - ports[port])  # K, up to 2
+        thin = lambda temperature: 1.0 / thinning(model_of().oil, temperature)
+        wanted = thin(test.temperature + warmer) / thin(test.temperature) - 1.0
+        assert wanted.min() < -0.03
+        np.testing.assert_allclose(found[entry], wanted, rtol=0.05)  # the oil's own slope falls as it warms
+
+
 def test_a_local_term_reads_back_and_goes_with_the_position_alone():
     fail, number = BenchInputError, lambda value, words: float(value)
     entry = json.loads(json.dumps(typed_json(WOUND)))
     assert typed_term(entry, 1, (), fail, number) == WOUND
     with pytest.raises(
-        BenchInputError, match="the law local is one of static tests, and none of position with opening"
+        BenchInputError, match="the law local is none of position with opening"
     ):
         typed_term(entry | {"variable": "opening"}, 1, (), fail, number)
     with pytest.raises(BenchInputError, match="the law local is one of static tests"):
