@@ -12,7 +12,7 @@ from scipy.special import fdtrc
 
 from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.fitting.problem_fit import Fit
-from thermohyd.identify.model.places import Place, place_of, places_for, places_in_motion, read_as
+from thermohyd.identify.model.places import OF_READING, Place, place_of, places_for, places_in_motion, read_as
 from thermohyd.identify.model.term_variables import VARIABLES, States, asked_with
 from thermohyd.identify.model.typed_terms import KNOTS, TypedTerm, shapes_at, thinning_of, thins, values_of
 from thermohyd.identify.report.known_physics import known_physics
@@ -102,7 +102,8 @@ def _laws(problem: Problem, fit: Fit, place: Place, slopes: list[np.ndarray], st
             continue
         levels = 1 if constant else len(np.unique(np.round((seen - low) / (high - low), 2)))
         laws = ["constant"] if constant else ["proportional"]
-        laws += ["square", "cube", "root"] if variable.powers else []
+        laws += ["square", "root"] if variable.powers else []
+        laws += ["cube"] if variable.powers and place.name.startswith(OF_READING) else []
         laws += (
             ["laminar"]
             if place.leaks and variable.unit == "Pa" and np.ptp(thin[shown]) > VARIES * thin[shown].mean()

@@ -168,6 +168,9 @@ def terms_of(
         if problem.in_motion and scored:  # where each takes seconds
             say(f"fitting {len(scored)} terms: {', '.join(dict.fromkeys(s.entry.place for s in scored))}")
         within = goal()
+        # One that has come within reach is not asked again from elsewhere: it ends where it did.
+        there = {(s.entry.pair, s.entry.law) for s, f in asked if f.fit.chi2 < within < np.inf}
+        scored = [s for s in scored if (s.entry.pair, s.entry.law) not in there]
         one = lambda s: (
             fitted_inside(problem, start, blank(s.entry, start, s.entry.columns.shape[1]), goal=within)
             if refits
@@ -219,37 +222,49 @@ def terms_of(
         best.setdefault(item[0].entry.pair, item)
     told = list(best.values())
     distinct = [told[i] for i in told_apart([(s.rank, f.fit.chi2) for s, f in told], noise)]
-    chosen = plain.with_rows(~split.held)
-    without = chosen.fit(fit.effects, fit.values)
-    gap = mean_square(plain, without, split)
-    parts = parts_left_out(problem.tests)
-    apart = lambda f: float(np.sum(predicted_apart(f, parts) ** 2))
-    bare = apart(fit) if refits else np.nan
+    shown = _on_rows_apart(plain, problem, fit, [fitted for _, fitted in distinct[:MOST]], split, table)
     found = []
-    for scored_, fitted in distinct[:MOST]:
+    for (scored, fitted), (gap_closed, proof, held_out) in zip(distinct, shown, strict=False):
         near = [
             other
             for other, own in told
-            if other is not scored_ and cost((other, own)) - cost((scored_, fitted)) < AS_GOOD
+            if other is not scored and cost((other, own)) - cost((scored, fitted)) < AS_GOOD
         ]
         # And what no reading tells from these, or from the term itself.
-        same = (pair for s in (scored_, *near) for pair in _same_direction(table, s) if pair not in best)
-        alike = dict.fromkeys([*(other.entry.pair for other in near), *same])
-        if refits:
-            kept = problem.with_rows(~split.held)
-            # From where all rows led: beside the bent model the same term may end elsewhere.
-            begin = straightened(kept, without, fitted.fit)
-            seen = fitted_inside(kept, begin, fitted.term, PATIENT)
-            left = mean_square(replace(seen.problem, used=None), seen.fit, split)
-            scale = max(fitted.fit.chi2 / max(int(fit.used.sum()), 1), 1.0)
-            one_by_one = bare, apart(with_coefficients(fitted))
-            held_out = gap, left
-            shown, proof = judged(held_out, int(split.held.sum()), one_by_one, len(fit.residual), scale)
-        else:
-            excess = max(fit.chi2 - table.rows, fitted.gain)
-            shown, proof, held_out = float(np.clip(fitted.gain / excess, 0.0, 1.0)), np.nan, (np.nan, np.nan)
-        found.append(Found(fitted, table.p_value(scored_), shown, proof, tuple(alike), held_out))
+        same = (pair for s in (scored, *near) for pair in _same_direction(table, s) if pair not in best)
+        alike = tuple(dict.fromkeys([*(other.entry.pair for other in near), *same]))
+        found.append(Found(fitted, table.p_value(scored), gap_closed, proof, alike, held_out))
     return tuple(found)
+
+
+def _on_rows_apart(
+    plain: Problem, problem: Problem, fit: Fit, fitted: Sequence[FittedTerm], split: Split, table: Table
+) -> list[tuple[float, float, tuple[float, float]]]:
+    """(gap closed, proof, mean square misfit without and with the term) of each term, on rows that it was not fitted to.
+
+    plain, problem: without and with places. Where no refit was made: what the linear step closes, and no proof.
+    """
+    if any(stores(name) for name in fit.effects):
+        excess = [max(fit.chi2 - table.rows, one.gain) for one in fitted]
+        return [
+            (float(np.clip(one.gain / all_, 0.0, 1.0)), np.nan, (np.nan, np.nan))
+            for one, all_ in zip(fitted, excess, strict=True)
+        ]
+    without = plain.with_rows(~split.held).fit(fit.effects, fit.values)
+    gap, kept = mean_square(plain, without, split), problem.with_rows(~split.held)
+    parts = parts_left_out(problem.tests)
+    apart = lambda f: float(np.sum(predicted_apart(f, parts) ** 2))
+    bare = apart(fit)
+
+    def shown(one: FittedTerm) -> tuple[float, float, tuple[float, float]]:
+        # From where all rows led: beside the bent model the same term may end elsewhere.
+        seen = fitted_inside(kept, straightened(kept, without, one.fit), one.term, PATIENT)
+        held_out = gap, mean_square(replace(seen.problem, used=None), seen.fit, split)
+        scale = max(one.fit.chi2 / max(int(fit.used.sum()), 1), 1.0)
+        one_by_one = bare, apart(with_coefficients(one))
+        return *judged(held_out, int(split.held.sum()), one_by_one, len(fit.residual), scale), held_out
+
+    return each(shown, fitted)
 
 
 def told_apart(ended: Sequence[tuple[int, float]], noise: float) -> list[int]:
@@ -281,10 +296,13 @@ def _from_both_sides(problem: Problem, fit: Fit, found: Scored, goal: float) -> 
 def _other_laws(
     table: Table, best: tuple[Scored, FittedTerm], asked: list[Scored], ask: Ask
 ) -> list[tuple[Scored, FittedTerm]]:
-    """The other laws of the leading pair, and the simple ones of its place, fitted too: a linear score may have preferred the wrong one."""
+    """The other laws of the leading pair, and the simple ones of its place, fitted too: a linear score may have preferred the wrong one.
+
+    Where what leads differs from spot to spot, so do its rivals: no smoother one comes near it.
+    """
     pair, known = best[0].entry.pair, {(s.entry.pair, s.entry.law) for s in asked}
     new = [s for s in table.entries if (s.entry.pair, s.entry.law) not in known]
-    own = [s for s in new if s.entry.pair == pair]
+    own = [s for s in new if s.entry.pair == pair or s.entry.law == best[0].entry.law == "local"]
     simple = [s for s in new if s.entry.place == pair[0] and s.rank == 1 and s.entry.pair != pair]
     simple.sort(key=lambda s: -s.gain)
     constant = [s for s in simple if s.entry.law == "constant"]
@@ -325,12 +343,10 @@ ALIKE = 0.995  # cosine of two directions beyond which no reading tells them apa
 
 
 def _same_direction(table: Table, best: Scored) -> list[tuple[str, str]]:
-    """Pairs whose column no reading tells from that of the best."""
-    if best.rank > 1:
-        return []
-    return list(
-        dict.fromkeys(s.entry.pair for s in table.entries if s.entry.pair != best.entry.pair and _alike(best, s))
-    )
+    """Pairs whose column no reading tells from that of the best, beside the parameters of this table."""
+    of = lambda s: (s.entry.pair, s.entry.law)
+    own = next((s for s in table.entries if of(s) == of(best)), best)
+    return list(dict.fromkeys(s.entry.pair for s in table.entries if s.entry.pair != own.entry.pair and _alike(own, s)))
 
 
 def _alike(a: Scored, b: Scored) -> bool:

@@ -128,7 +128,8 @@ def _terms():
             if asked_with(place_of(place), variable):
                 laws = ["constant"] if variable.name == "constant" else ["proportional", "smooth"]
                 laws += ["local"] if variable.name in place_of(place).followed else []
-                laws += ["root", "square", "cube"] if variable.powers else []
+                laws += ["root", "square"] if variable.powers else []
+                laws += ["cube"] if variable.powers and place.startswith("reading:") else []
                 laws += ["laminar"] if place_of(place).leaks and variable.unit == "Pa" else []
                 yield from ((place, variable.name, law) for law in laws)
 

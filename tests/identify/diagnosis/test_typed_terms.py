@@ -10,7 +10,7 @@ from helpers.small_diagnosis import small_case
 from thermohyd.identify.diagnosis import typed_terms
 from thermohyd.identify.diagnosis.held_out import split_rows
 from thermohyd.identify.diagnosis.max_t import MaxT
-from thermohyd.identify.diagnosis.term_fit import FittedTerm, columns_of
+from thermohyd.identify.diagnosis.term_fit import FittedTerm, columns_of, fitted_inside
 from thermohyd.identify.diagnosis.term_table import UNHEARD_OF, UNUSUAL, Entry, Scored, Table, opened, prior_of
 from thermohyd.identify.diagnosis.typed_terms import judged, leading, told_apart
 from thermohyd.identify.fitting.problem import Problem
@@ -142,3 +142,14 @@ def test_columns_of_a_warming_are_the_derivatives_of_the_residual(place, variabl
         wanted = (at(moved[0]).residual - at(moved[1]).residual) / (2.0 * step)
         assert np.abs(wanted).max() > 0.0
         np.testing.assert_allclose(columns[:, i], wanted, atol=2e-3 * np.abs(wanted).max())
+
+
+def test_a_refit_that_cannot_reach_its_goal_is_left():
+    case = small_case("pilot")
+    problem = opened(case.problem, case.base)
+    term = TypedTerm("clearance", "opening", "smooth", (0.0,) * 4, 0.0, 100e-6)
+    whole, left = (fitted_inside(problem, case.base, term, goal=goal) for goal in (np.inf, 0.0))
+    assert whole.fit.chi2 < left.fit.chi2 < case.base.chi2
+    # One that can is followed as far as ever.
+    again = fitted_inside(problem, case.base, term, goal=whole.fit.chi2 + 1.0)
+    assert again.fit.chi2 == whole.fit.chi2

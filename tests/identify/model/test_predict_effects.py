@@ -246,9 +246,7 @@ def test_a_local_term_reads_back_and_goes_with_the_position_alone():
     fail, number = BenchInputError, lambda value, words: float(value)
     entry = json.loads(json.dumps(typed_json(WOUND)))
     assert typed_term(entry, 1, (), fail, number) == WOUND
-    with pytest.raises(
-        BenchInputError, match="the law local is none of position with opening"
-    ):
+    with pytest.raises(BenchInputError, match="the law local is none of position with opening"):
         typed_term(entry | {"variable": "opening"}, 1, (), fail, number)
     with pytest.raises(BenchInputError, match="the law local is one of static tests"):
         typed_term(entry | {"moving": True}, 1, (), fail, number)
