@@ -53,7 +53,7 @@ def asked(monkeypatch, model: FinalModel, chi2: float | None, *, holds: bool = T
         if chi2 is None:
             return ()
         fitted = FittedTerm(LEAK, problem, fit_of(chi2), 0.0, np.ones(1), np.eye(1))
-        return (Found(fitted, 1e-9, 0.9 if holds else 0.0, 50.0, ()),)
+        return (Found(fitted, 1e-9, 0.9 if holds else 0.0, 50.0, (), (2.0, 1.1)),)
 
     monkeypatch.setattr(stand_ins, "terms_of", terms_of)
     monkeypatch.setattr(Problem, "in_motion", in_motion)

@@ -73,7 +73,7 @@ def test_what_stays_far_from_what_it_must_do_is_followed_no_further_in_motion(mo
     def other_laws(*_):
         raise FollowedError
 
-    def refit(problem, fit, term, rounds=1):
+    def refit(problem, fit, term, rounds=1, goal=np.inf):
         return FittedTerm(term, problem, replace(fit, chi2=left), 0.0, np.ones(1), np.eye(1))
 
     monkeypatch.setattr(Problem, "in_motion", in_motion)
