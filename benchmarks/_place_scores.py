@@ -115,4 +115,5 @@ def table(hidden: dict[str, Hidden], answers: dict[str, dict[str, Any]], right: 
             f"- the second tier took {np.median(seconds):.1f} s (median), {max(seconds):.1f} at most; "
             f"{np.median(cpu):.1f} s of processor"
         )
-    return "\n".join([*lines, "", "| record | hidden | first term | closes | |", "|---|---|---|---|---|", *rows]) + "\n"
+    head = ["", "## The records", "", "| record | hidden | first term | closes | |", "|---|---|---|---|---|"]
+    return "\n".join([*lines, *head, *rows]) + "\n"
