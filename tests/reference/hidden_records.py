@@ -15,7 +15,7 @@ import numpy as np
 
 from reference import hidden_outside
 from reference.hidden_bench import CHANNELS, OILS, noise_of
-from reference.hidden_plan import Hidden, deltas, plan
+from reference.hidden_plan import SEEDS, Hidden, deltas, plan
 from reference.hidden_size import delta, parameter_columns, whitened
 from reference.make_samples import write_text
 from reference.sample_text import LABEL, csv_text
@@ -165,7 +165,7 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument(
         "--set",
-        choices=("1", "2", "3", "kept"),
+        choices=(*map(str, SEEDS), "kept"),
         default="1",
         help="1: development; 2, 3: looked at once; kept: data/hidden",
     )
