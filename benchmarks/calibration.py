@@ -59,7 +59,7 @@ def record_of(truth: dict[str, float], rng: np.random.Generator) -> Any:
     return synthetic_record(Valve(slot_width=12e-3, **made), rng, **ROWS, **start)
 
 
-def ranks_of(numbers: list[int]) -> list[dict[str, Any]]:
+def ranks_of(numbers: list[int], at: str) -> list[dict[str, Any]]:
     """Of each record the ranks of the truth among its thinned draws, and how many of its trajectories diverged."""
     from thermohyd.identify.fitting.fit import StaticSearch
     from thermohyd.identify.fitting.outcome import Fitted, uncertainty_of
@@ -98,7 +98,7 @@ def ranks_of(numbers: list[int]) -> list[dict[str, Any]]:
                 "of": len(own),
                 "ranks": ranks,
                 "divergent": int(found.divergent[k].sum()),
-                "commit": commit(),
+                "commit": at,
             }
         )
     return rows
@@ -132,11 +132,12 @@ def main() -> None:
         STORE.parent.mkdir(parents=True, exist_ok=True)
         done = {row["record"] for row in stored()}
         open_ = [number for number in range(asked.records) if number not in done]
+        at = commit()  # of the code that this process has read
         while open_ and time.process_time() < 60.0 * asked.minutes:
             now, open_ = open_[: asked.together], open_[asked.together :]
             if len(now) < asked.together:  # another shape would be compiled for the rest
                 break
-            rows = ranks_of(now)
+            rows = ranks_of(now, at)
             with STORE.open("a") as file:
                 file.writelines(json.dumps(row) + "\n" for row in rows)
             print(f"{now[-1] + 1} records, {time.process_time():.0f} s of processor time", file=sys.stderr, flush=True)
@@ -175,7 +176,7 @@ def table(rows: list[dict[str, Any]]) -> str:
     width = band(len(rows), GRID, rng)
     sd = np.sqrt(GRID * (1.0 - GRID) / len(rows))
     lines = [
-        f"{len(rows)} records, {sum(row['divergent'] > 0 for row in rows)} of them with divergent trajectories, of 1,000 aimed at.",
+        f"{len(rows)} records, {sum(row['divergent'] > 0 for row in rows)} of them with divergent trajectories.",
         "",
         "| parameter | in the 50 % interval | in the 95 % interval | p of chi-square over 10 bins | largest excess / band |",
         "|---|---|---|---|---|",
@@ -204,13 +205,13 @@ def draw(rows: list[dict[str, Any]]) -> None:
         ax.set_title(name.replace("_", " "), fontsize=10, loc="left")
     for ax in axes[-1]:
         ax.set_xlabel("share of draws beneath the truth")
-    figure.supylabel("records beneath, less that share", fontsize=10)
+    figure.supylabel("records beneath, less that share", fontsize=10, x=0.01)
     made = ", ".join(dict.fromkeys(str(row["commit"]) for row in rows))
     day = datetime.now(UTC).date().isoformat()
     figure.suptitle(
         f"{len(rows)} records drawn from the priors; commit {made}, {day}; band: 95 % of exact samplers", fontsize=9
     )
-    figure.subplots_adjust(left=0.085, right=0.985, bottom=0.1, top=0.88, hspace=0.2, wspace=0.08)
+    figure.subplots_adjust(left=0.1, right=0.985, bottom=0.1, top=0.88, hspace=0.2, wspace=0.08)
     FIGURE.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(FIGURE, dpi=110)
 
