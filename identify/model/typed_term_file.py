@@ -69,7 +69,7 @@ def typed_term(
         raise fail(f"{where}: a term of {place.name} does not go with {entry['variable']}")
     if moving and entry["law"] not in LAWS_IN_MOTION:
         raise fail(f"{where}: the law {entry['law']} is one of static tests")
-    if entry["law"] == "local" and (entry["variable"] not in place.followed):
+    if entry["law"] == "local" and entry["variable"] not in place.followed:
         raise fail(f"{where}: the law local is none of {place.name} with {entry['variable']}")
     coefficients, ends = entry.get("coefficients"), entry.get("range")
     count = coefficients_of(entry["law"])

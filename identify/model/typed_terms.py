@@ -66,18 +66,14 @@ def unit_of(place: str, variable: str, law: str) -> str:
     own, of = place_of(place).unit, VARIABLES[variable].unit
     if law == "constant" or law in CURVES or of == "1":
         return own
-    if variable == "flow" and own == "m3/s" and law == "proportional":
-        return "1"
     if variable == "reading_rate":
         return "s"
-    if own == of and law == "proportional":
-        return "1"
     if of == f"{own}/s" and law == "proportional":
         return "s"
     whole = f"({of})" if "/" in of else of
     power = {"square": f"{whole}^2", "cube": f"{whole}^3", "root": f"sqrt({of})"}.get(law, whole)
     if own == of:
-        return {"square": f"1/{whole}", "cube": f"1/{whole}^2", "root": f"sqrt({of})"}[law]
+        return {"square": f"1/{whole}", "cube": f"1/{whole}^2", "root": f"sqrt({of})"}.get(law, "1")
     if (own, variable, law) == ("m3/s", "pressure_rate", "proportional"):
         return "m3/Pa"
     return f"m3/(s {power})" if own == "m3/s" and law != "root" else f"{own}/{power}"
