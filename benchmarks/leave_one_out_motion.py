@@ -81,7 +81,8 @@ def hidden_in(name: str, effects: dict[str, float], memory: float) -> Hidden:
     if not effects:
         return Hidden("", (), "")
     strength = name.rsplit("_", 1)[1]
-    return Hidden(*effects, (f"{'correlated' if memory else 'white'} noise", strength), strength)
+    (effect,) = effects
+    return Hidden(effect, (f"{'correlated' if memory else 'white'} noise", strength), strength)
 
 
 def main() -> None:

@@ -220,10 +220,26 @@ def _oil(term: TermRead) -> Stage:
     return Stage("AbstractOilEffect", (CONDITIONS, OIL), body, needs)
 
 
+# {quantity of an edge: (field of `MeteringEdge`, what it becomes)}; the clearance also as its own mean pressure widens it.
+_OF_AN_EDGE = {
+    "edge_radius": ("radius", "jnp.maximum({0} + shift, 0.0)"),
+    "clearance": ("clearance", "jnp.maximum({0} + shift, 1e-8)"),
+    "underlap": ("underlap", "{0} + shift"),
+    "edge_flow": ("slot_width", "{0} * (1.0 + shift)"),
+    "widening": ("clearance_per_pressure", "shift if {0} is None else {0} + shift"),
+}
+
+
 def _edge(term: TermRead) -> Stage:
     quantity, _, part = term.place.partition(":")
-    v, needs = _variable(term)
-    field = {"edge_radius": "radius", "edge_flow": "slot_width"}.get(quantity, quantity)
+    if quantity == "clearance" and term.variable in ("pressure", "pressure_drop"):
+        if (term.variable, term.law) != ("pressure", "proportional"):
+            raise refused(term, "an edge knows no pressure but its own mean, in proportion to which it may widen")
+        quantity, law, needs = "widening", "", ()
+    else:
+        v, needs = _variable(term)
+        law = f" * law({v})"
+    field, change = _OF_AN_EDGE[quantity]
     sides = {"": ("supply", "return_"), "supply": ("supply",), "return": ("return_",)}.get(
         part, ("supply",) if part.startswith("p") else ("return_",)
     )
@@ -232,15 +248,14 @@ def _edge(term: TermRead) -> Stage:
         if len(part) == 2
         else ""
     )
-    change = {"edge_radius": "jnp.maximum({} + shift, 0.0)", "clearance": "jnp.maximum({} + shift, 1e-8)",
-              "underlap": "{} + shift", "edge_flow": "{} * (1.0 + shift)"}[quantity]  # fmt: skip
     where = ", ".join(f"e.{side}.{field}" for side in sides)
     new = ", ".join(change.format(f"ideal.{side}.{field}") for side in sides)
     both = (f"({where})", f"({new})") if len(sides) > 1 else (where, new)
+    absent = ", is_leaf=lambda leaf: leaf is None" if quantity == "widening" else ""
+    conditions = "        c = conditions\n" if law else ""
     body = f"""    def edges(self, ideal: Edges, conditions: Conditions) -> Edges:
-        c = conditions
-        shift = self.amount * law({v}){alone}
-        return eqx.tree_at(lambda e: {both[0]}, ideal, {both[1]})"""
+{conditions}        shift = self.amount{law}{alone}
+        return eqx.tree_at(lambda e: {both[0]}, ideal, {both[1]}{absent})"""
     return Stage("AbstractEdgeEffect, Edges", (CONDITIONS,), body, needs)
 
 

@@ -17,11 +17,12 @@ AT_PORT = {"a": ("pa", "at"), "b": ("pb", "bt")}
 class Place:
     """Where a term acts. entries: of `library_rows.ENTRIES`, times these signs; readings: {channel: sign} of what is read.
 
-    unit: of a shift, "1" for a share. local: whose pressure is the local one: "a", "b", "a-b", "supply", "return", or of what lies at
-    both ports "each" its own. noun: what enters or shifts, as words say it. asked: variables that it is asked with, all where
-    empty: another place says the rest better. followed: variables that it may go with from place to place (law "local"), in
-    static tests. prior: chi-square by which it must do better than a simpler place: of some edges and not all, of two pressures and
-    not one. warms: its shift is of a temperature [K], whose entries are factors on the viscosity.
+    unit: of a shift, "1" for a share. local: whose pressure is the local one: "a", "b", "a-b", "supply", "return", of what lies at both
+    ports "each" its own, of edges "edges" each one's mean pressure, or of one edge that one's. noun: what enters or shifts, as
+    words say it. asked: variables that it is asked with, all where empty: another place says the rest better. followed:
+    variables that it may go with from place to place (law "local"), in static tests. prior: chi-square by which it must do better
+    than a simpler place: of some edges and not all, of two pressures and not one. warms: its shift is of a temperature [K],
+    whose entries are factors on the viscosity.
     moving: of `term_variables.MOVED`, times these signs, in tests in motion; asked_moving: the variables it is asked with there.
     """
 
@@ -45,13 +46,15 @@ class Place:
 
     @property
     def parts(self) -> tuple["Place", ...]:
-        """Of static tests: what it shifts at port A and at port B, where each goes with its own pressure; else itself."""
-        if self.local != "each" or not self.entries:
+        """Of static tests: what it shifts at each port, or at each edge, where these go with their own pressure; else itself."""
+        apart = {"each": AT_PORT, "edges": {edge: (edge,) for edge in EDGES}}.get(self.local)
+        if apart is None or not self.entries:
             return (self,)
         at = {
-            port: {e: sign for e, sign in self.entries.items() if e.split("_")[-1] in AT_PORT[port]} for port in AT_PORT
+            local: {e: sign for e, sign in self.entries.items() if e.split("_")[-1] in edges}
+            for local, edges in apart.items()
         }
-        return tuple(replace(self, local=port, entries=entries) for port, entries in at.items())
+        return tuple(replace(self, local=local, entries=entries) for local, entries in at.items() if entries)
 
     @property
     def static(self) -> bool:
@@ -80,6 +83,13 @@ def _edge_flows() -> list[Place]:
     """A factor on what an edge lets through: of all edges also from spot to spot, as a slot that is not as wide everywhere does."""
     whole, *parts = _edge_places("edge_flow", "1", "a factor on the flow of")
     return [replace(whole, followed=("opening",)), *parts]
+
+
+def _clearances() -> list[Place]:
+    """The clearance, which a sleeve's own pressure widens: that of each edge."""
+    places = _edge_places("clearance", "m", "a change of the clearance of")
+    part = lambda place: place.name.partition(":")[2]
+    return [replace(place, local=part(place) if part(place) in EDGES else "edges") for place in places]
 
 
 # What warms oil on its way: what it has passed before, and what it flows beside.
@@ -156,7 +166,7 @@ PLACES: dict[str, Place] = {
               asked_moving=("constant", "temperature", "load", "time")),
         *_oil_temperatures(),
         *_edge_flows(),
-        *_edge_places("clearance", "m", "a change of the clearance of"),
+        *_clearances(),
         *_edge_places("underlap", "m", "a change of the underlap of"),
         *_edge_places("edge_radius", "m", "a change of the edge radius of"),
         *_MOVING,

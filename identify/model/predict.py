@@ -133,7 +133,8 @@ def place_shifts(
     read: dict[str, np.ndarray] = {}
     for term in terms:
         try:
-            own, shift = entry_shifts(term, test, states), shift_of(term, test, states)
+            own, at = entry_shifts(term, test, states), place_of(term.place).readings
+            shift = shift_of(term, test, states) if at else np.zeros(test.rows)
         except ValueError:
             raise BenchInputError(
                 f"the model's term makes {term.place} go with {term.variable}, which needs the column "
@@ -142,7 +143,7 @@ def place_shifts(
             ) from None
         for entry, moved in own.items():
             entries[f"{PLACE}{entry}"] = entries.get(f"{PLACE}{entry}", 0.0) + moved
-        for reading, sign in place_of(term.place).readings.items():
+        for reading, sign in at.items():
             read[reading] = read.get(reading, 0.0) + sign * shift
     return {entry: pad(values) for entry, values in entries.items()}, read
 

@@ -9,7 +9,7 @@ from thermohyd.identify.bench.test_record import TestRecord
 from thermohyd.oil_definition import REFERENCE_TEMPERATURE as STATED_AT, OilDefinition
 
 from .learned_terms import kinematic_viscosity
-from .places import FLOW_READINGS, Place, read_as
+from .places import EDGES, FLOW_READINGS, SUPPLY, Place, read_as
 
 
 # {what its rows could read: model's values (rows,), SI} of each test: pressures of the ports, flows.
@@ -73,10 +73,20 @@ class At:
             "a-b": lambda: self.load,
             "supply": lambda: self.test.supply_pressure,
             "return": lambda: self.test.return_pressure,
+            **{edge: lambda: 0.5 * sum(self.ends) for edge in EDGES},
         }[self.place.local]()
 
     @property
+    def ends(self) -> tuple[np.ndarray, np.ndarray]:
+        """Pressures before and behind the edge that the place is at, from the supply to the return."""
+        port = self.port("a" if "a" in self.place.local else "b")
+        return (self.test.supply_pressure, port) if self.place.local in SUPPLY else (port, self.test.return_pressure)
+
+    @property
     def pressure_drop(self) -> np.ndarray:
+        if self.place.local in EDGES:
+            before, behind = self.ends
+            return before - behind
         if self.place.local in ("a", "b"):
             return self.test.supply_pressure - self.pressure
         return self.load if self.place.local == "a-b" else self.drop

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from thermohyd.identify.bench.shown_units import display_unit
-from thermohyd.identify.model.places import place_of
+from thermohyd.identify.model.places import EDGES, place_of
 from thermohyd.identify.model.term_variables import VARIABLES
 from thermohyd.identify.model.typed_terms import TypedTerm
 
@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 
 UNKNOWN = "nothing in a short list of known physics does just that"
 ASK = "read the same again, once as it was and once with that quantity at another level"
-SYMBOLS = {"a": "p_A", "b": "p_B", "a-b": "(p_A - p_B)", "supply": "p_S", "return": "p_T", "each": "its own pressure"}
+SYMBOLS = {"a": "p_A", "b": "p_B", "a-b": "(p_A - p_B)", "supply": "p_S", "return": "p_T", "each": "its own pressure",
+           "edges": "each edge's mean pressure", **dict.fromkeys(EDGES, "the edge's mean pressure")}  # fmt: skip
 LAMINAR = " over the oil's viscosity"  # stated at 40 degC
 LAW_WORDS = {
     "proportional": "in proportion to",

@@ -135,6 +135,7 @@ def test_columns_of_a_warming_are_the_derivatives_of_the_residual(place, variabl
     columns = np.zeros(0)
     for _ in range(6):  # a variable made of the model's own pressures is that of the last round
         columns, states = columns_of(problem.with_terms(term), at(coefficients), term)
+        assert states is not None
         problem = problem.with_states(states)
     for i, own in enumerate(coefficients):
         step = 1e-3 * abs(own)

@@ -226,6 +226,16 @@ def test_warmer_oil_in_the_valve_is_what_a_thermometer_that_is_off_does():
     np.testing.assert_allclose(found, by_reference(test, {"temperature_offset": 3.0}), rtol=1e-9)
 
 
+def test_a_clearance_that_each_edges_pressure_widens_is_what_pressure_clearance_is():
+    """The variable is that of the last round, the library's law is solved with the ports: equal where the ports hardly move."""
+    test, wider = sweep(), 1e-15
+    term = TypedTerm("clearance", "pressure", "proportional", (wider,), 0.0, 210e5)
+    plain, _ = leakage(model_of(), test)
+    found, _ = leakage(model_of(learned=(term,)), test)
+    known = by_reference(test, {"pressure_clearance": wider})
+    np.testing.assert_allclose(found - plain, known - plain, atol=0.02 * np.abs(known - plain).max())
+
+
 def test_oil_that_is_warmer_at_an_edge_is_thinner_there_by_its_own_law():
     test = sweep("pressure_gain")
     term = TypedTerm("oil_temperature:return", "pressure_drop", "proportional", (2e-7,), 0.0, 210e5)
