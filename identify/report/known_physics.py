@@ -116,8 +116,8 @@ KNOWN_IN_MOTION = (
     Known(
         ("position",),
         ("position",),
-        "what a transducer's calibration, or its winding, does",
-        "check the transducer against a dial gauge",
+        "what slots or laps unlike those of the model, or a transducer's calibration, do",
+        "read the flow over the whole stroke, and check the transducer against a dial gauge",
     ),
     Known((OF_READING,), ("constant",), "what an instrument's zero does", "read the instrument with its line shut"),
     Known(
