@@ -4,12 +4,13 @@ A column of the table is what a shift of a place does to each reading (`Problem.
 run's derivative says of the law. Scores as those of effects (`screening`), error control over the whole table.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import fdtrc
 
+from thermohyd.identify.bench.test_record import TestRecord
 from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.fitting.problem_fit import Fit
 from thermohyd.identify.model.places import OF_READING, Place, place_of, places_for, places_in_motion, read_as
@@ -46,6 +47,11 @@ class Entry:
     @property
     def pair(self) -> tuple[str, str]:
         return self.place, self.variable
+
+    @property
+    def key(self) -> tuple[str, str, str]:
+        """What tells it from the other entries of a table."""
+        return self.place, self.variable, self.law
 
 
 # Chi-square by which a pair that no known physics shows must do better than one that some does: 2 ln 20, as the few dozen pairs of the
@@ -84,12 +90,11 @@ Law = tuple[str, str, np.ndarray, float, float]  # variable, law, columns (readi
 
 def _laws(problem: Problem, fit: Fit, place: Place, slopes: list[np.ndarray], states: States) -> Iterator[Law]:
     """Every law of every variable that a place is asked with; slopes: `slope_of` of each of its parts."""
-    thin = _thinning(problem, states)
-    shown = np.any([slope != 0.0 for slope in slopes], axis=0)
+    thin = _at_readings(thinning_of, problem, states)
+    shown, null = np.any([slope != 0.0 for slope in slopes], axis=0), fit.values["null_bias"]
     for variable in VARIABLES.values():
         if not asked_with(place, variable):
             continue
-        null = fit.values["null_bias"]
         values = [
             own for part in place.parts if (own := _values(problem, variable.name, part, states, null)) is not None
         ]
@@ -200,7 +205,7 @@ def slope_of(problem: Problem, fit: Fit, place: Place, slopes: dict[str, np.ndar
     for entry, sign in place.entries.items():
         found += sign * slopes[entry]
     if place.warms:
-        found *= -_thins(problem, states)
+        found *= -_at_readings(thins, problem, states)
     for key, rows in problem.rows().items():
         sign = place.readings.get(read_as(problem.tests[key[0]], key[1]))
         if sign is not None:
@@ -217,14 +222,9 @@ def _values(problem: Problem, variable: str, place: Place, states: States, null:
     return np.concatenate([of_test[key[0]] for key in problem.rows()])
 
 
-def _thinning(problem: Problem, states: States) -> np.ndarray:
-    """(readings,): `thinning_of` at each reading's row."""
-    return np.concatenate([thinning_of(problem.tests[key[0]], states) for key in problem.rows()])
-
-
-def _thins(problem: Problem, states: States) -> np.ndarray:
-    """(readings,): `thins` at each reading's row."""
-    return np.concatenate([thins(problem.tests[key[0]], states) for key in problem.rows()])
+def _at_readings(of: Callable[[TestRecord, States], np.ndarray], problem: Problem, states: States) -> np.ndarray:
+    """(readings,): what `of` gives of a test's rows, at each reading's row."""
+    return np.concatenate([of(problem.tests[key[0]], states) for key in problem.rows()])
 
 
 def _whitened(problem: Problem, fit: Fit, columns: np.ndarray) -> np.ndarray:
@@ -236,14 +236,14 @@ def term_columns(
     problem: Problem, fit: Fit, term: TypedTerm, slopes: dict[str, np.ndarray], states: States
 ) -> np.ndarray:
     """Whitened columns (rows, coefficients) of a term at the model's present states."""
-    thin, found = _thinning(problem, states), []
+    thin, found = _at_readings(thinning_of, problem, states), []
     for part in place_of(term.place).parts:
         values = _values(problem, term.variable, part, states, term.null_bias)
         assert values is not None
         shapes = shapes_at(term.law, values, term.low, term.high, thin)
         slope = slope_of(problem, fit, part, slopes, states)
         if part.warms:  # exp(-thins shift), as it stands
-            slope = slope * np.exp(-_thins(problem, states) * (shapes @ np.asarray(term.coefficients)))
+            slope = slope * np.exp(-_at_readings(thins, problem, states) * (shapes @ np.asarray(term.coefficients)))
         found.append(slope[:, None] * shapes)
     return _whitened(problem, fit, np.sum(found, axis=0))
 

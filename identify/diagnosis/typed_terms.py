@@ -34,9 +34,8 @@ SIMPLE_LAWS = 3  # of the leading place, that are asked in the end
 BY_CHANCE = 2.0  # standard errors of a mean square, within which rows held out show no gap of their own
 A_HAIR = 0.1  # chi-square, in units of what the best leaves: ten times what two refits of one curve end apart
 AS_GOOD = 6.0  # chi-square, in units of what the best leaves, up to which another pair does as well
-FAR_FROM_TOLD = (
-    40.0  # chi-square, in units of what the best leaves, beyond what is told: a curve's five coefficients cost as much
-)
+# Chi-square, in units of what the best leaves, beyond what is told: a curve's five coefficients cost as much.
+FAR_FROM_TOLD = 40.0
 CURVE_POINTS = 41
 BENT = 1.5  # reduced chi-square from which a model counts as bent
 STRAIGHTENED = 3  # times that a table is asked anew
@@ -169,8 +168,8 @@ def terms_of(
             say(f"fitting {len(scored)} terms: {', '.join(dict.fromkeys(s.entry.place for s in scored))}")
         within = goal()
         # One that has come within reach is not asked again from elsewhere: it ends where it did.
-        there = {(s.entry.pair, s.entry.law) for s, f in asked if f.fit.chi2 < within < np.inf}
-        scored = [s for s in scored if (s.entry.pair, s.entry.law) not in there]
+        there = {s.entry.key for s, f in asked if f.fit.chi2 < within < np.inf}
+        scored = [s for s in scored if s.entry.key not in there]
         one = lambda s: (
             fitted_inside(problem, start, blank(s.entry, start, s.entry.columns.shape[1]), goal=within)
             if refits
@@ -300,8 +299,8 @@ def _other_laws(
 
     Where what leads differs from spot to spot, so do its rivals: no smoother one comes near it.
     """
-    pair, known = best[0].entry.pair, {(s.entry.pair, s.entry.law) for s in asked}
-    new = [s for s in table.entries if (s.entry.pair, s.entry.law) not in known]
+    pair, known = best[0].entry.pair, {s.entry.key for s in asked}
+    new = [s for s in table.entries if s.entry.key not in known]
     own = [s for s in new if s.entry.pair == pair or s.entry.law == best[0].entry.law == "local"]
     simple = [s for s in new if s.entry.place == pair[0] and s.rank == 1 and s.entry.pair != pair]
     simple.sort(key=lambda s: -s.gain)
@@ -315,14 +314,14 @@ def _simpler(
 ) -> list[tuple[Scored, FittedTerm]]:
     """The best two laws of one coefficient of each pair whose smooth law is asked: beside a bent fit a curve takes up what a refit of the
     parameters gives back. Of static tests where the smooth law's chi-square is `near` the best."""
-    known = {(s.entry.pair, s.entry.law) for s, _ in asked}
+    known = {s.entry.key for s, _ in asked}
     best = min(f.fit.chi2 for _, f in asked)
     pairs = dict.fromkeys(s.entry.pair for s, f in asked if s.rank > 1 and (s.entry.moving or f.fit.chi2 < best + near))
     new = []
     for pair in pairs:
         own = sorted((s for s in table.entries if s.entry.pair == pair and s.rank == 1), key=lambda s: -s.gain)
         laws = own[:1] if any(s.entry.moving for s in own) else own[:2]
-        new += [s for s in laws if (pair, s.entry.law) not in known]
+        new += [s for s in laws if s.entry.key not in known]
     return ask(new)
 
 
@@ -344,8 +343,7 @@ ALIKE = 0.995  # cosine of two directions beyond which no reading tells them apa
 
 def _same_direction(table: Table, best: Scored) -> list[tuple[str, str]]:
     """Pairs whose column no reading tells from that of the best, beside the parameters of this table."""
-    of = lambda s: (s.entry.pair, s.entry.law)
-    own = next((s for s in table.entries if of(s) == of(best)), best)
+    own = next((s for s in table.entries if s.entry.key == best.entry.key), best)
     return list(dict.fromkeys(s.entry.pair for s in table.entries if s.entry.pair != own.entry.pair and _alike(own, s)))
 
 

@@ -167,7 +167,7 @@ def main() -> None:
         "--set",
         choices=(*map(str, SEEDS), "kept"),
         default="1",
-        help="1: development; 2, 3: looked at once; kept: data/hidden",
+        help="1: development; kept: data/hidden; the others: looked at once",
     )
     arguments = parser.parse_args()
     np.seterr(all="raise", under="ignore")

@@ -2,16 +2,13 @@
 
 from dataclasses import dataclass, replace
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from helpers.quick_compile import quick_compile
+from helpers.shifted_valve import X, plant_of, shifted_valve
 from reference.balance import blocked, solve_ports
-from reference.oil import Oil as ReferenceOil
-from reference.valve import Effects, Plant, Valve as ReferenceValve
-from simulator.test_inflow import POINTS, TRUTH, X, fed_valve
+from reference.valve import Plant
 
-from thermohyd.effects.row_shifts import SHIFTS, RowShifts
 from thermohyd.static_tests import blocked_port_readings
 
 
@@ -30,20 +27,11 @@ class WarmedPlant(Plant):
 
 @pytest.mark.parametrize("law", ["orifice", "lubrication"])
 def test_oil_that_is_thinner_at_the_return_edges(law):
-    valve, at = fed_valve(0.0)
-    rows = len(X)
-    shifts = jnp.zeros((len(SHIFTS), rows))
-    for edge in ("at", "bt"):
-        shifts = shifts.at[SHIFTS.index(f"viscosity_{edge}")].set(-THINNER)
     with quick_compile():
-        found = blocked_port_readings(replace(valve, effects=(RowShifts(shifts),), edge_law=law), at)
-    ones = np.ones(rows)
-    plant = WarmedPlant(
-        ReferenceValve(slot_width=12e-3, **TRUTH, edge_law=law),
-        Effects(), ReferenceOil(POINTS.viscosity_a, POINTS.viscosity_b), X, 210e5 * ones, 0.0 * ones, 313.15 * ones,
-    )  # fmt: skip
+        found = blocked_port_readings(*shifted_valve(law, viscosity_at=-THINNER, viscosity_bt=-THINNER))
+    plant = plant_of(WarmedPlant, law)
     state = solve_ports(plant, blocked, 2)
     np.testing.assert_allclose(found["pressure_a"], state.p_a, rtol=1e-9)
     np.testing.assert_allclose(found["pressure_b"], state.p_b, rtol=1e-9)
-    volume = state.return_flow / plant.oil.rho(np.zeros(rows), state.return_temperature)
+    volume = state.return_flow / plant.oil.rho(np.zeros(len(X)), state.return_temperature)
     np.testing.assert_allclose(found["leakage_flow"], volume, rtol=1e-9)

@@ -64,6 +64,7 @@ class RowShifts(AbstractConditionEffect, AbstractOilEffect, AbstractEdgeEffect, 
 
     def _shifted(self, edge: MeteringEdge, names: tuple[str, ...]) -> MeteringEdge:
         by = lambda quantity: jnp.stack([self.of(f"{quantity}_{name}") for name in names])
+        thicker = 1.0 + by("viscosity")
         return eqx.tree_at(
             lambda e: (e.radius, e.clearance, e.underlap, e.slot_width, e.viscosity_factor),
             edge,
@@ -72,9 +73,7 @@ class RowShifts(AbstractConditionEffect, AbstractOilEffect, AbstractEdgeEffect, 
                 jnp.maximum(edge.clearance + by("clearance"), SMALLEST_CLEARANCE),
                 edge.underlap + by("underlap"),
                 edge.slot_width * (1.0 + by("edge_flow")),
-                1.0 + by("viscosity")
-                if edge.viscosity_factor is None
-                else edge.viscosity_factor * (1.0 + by("viscosity")),
+                thicker if edge.viscosity_factor is None else edge.viscosity_factor * thicker,
             ),
             is_leaf=lambda leaf: leaf is None,
         )
