@@ -93,7 +93,7 @@ def _of_both_kinds(name: str, record: BenchRecord, static: Stage, motion: Stage,
     effects = (*static.model.fit.effects, *motion.model.fit.effects)
     fit = problem.fit(effects, {**motion.model.fit.values, **static.model.fit.values}, patient=True)
     freedom = Case(s.fitted, problem, {}, noise, fit, {}).freedom
-    return Diagnosed(name, record, in_one(record, static, motion, say), problem, fit, freedom)
+    return Diagnosed(name, record, in_one(record, static, motion, say).result, problem, fit, freedom)
 
 
 def with_one_model(a: Diagnosed, b: Diagnosed, say: Progress = lambda _: None) -> tuple[Diagnosed, Diagnosed]:

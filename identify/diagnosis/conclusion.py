@@ -163,8 +163,8 @@ def concluded(
     problem, base = case.problem, case.base
     first = screen(problem.with_all_columns(base), problem.library.names, case.steps, level=LEVEL, freedom=case.freedom)
     smooth = variations_of(problem, model.fit) if model.disagrees and not problem.in_motion else ()
-    found = model.terms
-    if model.disagrees and not found:
+    found = model.terms or ()
+    if model.disagrees and model.terms is None:
         # A fault for each of several runs is a patch over what is missing, which is to be found.
         patched = scattered(case, model.fit)
         asked = problem.fit(model.fit.physics, model.fit.values, hop_basins=True) if patched else model.fit

@@ -15,6 +15,7 @@ from thermohyd.identify.bench.record import BenchRecord
 from thermohyd.identify.bench.test_record import dynamic_among
 from thermohyd.identify.fitting.library import Library, motion_library
 from thermohyd.identify.fitting.model_form import with_model_form
+from thermohyd.identify.fitting.outcome import Fitted, Key
 from thermohyd.identify.fitting.parameters import IN_MOTION, ParameterPlan, Prior
 from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.fitting.readings import Noise
@@ -120,6 +121,33 @@ class Stage:
     result: DiagnosisResult
     believed: Believed
 
+    @property
+    def answer(self) -> "Answer":
+        return Answer(self.result, self.believed, self.case.fitted, self.case.noise)
+
+
+@dataclass(frozen=True)
+class Answer:
+    """A whole answer, the likelihood behind its error bars, the plain fit of the same tests, and the noise that was estimated."""
+
+    result: DiagnosisResult
+    believed: Believed
+    fitted: Fitted
+    noise: dict[Key, NoiseEstimate]
+
+
+@dataclass(frozen=True)
+class _Joint:
+    """The plain model and the one with everything that both stages named, each fitted to all tests at once. remaining: what remains as
+    a part of the error, where a stage ended with a misfit and nothing was learned of it."""
+
+    before: FitResult
+    after: FitResult
+    remaining: Remaining | None
+    believed: Believed
+    fitted: Fitted
+    noise: dict[Key, NoiseEstimate]
+
 
 def in_words_of_motion(result: DiagnosisResult) -> DiagnosisResult:
     """The answer of a search over dynamic tests, with a headline that speaks of the actuator."""
@@ -128,11 +156,8 @@ def in_words_of_motion(result: DiagnosisResult) -> DiagnosisResult:
     )
 
 
-def fitted_together(
-    record: BenchRecord, static: Stage, motion: Stage, say: Progress = lambda _: None
-) -> tuple[FitResult, FitResult, Remaining | None]:
-    """The plain model and the one with everything that both stages named, each fitted to all tests of the record at once, and what
-    remains as a part of the error, where a stage ended with a misfit and nothing was learned of it."""
+def fitted_together(record: BenchRecord, static: Stage, motion: Stage, say: Progress = lambda _: None) -> _Joint:
+    """What both stages ended with, fitted to all tests of the record."""
     # Here, not above: the diagnosis of static tests does not wait for the solvers of motion.
     from thermohyd.identify.fitting.fit_motion import joint_problem, jointly_fitted
 
@@ -163,10 +188,13 @@ def fitted_together(
     # The other law of an edge was asked of the static tests alone.
     after = with_model_form(after, static.result.after.other_law)
     after = with_evidence(after, static.model, problem.faults)
-    return before, after, remaining
+    believed = Believed(full, final, scale(final))
+    if remaining is not None:
+        believed = Believed(remaining.believing(full), remaining.believed.fit, remaining.believed.scale)
+    return _Joint(before, after, remaining, believed, fitted, noise)
 
 
-def in_one(record: BenchRecord, static: Stage, motion: Stage, say: Progress = lambda _: None) -> DiagnosisResult:
+def in_one(record: BenchRecord, static: Stage, motion: Stage, say: Progress = lambda _: None) -> Answer:
     """One answer of both stages: words of each, values and error bars of the fit to all tests."""
     s, m = static.result, motion.result
     verdict = max(s.verdict, m.verdict, key=ORDER.index)
@@ -175,8 +203,9 @@ def in_one(record: BenchRecord, static: Stage, motion: Stage, say: Progress = la
     end = m.headline if agreed else f"Dynamic tests: {m.headline}"
     seen = {c.name for c in m.candidates}
     stages = {*unconverged(s.after), *unconverged(m.after)}
-    before, after, remaining = fitted_together(record, static, motion, say)
-    return replace(
+    joint = fitted_together(record, static, motion, say)
+    before, after, remaining = joint.before, joint.after, joint.remaining
+    result = replace(
         s,
         record=record,
         verdict=verdict,
@@ -210,6 +239,7 @@ def in_one(record: BenchRecord, static: Stage, motion: Stage, say: Progress = la
             dict.fromkeys((*unconverged(after), *(w for w in (*s.warnings, *m.warnings) if w not in stages)))
         ),
     )
+    return Answer(result, joint.believed, joint.fitted, joint.noise)
 
 
 def _as_fitted(effect: NamedEffect, after: FitResult) -> NamedEffect:
@@ -224,7 +254,7 @@ def diagnose(
     model_form: bool = True,
     without: Iterable[str] = (),
     progress: Progress | None = None,
-    and_then: Callable[[Stage], DiagnosisResult] = lambda stage: stage.result,
+    and_then: Callable[[Answer], DiagnosisResult] = lambda answer: answer.result,
 ) -> DiagnosisResult:
     """Find where a record disagrees with the ideal valve, name the missing effects, add them and show the gap close.
 
@@ -243,15 +273,17 @@ def diagnose(
     say = progress or (lambda _: None)
     stage = lambda case: diagnose_stage(case, learn=learn, model_form=model_form, say=say)
     if not record.dynamic_tests:
-        result = and_then(stage(open_case(record, say, out)))
+        answer = stage(open_case(record, say, out)).answer
     elif not record.static_tests:
-        result = in_words_of_motion(stage(open_motion(record, say, without=out)).result)
+        answer = stage(open_motion(record, say, without=out)).answer
+        answer = replace(answer, result=in_words_of_motion(answer.result))
     else:
         static = stage(open_case(replace(record, tests=record.static_tests, actuator=None), say, out))
         amounts = {effect.name: effect.value for effect in static.result.effects}
         motion = stage(open_motion(record, say, static.result.after, amounts, out))
         motion = replace(motion, result=in_words_of_motion(motion.result))
-        result = in_one(record, static, motion, say)
+        answer = in_one(record, static, motion, say)
+    result = and_then(answer)
     if out:
         result = replace(
             result, notes=(*result.notes, f"taken out of the library for this diagnosis: {', '.join(out)}")
@@ -264,7 +296,8 @@ def diagnose_stage(
 ) -> Stage:
     """What follows `open_case`; `seconds` of the result is left at 0."""
     case, selection, split = choose(case, say)
-    model = without_stand_ins(case, final_model(case, selection, split, say), split, say)
+    critical = selection.steps[0].screen.critical
+    model = without_stand_ins(case, final_model(case, selection, split, say), split, critical, say)
     ended = concluded(case, selection, split, model, learn=learn, model_form=model_form, say=say)
     return Stage(case, model, *ended)
 

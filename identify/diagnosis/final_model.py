@@ -211,6 +211,12 @@ def proven(
     return fit, rivals, proof, tuple(suspects), tuple(map(more, doubted))
 
 
+def p_values(fit: Fit, rivals: dict[str, Rivals], proof: Confirmation | None) -> dict[str, float]:
+    """{effect or fault: p-value}, never below what rows left out prove."""
+    proven_to = lambda name: proof.p_value(name) if proof is not None and name in proof.each else 0.0
+    return {name: max(rivals[name].p_value, proven_to(name)) for name in fit.effects}
+
+
 def _nearly_found(problem: Problem, fit: Fit, whole: Selection, known: Iterable[str]) -> tuple[Rival, ...]:
     """The models with an effect that the search was nearly beyond chance to miss, for error bars: chance is no proof of its absence.
 
@@ -243,7 +249,7 @@ class FinalModel:
     any. suspects: what the search found and that did not prove itself, taken out again. doubted: the models with it, and with what
     the search nearly found, for error bars.
     complete: see `Selection`.
-    terms: typed terms that did better than names (`stand_ins`).
+    terms: typed terms, where names were asked beside them (`stand_ins`); None where they were not.
     """
 
     base: Fit  # the ideal valve, in the deepest valley that was seen
@@ -259,7 +265,7 @@ class FinalModel:
     suspects: tuple[Suspect, ...] = ()
     doubted: tuple[Rival, ...] = ()
     complete: bool = True
-    terms: tuple[Any, ...] = ()  # `typed_terms.Found`, whose module knows this one
+    terms: tuple[Any, ...] | None = None  # `typed_terms.Found`, whose module knows this one
 
     def gap_closed(self, without: Fit) -> float:
         """Share of the gap that opens again in the model `without` something."""
@@ -327,10 +333,7 @@ def final_model(case: Case, selection: Selection, split: Split, say: Progress = 
         base=base,
         fit=fit,
         rivals=rivals,
-        p_values={
-            name: max(rivals[name].p_value, proof.p_value(name) if proof is not None and name in proof.each else 0.0)
-            for name in fit.effects
-        },
+        p_values=p_values(fit, rivals, proof),
         left=left,
         excess=excess,
         scale=scale(fit),

@@ -85,7 +85,7 @@ class Suspect:
     """An effect that the search found and that is not named: it does not predict the conditions to which it was not fitted, or its
     amount is beyond `MOST_USUAL`.
 
-    Or a typed term does better than all names together (`outdone_by`, in words).
+    Or it is of no use beside a typed term (`outdone_by`, in words).
     value: SI. evidence: 2 ln E on rows left out, of the model with it over the model without it; 10.6 would be a proof.
     times_usual: the amount over the largest that is usual. strength: in standard errors, of the rows that it is fitted to. held_out: of one
     near chance, 2 ln E on the rows that took no part in its choice; None where that was not asked.

@@ -1,26 +1,33 @@
 """Do the names only stand in for something that the library lacks? One place of the circuit is asked beside several names.
 
 Two or three effects of the library together can bend a model into what one missing effect does. Where one typed term beside the plain
-model explains the readings better than they do, with fewer amounts, they are no finding: the term is told, the names are suspects.
+model explains the readings better than they do, with fewer amounts, they are no finding: the term is told, the names are suspects. Where
+names leave a misfit, each has to be of use beside the best term, too; so have faults of the bench, which can stand in as well.
 """
 
-from dataclasses import replace
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from thermohyd.effects.library import effect_info
 from thermohyd.identify.fitting.library import stores
+from thermohyd.identify.fitting.problem import Problem
+from thermohyd.identify.fitting.problem_solution import misfit_scale
 from thermohyd.identify.report.term_words import term_name
+from thermohyd.side_by_side import each
 
 from .case import Case, Progress
 from .confirmation import PROVEN, strength
-from .final_model import FinalModel
+from .final_model import FinalModel, p_values, proven, scattered
 from .held_out import Split
 from .left_over import misfit_left, smooth_block
 from .result import Suspect
 from .rivals import all_rivals
 from .search import times_usual
-from .typed_terms import terms_of
+from .term_fit import PATIENT, FittedTerm, fitted_inside, straightened
+from .typed_terms import Found, terms_of
 
 
 # Several names are always asked; one, or a fault of the bench, only where smooth curves still find something at this level, which is
@@ -28,55 +35,158 @@ from .typed_terms import terms_of
 UNCLEAN = 0.05
 
 
-def without_stand_ins(case: Case, model: FinalModel, split: Split, say: Progress = lambda _: None) -> FinalModel:
-    """The final model, or the plain one with the typed terms that do better than all of its effects together.
+def without_stand_ins(
+    case: Case, model: FinalModel, split: Split, critical: float, say: Progress = lambda _: None
+) -> FinalModel:
+    """The final model, or one without the names and faults of the bench that are of no use beside a typed term, with the terms.
 
-    Better: a chi-square lower by more than 10.6 in units of the misfit left, as of a proof (docs/diagnosis.md section 11.1), and BIC;
-    and the term holds. Faults of the bench stay beside it, unless they are the whole answer. A model that is left unexplained anyhow is
-    asked later.
+    Where the names leave a misfit, the best term beside them is asked, too. Of use is what gains as much beside the term, in units of the
+    misfit left, as the search asks of an effect. And the term, with what is of use beside it, does better than the names alone by a proof
+    (10.6, docs/diagnosis.md section 11.1) in chi-square and in BIC: an effect's own place says no more than its name.
+    critical: score that chance does not reach in the search.
     """
-    problem, fit = case.problem, model.fit
-    names = fit.physics
-    if model.disagrees or not (len(names) > 1 or (fit.effects and model.left.p_value < UNCLEAN)):
-        return model
+    fit = model.fit
     if any(stores(name) for name in fit.effects):  # ports that store oil have no terms of their own
         return model
+    unclean = bool(fit.effects) and model.left.p_value < UNCLEAN
+    if not (fit.physics if model.disagrees else len(fit.physics) > 1 or unclean):
+        return model
+    beside, told = _best_beside(case, model, split, critical, say)
+    if model.disagrees:
+        model = replace(model, terms=next(iter(told.values())))
+    if beside is None or set(fit.effects) <= set(beside.names) or not _far_better(model, beside):
+        return model
+    return _with_fewer_names(case, model, split, beside, told, say)
+
+
+_Told = dict[tuple[str, ...], tuple[Found, ...]]  # {names, sorted: the terms beside them}
+
+
+def _key(names: Iterable[str]) -> tuple[str, ...]:
+    return tuple(sorted(names))
+
+
+@dataclass(frozen=True)
+class _Beside:
+    """A typed term and names (effects, faults of the bench) fitted together."""
+
+    names: tuple[str, ...]
+    fitted: FittedTerm
+
+    @property
+    def each(self) -> float:
+        """BIC's penalty of an amount."""
+        return float(np.log(max(int(self.fitted.fit.used.sum()), 2)))
+
+    def cost(self, scale: float, critical: float) -> float:
+        """Chi-square in units of the misfit left, `scale`, and what it must gain."""
+        fit = self.fitted.fit
+        asked = len(self.names) * max(self.each, critical**2) + len(self.fitted.term.coefficients) * self.each
+        return (fit.chi2 + fit.allowance) / scale + asked
+
+
+def _best_beside(
+    case: Case, model: FinalModel, split: Split, critical: float, say: Progress
+) -> tuple[_Beside | None, _Told]:
+    """The term that does best, with the names that are of use beside it, and what was told on the way: first beside all names where these
+    leave a misfit.
+
+    From two ends: the best term beside all names, and the best beside none, as names that together stand in for one place hide it.
+    """
+    problem, fit = case.problem, model.fit
+    # A fault for each of several runs is a patch over what is missing. One that is the whole answer is asked itself.
+    faults = () if scattered(case, fit) or not fit.physics else fit.faults
+    again = lambda names, values: problem.fit(names, values, hop_basins=True)
+    told: _Told = {}
+    leave = fit.chi2 - PROVEN * model.scale
+    if model.disagrees:
+        bent = fit if faults == fit.faults else again(fit.physics, fit.values)
+        found = terms_of(problem, bent, split, say)
+        told[_key(bent.effects)] = found
+        leave = found[0].fitted.fit.chi2 if found and found[0].holds else leave
     say("asking whether one place does what the names do")
-    beside = fit.faults if names else ()
-    base = problem.fit(beside, model.base.values, hop_basins=True) if beside else model.base
-    found = terms_of(problem, base, split, say, below=fit.chi2 - PROVEN * model.scale)
-    if not found or not found[0].holds:
-        return model
-    best = found[0].fitted
-    count = float(np.log(max(int(fit.used.sum()), 2)))
-    gain = (fit.chi2 - best.fit.chi2) / model.scale
-    if min(gain, gain + count * (len(fit.effects) - len(beside) - len(best.term.coefficients))) <= PROVEN:
-        return model
-    times, proof, outdone = times_usual(fit), model.proof, term_name(best.term)
-    suspects = tuple(
+    base = again(faults, model.base.values) if faults else model.base
+    # Names beside it may be of use: what the term alone leaves may be more by what they must gain.
+    below = leave + len(fit.physics) * critical**2 * model.scale if model.disagrees else leave
+    told[_key(faults)] = terms_of(problem, base, split, say, below=below)
+    begun = [_Beside(names, found[0].fitted) for names, found in told.items() if found and found[0].holds]
+    scale = min([model.scale, *(misfit_scale(problem, one.fitted.fit) for one in begun)])
+    cost = lambda one: one.cost(scale, critical)
+    return min((_exchanged(problem, one, fit.effects, cost) for one in begun), key=cost, default=None), told
+
+
+def _exchanged(
+    problem: Problem, best: _Beside, all_names: tuple[str, ...], cost: Callable[[_Beside], float]
+) -> _Beside:
+    """The term beside those of all names that are of use, what helps most taken out or added first."""
+    while True:
+        fewer = [tuple(n for n in best.names if n != out) for out in best.names]
+        more = [(*best.names, name) for name in all_names if name not in best.names]
+        asked = each(partial(_refitted, problem, best), [*fewer, *more])
+        now = min(asked, key=cost, default=best)
+        if cost(now) >= cost(best):
+            return best
+        best = now
+
+
+def _refitted(problem: Problem, now: _Beside, names: tuple[str, ...]) -> _Beside:
+    """The term of `now` beside other names, begun at its parameters."""
+    own = now.fitted
+    values = {n: v for n, v in own.fit.values.items() if n in names or n not in now.names}
+    begun = problem.fit(names, values)
+    start = straightened(own.problem, begun, replace(own.fit, values=begun.values | values))
+    return _Beside(names, fitted_inside(own.problem, start, own.term, PATIENT))
+
+
+def _far_better(model: FinalModel, beside: _Beside) -> bool:
+    """Whether a term beside some of the names does better than all names without it."""
+    fit = model.fit
+    gain = (fit.chi2 - beside.fitted.fit.chi2) / model.scale
+    fewer = len(fit.effects) - len(beside.names) - len(beside.fitted.term.coefficients)
+    return min(gain, gain + beside.each * fewer) > PROVEN
+
+
+def _with_fewer_names(
+    case: Case, model: FinalModel, split: Split, beside: _Beside, told: _Told, say: Progress
+) -> FinalModel:
+    """The model with the names that are of use beside the term; those that stay have to prove themselves again."""
+    problem, fit, outdone = case.problem, model.fit, term_name(beside.fitted.term)
+    scale, proof = (lambda f: misfit_scale(problem, f)), None
+    suspects, doubted = _suspects(model, beside.names, outdone), model.doubted
+    kept = problem.fit(beside.names, fit.values, hop_basins=True) if beside.names else model.base
+    rivals = all_rivals(problem, kept, case.steps, scale(kept), case.freedom) if beside.names else {}
+    if kept.physics:
+        kept, rivals, proof, unproven, more = proven(case, kept, rivals, split, scale)
+        suspects, doubted = (*suspects, *unproven), (*doubted, *more)
+    found = told.get(_key(kept.effects))
+    return replace(
+        model,
+        fit=kept,
+        rivals=rivals,
+        p_values=p_values(kept, rivals, proof),
+        left=misfit_left(problem, kept, smooth_block(problem, len(kept.residual))),
+        scale=scale(kept),
+        disagrees=True,
+        proof=proof,
+        suspects=(*model.suspects, *suspects),
+        doubted=doubted,
+        terms=terms_of(problem, kept, split, say) if found is None else found,
+    )
+
+
+def _suspects(model: FinalModel, kept: tuple[str, ...], outdone: str) -> tuple[Suspect, ...]:
+    """The names that a model loses beside a term, `outdone` in words."""
+    fit, times, nowhere = model.fit, times_usual(model.fit), float("nan")
+    return tuple(
         Suspect(
             name,
             fit.values[name],
             effect_info(name).unit,
-            float("nan") if proof is None else proof.each[name],
+            nowhere if model.proof is None else model.proof.each.get(name, nowhere),
             times[name],
             strength(fit, model.rivals[name].without, model.scale),
             outdone,
         )
-        for name in names
-    )
-    rows = max(int(base.used.sum()) - len(problem.plans) - len(base.free), 1)
-    scale = max(base.chi2 / rows, 1.0)
-    rivals = all_rivals(problem, base, case.steps, scale, case.freedom) if base.faults else {}
-    return replace(
-        model,
-        fit=base,
-        rivals=rivals,
-        p_values={name: rival.p_value for name, rival in rivals.items()},
-        left=misfit_left(problem, base, smooth_block(problem, len(base.residual))),
-        scale=scale,
-        disagrees=True,
-        proof=None,
-        suspects=(*model.suspects, *suspects),
-        terms=found,
+        for name in fit.physics
+        if name not in kept
     )

@@ -115,22 +115,33 @@ def _consistent(once: str, judged: bool, suspects: tuple[Suspect, ...], beyond: 
 
 
 def suspect_sentences(suspects: tuple[Suspect, ...]) -> tuple[str, ...]:
-    """What was found and did not prove itself, or in an amount that it cannot have."""
+    """What was found and did not prove itself, or in an amount that it cannot have, or is of no use beside a typed term."""
     but = lambda s: (
-        f"{s.outdone_by} does better than all names together, with fewer amounts: they only stand in for it."
-        if s.outdone_by
-        else f"takes {s.times_usual:.0f} times its largest usual amount for that: something else that looks like it is more likely."
+        f"takes {s.times_usual:.0f} times its largest usual amount for that: something else that looks like it is more likely."
         if s.implausible
         else f"makes the rows worse that took no part in its choice (2 ln E = {s.held_out:.1f} there)."
         if s.held_out is not None and s.held_out <= 0.0
         else f"does not predict rows that are left out of its fit (2 ln E = {s.evidence:.1f} over all conditions; 10.6 would prove it)."
     )
     weak = lambda s: f" At {s.strength:.1f} standard errors it is a hint, no misfit." if s.hint else ""
-    return tuple(
-        f"Suspected, not named: {s.name} ({amount(s.name, s.value, s.unit)}) lowers the misfit of the rows it is fitted to, but "
-        f"{but(s)}{weak(s)}"
+    words = lambda s: f"{s.name} ({amount(s.name, s.value, s.unit)})"
+    said = [
+        f"Suspected, not named: {words(s)} lowers the misfit of the rows it is fitted to, but {but(s)}{weak(s)}"
         for s in suspects
-    )
+        if not s.outdone_by
+    ]
+    for term in dict.fromkeys(s.outdone_by for s in suspects if s.outdone_by):
+        outdone = [words(s) for s in suspects if s.outdone_by == term]
+        one = len(outdone) == 1
+        said.append(
+            f"Suspected, not named: {in_a_row(outdone)} {'lowers' if one else 'lower'} the misfit, but beside {term} "
+            + (
+                "it is of no use: it only stands in for that."
+                if one
+                else "they are of no use: they only stand in for that."
+            )
+        )
+    return tuple(said)
 
 
 def _once(faults: tuple[Fault, ...]) -> str:

@@ -109,6 +109,7 @@ def _coverage(of: CoverageOf) -> dict[str, Any]:
 
 def _posterior(drawn: Posterior) -> dict[str, Any]:
     return {
+        "method": "importance" if drawn.proposals else "no-u-turn",
         "chains": drawn.draws.shape[0],
         "draws": drawn.draws.shape[1],
         "warmup": drawn.warmup,
@@ -116,6 +117,8 @@ def _posterior(drawn: Posterior) -> dict[str, Any]:
         "target_acceptance": drawn.target,
         "tried": drawn.tried,
         "divergent": int(drawn.divergent.sum()),
+        "proposals": drawn.proposals,
+        "pareto_k": drawn.pareto_k,
         "trouble": drawn.trouble or None,
         "prior": drawn.prior,
         "file": "posterior.nc" if drawn.file else None,

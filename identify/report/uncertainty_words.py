@@ -166,10 +166,13 @@ def knowledge_sentences(result: FitResult) -> list[str]:
         least = min(min(p.ess_bulk, p.ess_tail) for p in drawn.parameters.values())
         worst = max(p.r_hat for p in drawn.parameters.values())
         chains, count = drawn.draws.shape[:2]
-        said.append(
-            f"posterior: {chains} chains of {count} draws (seed {drawn.seed}), none divergent, R-hat at most {worst:.3f}, at least "
-            f"{least:.0f} effective draws; priors: {drawn.prior}"
+        how = (
+            f"{drawn.proposals} proposals weighed by importance (seed {drawn.seed}), worth at least {least:.0f} draws"
+            if drawn.proposals
+            else f"{chains} chains of {count} draws (seed {drawn.seed}), none divergent, R-hat at most {worst:.3f}, at least "
+            f"{least:.0f} effective draws"
         )
+        said.append(f"posterior: {how}; priors: {drawn.prior}")
     if known.simulated:
         failed = f", {known.failed} of which did not converge" if known.failed else ""
         said.append(

@@ -8,14 +8,13 @@ from dataclasses import replace
 from thermohyd.identify.bench.errors import BenchInputError
 from thermohyd.identify.bench.record import BenchRecord
 from thermohyd.identify.diagnosis.conclusion import as_fitted
-from thermohyd.identify.diagnosis.diagnose import Stage, diagnose
+from thermohyd.identify.diagnosis.diagnose import Answer, diagnose
 from thermohyd.identify.diagnosis.found_faults import unit_of, where
 from thermohyd.identify.diagnosis.result import DiagnosisResult
 from thermohyd.identify.fitting.bench_faults import BenchFault, is_fault
 from thermohyd.identify.fitting.result import FitResult
 
-from .log_posterior import log_posterior_of, refuse_motion
-from .posterior import Sampling, sampled
+from .posterior import Sampling, posterior_of_a_problem
 from .result import Knowledge, Posterior
 from .rows import known_parameter
 from .sampler import sampler_or_sentence
@@ -36,10 +35,9 @@ def diagnose_in_depth(
 
     The likelihood is the one that its error bars stand for: noise with its memory, faults of the bench, and where a misfit remains the
     discrepancy beside it. posterior: how many draws; seed: theirs. Rivals are no part of the model that is drawn from.
-    Raises as `diagnose` does, and BenchInputError, before it begins, where dynamic tests take part, where a term is to be learned
-    (its coefficients are not drawn) or where the sampler is not installed.
+    Raises as `diagnose` does, and BenchInputError, before it begins, where a term is to be learned (its coefficients are not drawn) or
+    where the sampler is not installed.
     """
-    refuse_motion(record)
     if learn:
         raise BenchInputError("--posterior and --learn do not go together: a learned term's coefficients are not drawn")
     sampler_or_sentence()
@@ -51,23 +49,23 @@ def diagnose_in_depth(
         model_form=model_form,
         without=without,
         progress=progress,
-        and_then=lambda stage: with_posterior(stage, sampling, say),
+        and_then=lambda answer: with_posterior(answer, sampling, say),
     )
     return replace(result, seconds=time.perf_counter() - began)
 
 
 def with_posterior(
-    stage: Stage, sampling: Sampling | None = None, say: Callable[[str], None] = lambda _: None
+    answer: Answer, sampling: Sampling | None = None, say: Callable[[str], None] = lambda _: None
 ) -> DiagnosisResult:
-    """The answer of a search over static tests with draws of its final model in `after.knowledge`."""
-    result, believed = stage.result, stage.believed
+    """The answer of a diagnosis with draws of its final model in `after.knowledge`."""
+    result, believed = answer.result, answer.believed
     problem, fit, after = believed.problem, believed.fit, result.after
     sampling = sampling or Sampling()
     faults = {name: problem.faults[name] for name in fit.free if is_fault(name)}
     names = [in_words(faults[name]) if name in faults else name for name in fit.free]
     sizes = [faults[name].size if name in faults else 1.0 for name in fit.free]
-    drawn = sampled(log_posterior_of(problem, fit, believed.scale, names, sizes), sampling, say)
-    whole = as_fitted(problem.with_discrepancy(None), fit, stage.case.fitted, stage.case.noise)
+    drawn = posterior_of_a_problem(problem, fit, believed.scale, names, sizes, sampling, say)
+    whole = as_fitted(problem.with_discrepancy(None), fit, answer.fitted, answer.noise)
     rows = {name: known_parameter(after, whole, name) for name in after.free}
     rows = {name: replace(row, posterior=drawn.parameters.get(name)) for name, row in rows.items()}
     notes = (

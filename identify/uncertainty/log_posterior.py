@@ -6,7 +6,7 @@ diagnosis's has its effects, the faults of the bench that it found and the discr
 """
 
 import functools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -16,8 +16,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from thermohyd.identify.bench.errors import BenchInputError
-from thermohyd.identify.bench.record import BenchRecord
 from thermohyd.identify.fitting.bench_faults import is_fault
 from thermohyd.identify.fitting.boxes import Box
 from thermohyd.identify.fitting.fit import StaticSearch
@@ -92,27 +90,26 @@ class LogPosterior:
     sizes: np.ndarray | None = None
 
 
-def refuse_motion(record: BenchRecord, *, instead: str = "") -> None:
-    """Raise BenchInputError where dynamic tests take part: their runs are no one traced function. instead: what works for them."""
-    if record.dynamic_tests:
-        raise BenchInputError(
-            "--posterior is for records of static tests: runs in time are integrated piece by piece, which a sampler cannot follow"
-            f"{instead}",
-            file=record.folder,
-        )
-
-
-def log_posterior(fitted: Fitted, known: Uncertainty) -> LogPosterior:
-    """Of a fit's free parameters, amounts of effects and of sensors included.
-
-    Raises BenchInputError where dynamic tests take part.
-    """
-    refuse_motion(fitted.record, instead="; --profile works for them")
+def noise_of_fit(fitted: Fitted, known: Uncertainty) -> Noise:
+    """The noise as a fit estimated it, with its memory, and as large as what it leaves."""
     blocks = known.blocks
-    noise = Noise(
+    return Noise(
         {key: fitted.noise[key].used * np.sqrt(block.variance) for key, block in blocks.items()},
         {key: block.correlation for key, block in blocks.items()},
     )
+
+
+def around_a_solution(problem: Problem, fit: Fit, scale: float) -> tuple[Clamp, np.ndarray, np.ndarray]:
+    """The change of variables of the free entries of a problem's fit, their optimum (n,) and its covariance (n, n) there. scale:
+    variance of the whitened residuals where that exceeds 1."""
+    boxes = [problem.box_of(name, fit.values[name]) for name in fit.free]
+    solution = solution_of(problem, fit)
+    return _whitened(boxes, solution.p, solution.jacobian, np.full(len(boxes), scale))
+
+
+def log_posterior(fitted: Fitted, known: Uncertainty) -> LogPosterior:
+    """Of a static fit's free parameters, amounts of effects and of sensors included."""
+    noise = noise_of_fit(fitted, known)
     plans = {name: fitted.plans[name] for name in fitted.free}
     boxes = [Box(name, plan.start, plan.info.scale, plan.lower, plan.upper) for name, plan in plans.items()]
     solution = fitted.solution
@@ -123,7 +120,8 @@ def log_posterior(fitted: Fitted, known: Uncertainty) -> LogPosterior:
         density, of_model = _of_problem(problem, effects, fitted.free, {}, plans, 1.0)
     else:
         density, of_model = _plain(fitted, noise)
-    return LogPosterior(fitted.free, density, clamp, start, covariance, (clamp, of_model), _words(plans))
+    words = priors_in_words(plans, fitted.free)
+    return LogPosterior(fitted.free, density, clamp, start, covariance, (clamp, of_model), words)
 
 
 def log_posterior_of(
@@ -133,16 +131,16 @@ def log_posterior_of(
     readings are known to, its discrepancy included. scale: variance of the whitened residuals where that exceeds 1. names, sizes: of
     `fit.free`, as the draws are to call them, and their units in SI."""
     plans = {name: problem.plans[name] for name in fit.free if name in problem.plans}
-    boxes = [problem.box_of(name, fit.values[name]) for name in fit.free]
-    solution = solution_of(problem, fit)
-    clamp, start, covariance = _whitened(boxes, solution.p, solution.jacobian, np.full(len(boxes), scale))
+    clamp, start, covariance = around_a_solution(problem, fit, scale)
     density, of_model = _of_problem(problem, fit.physics, fit.free, fit.values, plans, scale)
     data = (clamp, of_model)
-    return LogPosterior(tuple(names), density, clamp, start, covariance, data, _words(plans), np.asarray(sizes))
+    words = priors_in_words(plans, plans)
+    return LogPosterior(tuple(names), density, clamp, start, covariance, data, words, np.asarray(sizes))
 
 
-def _words(plans: Mapping[str, ParameterPlan]) -> str:
-    given = [name for name, plan in plans.items() if plan.prior is not None]
+def priors_in_words(plans: Mapping[str, ParameterPlan], free: Iterable[str]) -> str:
+    """The priors of the free entries that have a plan."""
+    given = [name for name in free if name in plans and plans[name].prior is not None]
     return f"flat within the limits of each parameter{f', and those of [start] on {", ".join(given)}' if given else ''}"
 
 

@@ -5,18 +5,22 @@ Vehtari et al., "Rank-normalization, folding, and localization: an improved R-ha
 """
 
 import tempfile
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from thermohyd.identify.fitting.outcome import Fitted, Uncertainty
+from thermohyd.identify.fitting.problem import Problem
+from thermohyd.identify.fitting.problem_fit import Fit
 
-from .log_posterior import LogPosterior, log_posterior
+from .importance import Weighed, effective_in_tails, propose, quantiles, smoothing_or_sentence
+from .log_posterior import LogPosterior, log_posterior, log_posterior_of
 from .result import LEVELS, Nested, Posterior, PosteriorOf
 from .sampler import Drawn, draw, sampler_or_sentence
+from .untraced_posterior import UntracedPosterior, is_traced, untraced_posterior, untraced_posterior_of
 
 
 TARGETS = (0.85, 0.95, 0.99)  # acceptance: the next where trajectories diverged
@@ -37,9 +41,77 @@ class Sampling:
 def posterior_of(
     fitted: Fitted, known: Uncertainty, sampling: Sampling | None = None, say: Callable[[str], None] = lambda _: None
 ) -> Posterior:
-    """The posterior of a fit's free parameters. Raises BenchInputError where it cannot be asked for."""
-    sampler_or_sentence()
-    return sampled(log_posterior(fitted, known), sampling or Sampling(), say)
+    """The posterior of a fit's free parameters. Raises BenchInputError where its packages are not installed."""
+    sampling = sampling or Sampling()
+    if is_traced(fitted.tests, fitted.free):
+        sampler_or_sentence()
+        return sampled(log_posterior(fitted, known), sampling, say)
+    return weighed(untraced_posterior(fitted, known), sampling, say)
+
+
+def posterior_of_a_problem(
+    problem: Problem,
+    fit: Fit,
+    scale: float,
+    names: Sequence[str],
+    sizes: Sequence[float],
+    sampling: Sampling,
+    say: Callable[[str], None] = lambda _: None,
+) -> Posterior:
+    """The posterior of the free entries of a problem's fit; see `log_posterior_of`."""
+    if is_traced(problem.tests, fit.effects):
+        return sampled(log_posterior_of(problem, fit, scale, names, sizes), sampling, say)
+    return weighed(untraced_posterior_of(problem, fit, scale, names, sizes), sampling, say)
+
+
+def weighed(target: UntracedPosterior, sampling: Sampling, say: Callable[[str], None] = lambda _: None) -> Posterior:
+    """Proposals until they are worth 400 draws in the middle and in the tails, `chains` times `draws` at most, or twice as many; else a
+    posterior with `trouble` and no figures. `warmup` of each round that moves the proposals are thrown away."""
+    smoothing_or_sentence()
+    most = 2 * sampling.chains * sampling.draws
+    found = propose(
+        target, pilot=sampling.warmup, most=most, effective=ESS, seed=sampling.seed, say=lambda words: say(f"posterior: {words}")
+    )  # fmt: skip
+    equal = _physical(target, found.equal(sampling.chains * sampling.draws, sampling.seed))
+    parameters: dict[str, PosteriorOf] = {}
+    trouble = ""
+    if not found.covered:
+        trouble = (
+            f"the proposals do not cover this posterior (Pareto's k of their weights is {found.shape:.2f}): it is far from "
+            "a Gaussian, so no interval of it is reported; use the profiles"
+        )
+    elif found.worth < ESS:
+        trouble = (
+            f"{len(found.weights)} proposals are worth {found.worth:.0f} draws, {ESS:.0f} are asked for: no interval is reported; use the "
+            "profiles"
+        )
+    else:
+        parameters = _parameters_weighed(target, found)
+    none = np.zeros((1, len(equal)))
+    posterior = Posterior(
+        target.names, equal[None], none.astype(bool), none, sampling.warmup, sampling.seed, np.nan, (), parameters,
+        target.prior, trouble, proposals=len(found.weights), pareto_k=found.shape,
+    )  # fmt: skip
+    if trouble:
+        return posterior
+    attributes = {"inference_library": "thermohyd", "method": "importance", "pareto_k": found.shape}
+    file, notes = _as_file(target.names, equal[None], {}, attributes, sampling)
+    return replace(posterior, file=file, notes=notes)
+
+
+def _parameters_weighed(target: UntracedPosterior, found: Weighed) -> dict[str, PosteriorOf]:
+    physical, weights = _physical(target, found.draws), found.weights
+    rows = {}
+    for own, name in zip(physical.T, target.names, strict=True):
+        mean = float(weights @ own)
+        intervals = []
+        for level in LEVELS:
+            low, high = quantiles(own, weights, (0.5 - 0.5 * level, 0.5 + 0.5 * level))
+            intervals.append(Nested(level, low, high))
+        std = float(np.sqrt(weights @ (own - mean) ** 2))
+        tails = effective_in_tails(own, weights)
+        rows[name] = PosteriorOf(name, mean, std, tuple(intervals), np.nan, found.effective, tails)
+    return rows
 
 
 def sampled(target: LogPosterior, sampling: Sampling, say: Callable[[str], None] = lambda _: None) -> Posterior:
@@ -72,14 +144,14 @@ def sampled(target: LogPosterior, sampling: Sampling, say: Callable[[str], None]
     assert found is not None
     physical = _physical(target, found.draws)
     parameters = {} if trouble else _parameters(target, found)
-    file, notes = (b"", ()) if trouble else _as_file(target, physical, found, sampling, tried[-1])
+    file, notes = (b"", ()) if trouble else _file_of_chains(target, physical, found, sampling, tried[-1])
     return Posterior(
         target.names, physical, found.divergent, found.energy, sampling.warmup, sampling.seed, tried[-1], tuple(tried),
         parameters, target.prior, trouble, file, notes,
     )  # fmt: skip
 
 
-def _physical(target: LogPosterior, draws: np.ndarray) -> np.ndarray:
+def _physical(target: LogPosterior | UntracedPosterior, draws: np.ndarray) -> np.ndarray:
     import jax
 
     flat = jax.numpy.asarray(draws.reshape(-1, draws.shape[-1]))
@@ -123,33 +195,39 @@ def _disagreement(parameters: dict[str, PosteriorOf]) -> str:
     return ""
 
 
-def _as_file(
+def _file_of_chains(
     target: LogPosterior, physical: np.ndarray, found: Drawn, sampling: Sampling, acceptance: float
 ) -> tuple[bytes, tuple[str, ...]]:
-    """The draws as ArviZ keeps them: a DataTree with the groups `posterior` and `sample_stats`, as NetCDF."""
-    try:
-        import arviz_base
-        import h5netcdf  # noqa: F401  # xarray writes by it
-    except ImportError:
-        return b"", ('posterior.nc was not written: pip install "thermohyd[posterior]"',)
-    stats: dict[str, Any] = {
+    stats = {
         "diverging": found.divergent,
         "energy": found.energy,
         "acceptance_rate": found.acceptance,
         "tree_depth": found.doublings,
     }
+    attributes = {"inference_library": "blackjax", "warmup": sampling.warmup, "target_acceptance": acceptance}
+    return _as_file(target.names, physical, stats, attributes, sampling)
+
+
+def _as_file(
+    names: tuple[str, ...],
+    physical: np.ndarray,
+    stats: dict[str, np.ndarray],
+    attributes: dict[str, Any],
+    sampling: Sampling,
+) -> tuple[bytes, tuple[str, ...]]:
+    """Draws (chains, draws, n) as ArviZ keeps them: a DataTree with the groups `posterior` and `sample_stats`, as NetCDF."""
+    try:
+        import arviz_base
+        import h5netcdf  # noqa: F401  # xarray writes by it
+    except ImportError:
+        return b"", ('posterior.nc was not written: pip install "thermohyd[posterior]"',)
     # A name with a stroke would be a group of the file.
-    draws = {name.replace("/", " per "): physical[:, :, i] for i, name in enumerate(target.names)}
-    tree = arviz_base.from_dict({"posterior": draws, "sample_stats": stats})
-    tree.attrs.update(
-        inference_library="blackjax",
-        units="SI",
-        seed=sampling.seed,
-        warmup=sampling.warmup,
-        target_acceptance=acceptance,
-    )
+    draws = {name.replace("/", " per "): physical[:, :, i] for i, name in enumerate(names)}
+    groups = {"posterior": draws, **({"sample_stats": stats} if stats else {})}
+    tree = arviz_base.from_dict(groups)
+    tree.attrs.update(**attributes, units="SI", seed=sampling.seed)
     # ArviZ stamps the time, and a file of one run must equal that of the next.
-    for group in ("posterior", "sample_stats"):
+    for group in groups:
         tree[group].attrs.pop("created_at", None)
     tree.attrs.pop("created_at", None)
     with tempfile.TemporaryDirectory() as folder:

@@ -62,7 +62,8 @@ class ProfileOf:
 
 @dataclass(frozen=True)
 class PosteriorOf:
-    """What the draws say of one parameter (SI): mean, standard deviation, central intervals at `LEVELS`, and how the chains agree."""
+    """What the draws say of one parameter (SI): mean, standard deviation, central intervals at `LEVELS`, and how the chains agree (r_hat
+    nan of proposals weighed by importance)."""
 
     name: str
     mean: float
@@ -82,7 +83,9 @@ class Posterior:
 
     draws (chains, draws, parameters), SI, in the order of `names`; divergent and energy (chains, draws). target: the acceptance that
     the step size was tuned to, and tried: all that were. trouble: why nothing is reported; `parameters` is then empty.
-    prior: in words. file: the draws as NetCDF, empty where they could not be written.
+    prior: in words. file: the draws as NetCDF, empty where they could not be written. proposals: 0 of the no-U-turn sampler; else so many
+    were weighed (`importance`), pareto_k is the shape of their weights' tail (nan: they have none), and the draws, one chain, were
+    drawn from them by weight.
     """
 
     names: tuple[str, ...]
@@ -98,6 +101,8 @@ class Posterior:
     trouble: str = ""
     file: bytes = field(default=b"", repr=False)
     notes: tuple[str, ...] = ()
+    proposals: int = 0
+    pareto_k: float = float("nan")
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Names that only stand in for one place are taken back where a typed term does better with fewer amounts; nothing is asked otherwise."""
+"""Names that only stand in for one place are taken back where a typed term does better without them; nothing is asked otherwise."""
 
 from dataclasses import replace
 
@@ -43,36 +43,98 @@ def model_of(names: tuple[str, ...], chi2: float, p: float = 0.5) -> FinalModel:
     return FinalModel(fit_of(900.0), fit_of(chi2, names), rivals, {}, left, 200.0, 1.0, False, True, proof)
 
 
-def asked(monkeypatch, model: FinalModel, chi2: float | None, *, holds: bool = True, in_motion: bool = True):
-    """(the model that comes back, how often the table was asked) where the best term leaves `chi2`."""
-    calls = []
+def asked(
+    monkeypatch, model: FinalModel, chi2: float | None, *, holds: bool = True, in_motion: bool = True, beside=None
+):
+    """(the model that comes back, beside which names the table was asked) where the best term alone leaves `chi2`.
 
-    def terms_of(problem: Problem, fit: Fit, split: Split, say, *, below: float) -> tuple[Found, ...]:
-        calls.append(fit)
-        assert below == model.fit.chi2 - 10.6 * model.scale  # else no term would be of use
-        if chi2 is None:
+    beside {names: chi-square}: of the term beside names; as much as without them where nothing is said.
+    """
+    calls, leaves = [], {(): chi2} if beside is None else {(): chi2, **beside}
+
+    def refitted(problem: Problem, now: stand_ins._Beside, names: tuple[str, ...]) -> stand_ins._Beside:
+        left = leaves.get(tuple(sorted(names)), chi2)
+        return stand_ins._Beside(names, FittedTerm(LEAK, problem, fit_of(left), 0.0, np.ones(1), np.eye(1)))
+
+    def terms_of(problem: Problem, fit: Fit, split: Split, say, *, below: float = np.inf) -> tuple[Found, ...]:
+        calls.append(fit.effects)
+        left = leaves.get(tuple(sorted(fit.effects)), chi2)
+        if left is None:
             return ()
-        fitted = FittedTerm(LEAK, problem, fit_of(chi2), 0.0, np.ones(1), np.eye(1))
+        fitted = FittedTerm(LEAK, problem, fit_of(left), 0.0, np.ones(1), np.eye(1))
         return (Found(fitted, 1e-9, 0.9 if holds else 0.0, 50.0, (), (2.0, 1.1)),)
 
     monkeypatch.setattr(stand_ins, "terms_of", terms_of)
+    monkeypatch.setattr(stand_ins, "_refitted", refitted)
+    monkeypatch.setattr(stand_ins, "all_rivals", lambda problem, fit, *_: dict(model.rivals))
+    monkeypatch.setattr(stand_ins, "proven", lambda case, fit, rivals, *_: (fit, rivals, model.proof, (), ()))
+    monkeypatch.setattr(Case, "freedom", None)
+    monkeypatch.setattr(stand_ins, "scattered", lambda case, fit: False)
     monkeypatch.setattr(Problem, "in_motion", in_motion)
+    monkeypatch.setattr(Problem, "fit", lambda problem, effects, *_, **__: fit_of(880.0, tuple(effects)))
     monkeypatch.setattr(stand_ins, "misfit_left", lambda problem, fit, block: LackOfFit(1e-9, 0.0, 1))
     case = Case(Fitted.__new__(Fitted), PROBLEM, {}, {}, model.base, {})
-    return stand_ins.without_stand_ins(case, model, split_rows(PROBLEM.tests)), len(calls)
+    return stand_ins.without_stand_ins(case, model, split_rows(PROBLEM.tests), 4.0), calls
 
 
 def test_one_place_that_does_better_than_two_names_takes_their_place(monkeypatch):
     model = model_of(NAMES, 830.0)
-    found, times = asked(monkeypatch, model, 800.0)
-    assert times == 1
+    found, calls = asked(monkeypatch, model, 800.0)
+    assert calls == [()]
     assert (found.fit, found.disagrees, found.proof) == (model.base, True, None)
     assert len(found.terms) == 1
     assert [s.name for s in found.suspects] == list(NAMES)
-    (first, _) = suspect_sentences(found.suspects)
-    assert "Suspected, not named: flow_force" in first
-    assert "a flow from port A to port B in proportion to p_A - p_B does better than all names together" in first
+    (said,) = suspect_sentences(found.suspects)
+    assert said == (
+        "Suspected, not named: flow_force (0.1000 um/N) and coulomb_friction (1.000e-07 N) lower the misfit, but beside a flow from "
+        "port A to port B in proportion to p_A - p_B they are of no use: they only stand in for that."
+    )
     assert not found.suspects[0].hint
+
+
+def test_a_name_that_is_of_use_beside_the_term_stays(monkeypatch):
+    beside = {("flow_force",): 780.0}  # 20 of chi-square; 16 are asked
+    found, _ = asked(monkeypatch, model_of(NAMES, 830.0), 800.0, beside=beside)
+    assert (found.fit.effects, found.disagrees) == (("flow_force",), True)
+    assert [s.name for s in found.suspects] == ["coulomb_friction"]
+    assert found.proof is not None
+
+
+def test_names_that_leave_a_misfit_go_where_the_best_term_does_without_them(monkeypatch):
+    """What a term adds to the names it does as well without them."""
+    model = replace(model_of(NAMES, 830.0), disagrees=True)
+    found, calls = asked(monkeypatch, model, 705.0, beside={tuple(sorted(NAMES)): 700.0})
+    assert calls == [NAMES, ()]
+    assert found.fit is model.base
+    assert [s.name for s in found.suspects] == list(NAMES)
+    assert len(found.terms) == 1
+
+
+def test_a_fault_of_the_bench_stands_in_as_well(monkeypatch):
+    model = replace(model_of((*NAMES, FAULT), 830.0), disagrees=True)
+    found, calls = asked(monkeypatch, model, 705.0)
+    assert calls == [
+        (*NAMES, FAULT),
+        (FAULT,),
+        (),
+    ]  # of the term alone it is asked at last, what is told beside the plain model
+    assert found.fit is model.base
+
+
+def test_names_that_leave_a_misfit_stay_where_the_term_needs_them(monkeypatch):
+    model = replace(model_of(NAMES, 830.0), disagrees=True)
+    needs = {names: 760.0 for names in [("coulomb_friction",), ("flow_force",)]}
+    found, calls = asked(monkeypatch, model, 820.0, beside={tuple(sorted(NAMES)): 700.0, **needs})
+    assert calls == [NAMES, ()]
+    assert (found.fit, found.suspects) == (model.fit, ())
+    assert len(found.terms) == 1  # beside the names
+
+
+def test_a_name_whose_own_place_is_the_best_term_stays(monkeypatch):
+    """A term without a name, and no better, says no more than the name."""
+    model = replace(model_of(NAMES[:1], 830.0), disagrees=True)
+    found, _ = asked(monkeypatch, model, 830.0)
+    assert (found.fit, found.suspects) == (model.fit, ())
 
 
 @pytest.mark.parametrize(
@@ -100,11 +162,12 @@ def test_one_place_that_does_better_than_two_names_takes_their_place(monkeypatch
 )
 def test_names_stay_otherwise(monkeypatch, names, chi2, p, best, holds, in_motion, times):
     model = model_of(names, chi2, p)
-    found, count = asked(monkeypatch, model, best, holds=holds, in_motion=in_motion)
+    found, calls = asked(monkeypatch, model, best, holds=holds, in_motion=in_motion)
     assert found is model
-    assert count == times
+    assert len(calls) == times
 
 
-def test_what_is_unexplained_is_asked_later(monkeypatch):
-    model = replace(model_of(NAMES, 830.0), disagrees=True)
-    assert asked(monkeypatch, model, 800.0) == (model, 0)
+def test_what_leaves_a_misfit_without_a_name_is_asked_later(monkeypatch):
+    model = replace(model_of((), 830.0), disagrees=True)
+    assert asked(monkeypatch, model, 800.0) == (model, [])
+    assert model.terms is None

@@ -78,7 +78,7 @@ def test_also_behind_sensors_of_unknown_gain_and_zero():
 
 def drawn(stage: Stage) -> tuple[DiagnosisResult, DiagnosisResult]:
     """A diagnosis, and the same with draws."""
-    return stage.result, with_posterior(stage, FEW)
+    return stage.result, with_posterior(stage.answer, FEW)
 
 
 def test_draws_of_a_named_effect_and_of_a_fault_agree_with_their_error_bars():
