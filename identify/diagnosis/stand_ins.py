@@ -20,7 +20,7 @@ from thermohyd.side_by_side import each
 
 from .case import Case, Progress
 from .confirmation import PROVEN, strength
-from .final_model import FinalModel, p_values, proven, scattered
+from .final_model import LEVEL_OF_LEFT_OVER, FinalModel, p_values, proven, scattered
 from .held_out import Split
 from .left_over import misfit_left, smooth_block
 from .result import Suspect
@@ -48,8 +48,11 @@ def without_stand_ins(
     fit = model.fit
     if any(stores(name) for name in fit.effects):  # ports that store oil have no terms of their own
         return model
+    if not model.disagrees and not case.problem.in_motion:
+        model = _with_what_no_curve_sees(case, model, split, say)
     unclean = bool(fit.effects) and model.left.p_value < UNCLEAN
-    if not (fit.physics if model.disagrees else len(fit.physics) > 1 or unclean):
+    asked = fit.physics or (model.terms and fit.effects) if model.disagrees else len(fit.physics) > 1 or unclean
+    if not asked:
         return model
     beside, told = _best_beside(case, model, split, critical, say)
     if model.disagrees:
@@ -57,6 +60,17 @@ def without_stand_ins(
     if beside is None or set(fit.effects) <= set(beside.names) or not _far_better(model, beside):
         return model
     return _with_fewer_names(case, model, split, beside, told, say)
+
+
+def _with_what_no_curve_sees(case: Case, model: FinalModel, split: Split, say: Progress) -> FinalModel:
+    """The model, or one that disagrees where the whole table finds a term that holds beside it, at the level of what is left over.
+
+    A meter that lags a little goes with the rate of its own reading: neither smooth curves nor conditions show that.
+    """
+    found = terms_of(case.problem, model.fit, split, say, level=LEVEL_OF_LEFT_OVER)
+    if not found or not found[0].holds or found[0].p_value > LEVEL_OF_LEFT_OVER:
+        return model
+    return replace(model, disagrees=True, terms=found)
 
 
 _Told = dict[tuple[str, ...], tuple[Found, ...]]  # {names, sorted: the terms beside them}
@@ -95,13 +109,15 @@ def _best_beside(
     """
     problem, fit = case.problem, model.fit
     # A fault for each of several runs is a patch over what is missing. One that is the whole answer is asked itself.
-    faults = () if scattered(case, fit) or not fit.physics else fit.faults
+    own = () if scattered(case, fit) else fit.faults
+    faults = own if fit.physics else ()
     again = lambda names, values: problem.fit(names, values, hop_basins=True)
     told: _Told = {}
     leave = fit.chi2 - PROVEN * model.scale
     if model.disagrees:
-        bent = fit if faults == fit.faults else again(fit.physics, fit.values)
-        found = terms_of(problem, bent, split, say)
+        bent = fit if own == fit.faults else again(fit.physics, fit.values)
+        known = model.terms if bent is fit else None
+        found = terms_of(problem, bent, split, say) if known is None else known
         told[_key(bent.effects)] = found
         leave = found[0].fitted.fit.chi2 if found and found[0].holds else leave
     say("asking whether one place does what the names do")

@@ -109,8 +109,8 @@ class Found:
         return np.diag(self.fitted.std**2) if joint is None else joint[others:, others:]
 
 
-def leading(table: Table) -> list[Scored]:
-    """Whom a refit asks: the best pairs, of one place a few.
+def leading(table: Table, level: float = LEVEL) -> list[Scored]:
+    """Whom a refit asks: the best pairs at a level of the whole table, of one place a few.
 
     Of pairs that no reading tells apart an instrument's stands for all: it is checked without opening the valve.
     """
@@ -122,7 +122,7 @@ def leading(table: Table) -> list[Scored]:
             if _of_an_instrument(found) and not _of_an_instrument(chosen[twin]):
                 chosen[twin] = found
             continue
-        if same < FROM_ONE_PLACE and table.p_value(found) <= LEVEL:
+        if same < FROM_ONE_PLACE and table.p_value(found) <= level:
             chosen.append(found)
         if len(chosen) == ASKED_BY_REFIT:
             break
@@ -136,16 +136,22 @@ def _of_an_instrument(found: Scored) -> bool:
 
 
 def terms_of(
-    problem: Problem, fit: Fit, split: Split, say: Progress = lambda _: None, *, below: float = np.inf
+    problem: Problem,
+    fit: Fit,
+    split: Split,
+    say: Progress = lambda _: None,
+    *,
+    below: float = np.inf,
+    level: float = LEVEL,
 ) -> tuple[Found, ...]:
-    """The leading terms beside `fit`, which leaves a misfit: the best first; empty where none is beyond chance.
+    """The leading terms beside `fit`, which leaves a misfit: the best first; empty where none is beyond chance at a level of the table.
 
     below: chi-square that a term has to come below to be of use; empty too where in motion a first round of refits stays far above it.
     """
     say("asking where in the circuit, and with what")
     plain = problem
     table, problem = table_of(problem, fit)
-    lead = leading(table)
+    lead = leading(table, level)
     if not lead:
         return ()
     refits = not any(stores(name) for name in fit.effects)

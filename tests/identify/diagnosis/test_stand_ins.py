@@ -44,7 +44,14 @@ def model_of(names: tuple[str, ...], chi2: float, p: float = 0.5) -> FinalModel:
 
 
 def asked(
-    monkeypatch, model: FinalModel, chi2: float | None, *, holds: bool = True, in_motion: bool = True, beside=None
+    monkeypatch,
+    model: FinalModel,
+    chi2: float | None,
+    *,
+    holds: bool = True,
+    in_motion: bool = True,
+    beside=None,
+    seen_by_the_table: bool = False,
 ):
     """(the model that comes back, beside which names the table was asked) where the best term alone leaves `chi2`.
 
@@ -56,7 +63,11 @@ def asked(
         left = leaves.get(tuple(sorted(names)), chi2)
         return stand_ins._Beside(names, FittedTerm(LEAK, problem, fit_of(left), 0.0, np.ones(1), np.eye(1)))
 
-    def terms_of(problem: Problem, fit: Fit, split: Split, say, *, below: float = np.inf) -> tuple[Found, ...]:
+    def terms_of(
+        problem: Problem, fit: Fit, split: Split, say, *, below: float = np.inf, level: float = 1e-3
+    ) -> tuple[Found, ...]:
+        if level < 1e-3 and not seen_by_the_table:  # what no curve sees
+            return ()
         calls.append(fit.effects)
         left = leaves.get(tuple(sorted(fit.effects)), chi2)
         if left is None:
@@ -165,6 +176,23 @@ def test_names_stay_otherwise(monkeypatch, names, chi2, p, best, holds, in_motio
     found, calls = asked(monkeypatch, model, best, holds=holds, in_motion=in_motion)
     assert found is model
     assert len(calls) == times
+
+
+def test_what_no_curve_sees_the_table_does(monkeypatch):
+    """Beside a model that explains all but for that, without a name and with one; not in motion, where a table takes ten seconds."""
+    model = model_of((), 830.0)
+    found, calls = asked(monkeypatch, model, 800.0, in_motion=False, seen_by_the_table=True)
+    assert calls == [()]
+    assert (found.fit, found.disagrees) == (model.fit, True)
+    assert found.terms
+    assert found.terms[0].p_value == 1e-9
+    assert asked(monkeypatch, model, 800.0, seen_by_the_table=True) == (model, [])
+    assert asked(monkeypatch, model, 800.0, in_motion=False, seen_by_the_table=True, holds=False)[0] is model
+    named = model_of(NAMES[:1], 830.0)
+    needed = {NAMES[:1]: 800.0}
+    found, calls = asked(monkeypatch, named, 850.0, in_motion=False, seen_by_the_table=True, beside=needed)
+    assert (found.fit, found.disagrees) == (named.fit, True)
+    assert calls == [NAMES[:1], ()]
 
 
 def test_what_leaves_a_misfit_without_a_name_is_asked_later(monkeypatch):
