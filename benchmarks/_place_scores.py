@@ -1,5 +1,6 @@
 """How right the places are that a diagnosis points at: rates of the leave-one-out tables, static and in motion."""
 
+from collections import Counter
 from dataclasses import dataclass
 from typing import Any
 
@@ -55,6 +56,7 @@ def table(hidden: dict[str, Hidden], answers: dict[str, dict[str, Any]], right: 
     """The rates, what the terms leave, then a line per record."""
     rows, false, stand_ins, left, ratios = [], [], 0, [], []
     scores: dict[str, list[dict[str, bool]]] = {"all": []}
+    verdicts: Counter[str] = Counter()
     for name, answer in answers.items():
         what = hidden[name]
         label = f"{what.name} {what.size}" if what.name else "nothing"
@@ -69,6 +71,7 @@ def table(hidden: dict[str, Hidden], answers: dict[str, dict[str, Any]], right: 
             rows.append(f"| {name} | {label} | {words} | {closes} | {'false' if false[-1] else 'right'} |")
             continue
         own = score(right[what.name], answer)
+        verdicts[answer["verdict"]] += 1
         if own:
             for group in ("all", *what.groups):
                 scores.setdefault(group, []).append(own)
@@ -86,7 +89,7 @@ def table(hidden: dict[str, Hidden], answers: dict[str, dict[str, Any]], right: 
         "| | records | told | " + " | ".join(COLUMNS.values()) + " |",
         "|---|---|---|" + "---|" * len(COLUMNS),
     ]
-    for group, of in scores.items():
+    for group, of in sorted(scores.items(), key=lambda item: (item[0] != "all", item[0])):
         told = [s for s in of if s["told"]]
         rates = " | ".join(rate([s[key] for s in told]) for key in COLUMNS)
         lines.append(f"| {group} | {len(of)} | {len(told)} | {rates} |")
@@ -100,6 +103,10 @@ def table(hidden: dict[str, Hidden], answers: dict[str, dict[str, Any]], right: 
         f"- a false place in records with nothing wrong: {rate(false)}",
         f"- names stand in and leave nothing to place: {stand_ins}",
     ]
+    if any(verdicts):  # of whole diagnoses
+        lines.append(
+            f"- verdicts with something hidden: {', '.join(f'{n} {name}' for name, n in verdicts.most_common())}"
+        )
     if left:
         lines.append(
             f"- gap on rows held out, after/before: median {np.median(left):.3f}, upper quartile {np.quantile(left, 0.75):.3f}"

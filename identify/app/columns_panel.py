@@ -20,7 +20,7 @@ MOST_HEADERS = 40  # to click on; more of them are told in bench.toml
 
 def files_panel(work: Work) -> None:
     """A choice for every file: the test whose rows it holds."""
-    st.subheader("Files")
+    st.header("Files")
     tables = [file for file in work.uploaded.files if is_table(file) or held_by(work.text, file)]
     if not tables:
         st.warning("No file with rows is among them: CSV, .xlsx, .mat, .parquet or .tdms.")
@@ -29,7 +29,7 @@ def files_panel(work: Work) -> None:
         holds = held_by(work.text, file)
         with columns[number % 3]:
             if len(holds) > 1:
-                st.caption(f"{plain(file)} holds {plain(', '.join(holds))}")
+                st.markdown(f"{plain(file)} holds {plain(', '.join(holds))}")
                 continue
             key = f"file|{file}"
             st.session_state[key] = holds[0] if holds else NO_TEST
@@ -57,7 +57,7 @@ def tests_panel(work: Work, found: CheckResult | str) -> None:
     refused = {} if isinstance(found, str) else found.refused
     names = list(dict.fromkeys([*headers, *checked, *(name for name in refused if name)]))
     if names:
-        st.subheader("Columns")
+        st.header("Columns")
     for name in names:
         own = headers.get(name)
         trouble = refused.get(name) or (own if isinstance(own, str) else "")
@@ -75,7 +75,7 @@ def tests_panel(work: Work, found: CheckResult | str) -> None:
 
 
 def _columns(work: Work, test: CheckedTest) -> None:
-    st.caption(plain(size_words(test)))
+    st.markdown(plain(size_words(test)))
     st.dataframe(
         pd.DataFrame(column_rows(test), columns=["header", "read as", "from", "to", "unit"]),
         hide_index=True,
@@ -84,7 +84,7 @@ def _columns(work: Work, test: CheckedTest) -> None:
     said = [f"{name}: {words}" for name, words in test.conditions.items()]
     said += [f"{noise.channel}: {noise_words(test, noise.channel)}" for noise in test.noise]
     for sentence in (*said, *test.read.notes, *test.notes):
-        st.caption(shown(work, sentence))
+        st.markdown(shown(work, sentence))
     for fault in test.faults:
         st.warning(shown(work, fault.sentence))
 
@@ -123,7 +123,7 @@ def _meanings(work: Work, name: str, own: Headers) -> None:
                 label_visibility="collapsed",
             )
     if len(own.header) > MOST_HEADERS:
-        st.caption(f"{len(own.header) - MOST_HEADERS} more headers: bench.toml below can name them.")
+        st.markdown(f"{len(own.header) - MOST_HEADERS} more headers: bench.toml below can name them.")
 
 
 def _mean(name: str, place: int) -> None:

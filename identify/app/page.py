@@ -42,7 +42,7 @@ def page() -> None:
     """Everything, from top to bottom; Streamlit runs it again after every click."""
     st.set_page_config(page_title="thermohyd", layout="wide")
     st.title("thermohyd")
-    st.caption(
+    st.markdown(
         "Servovalve models from test-bench curves. The computer that runs this page reads the files, and nothing goes on from there; "
         "what was dropped is removed two minutes after the page is closed."
     )
@@ -75,6 +75,7 @@ def _drop() -> None:
         key="kind",
         required=True,
         disabled=WORK in st.session_state,
+        label_visibility="collapsed" if WORK in st.session_state else "visible",  # a grey one is hard to read
     )
     st.file_uploader(
         "The folder of a bench record: bench.toml and a file per test"
@@ -106,11 +107,11 @@ def _left_out(work: Work) -> None:
     names = work.uploaded.left_out
     if names:
         more = f" and {len(names) - 6} more" if len(names) > 6 else ""
-        st.caption(f"Not of this record: {plain(', '.join(names[:6]))}{more}")
+        st.markdown(f"Not of this record: {plain(', '.join(names[:6]))}{more}")
 
 
 def _settings(work: Work) -> None:
-    st.subheader("Valve, oil and conditions")
+    st.header("Valve, oil and conditions")
     fields: list[tuple[Place, tuple[str, str]] | None] = [*SIZES.items(), None]  # the last one is the oil
     for first in range(0, len(fields), ACROSS):  # row by row: a phone shows them in this order
         for column, field in zip(st.columns(ACROSS), fields[first : first + ACROSS], strict=False):
@@ -158,7 +159,7 @@ def _rewrite() -> None:
 
 
 def _what_a_check_says(work: Work, found: CheckResult | str) -> None:
-    st.subheader("What a check says")
+    st.header("What a check says")
     if isinstance(found, str):
         st.error(shown(work, found))
         return
@@ -177,7 +178,7 @@ def _what_a_check_says(work: Work, found: CheckResult | str) -> None:
 
 
 def _start(work: Work, found: CheckResult | str) -> None:
-    st.subheader("Run")
+    st.header("Run")
     ready = isinstance(found, CheckResult) and not found.trouble and not found.for_predictions_only
     fit, diagnose, rest = st.columns([1, 1, 3])
     with fit:
@@ -189,7 +190,7 @@ def _start(work: Work, found: CheckResult | str) -> None:
             "Diagnose", key="diagnose", disabled=not ready, on_click=work.start, args=("diagnose",), width="stretch"
         )
     with rest:
-        st.caption(
+        st.markdown(
             "Fit: the parameters of the valve with error bars. Diagnose: where bench and valve disagree, and which "
             "effect is missing; it takes several times as long."
         )
@@ -214,7 +215,7 @@ def _outcome(work: Work, run: CommandRun) -> None:
     report = work.result("report.html")
     if report is None:
         return
-    st.subheader(f"Report of the {'fit' if job == 'fit' else 'diagnosis'}, {run.seconds:.0f} s")
+    st.header(f"Report of the {'fit' if job == 'fit' else 'diagnosis'}, {run.seconds:.0f} s")
     if work.text != work.ran_on:
         st.warning(f"{NAME} has changed since: this is the report of what it said before.")
     offered = {"report.html": "text/html", JOBS[job]: "application/json", "model.json": "application/json"}

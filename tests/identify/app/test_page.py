@@ -22,7 +22,7 @@ ROWS = "time [s],spool_position [um],leakage_flow [l/min]\n" + "".join(LOG.repla
 
 def seen(page: AppTest) -> str:
     """Every sentence of the page, as a reader sees it."""
-    kinds = ("error", "warning", "success", "info", "caption", "markdown", "text", "subheader")
+    kinds = ("error", "warning", "success", "info", "markdown", "text", "header")
     return re.sub(
         r"\\([\W_])", r"\1", "\n".join(str(getattr(part, "value", "")) for kind in kinds for part in page.get(kind))
     )
@@ -198,7 +198,7 @@ def test_the_how_to_page_shows_what_is_written():
 def test_a_users_text_is_no_markdown():
     header = "![x](http://evil.test/x.png) <b> $a$ :red[b]"
     page = dropped(("v/bench.toml", TOML), ("v/leakage.csv", f"{header},leakage_flow [l/min]\n1,2\n"))
-    shown = [str(getattr(part, "value", "")) for kind in ("error", "caption", "markdown") for part in page.get(kind)]
+    shown = [str(getattr(part, "value", "")) for kind in ("error", "markdown") for part in page.get(kind)]
     shown += [button.label for button in page.button] + [box.label for box in page.selectbox]
     assert not [text for text in shown if "](" in text or "<b>" in text or "$a$" in text or ":red[" in text]
     assert header in seen(page)

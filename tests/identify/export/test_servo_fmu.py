@@ -108,6 +108,39 @@ def test_a_loop_that_the_host_closes_is_the_library_s(host, tmp_path):
     assert np.max(share) < 1e-5
 
 
+@needs_compiler
+def test_fmi_3_gives_the_same_numbers_without_python(host, tmp_path):
+    """Of FMI 3.0 inputs have no slopes: they stand over a step, as those of 2.0 do where they are given none."""
+    machine = machine_of("current_adiabatic")
+    rows = rows_of(machine)
+    rows[:, 5:10] = 0.0
+    two, three = (
+        table_of(host, unpacked(model_of(machine), tmp_path / f"{fmi}", servo="current", fmi=fmi), rows, 1)
+        for fmi in (2, 3)
+    )
+    assert two.keys() == three.keys()
+    for name, found in three.items():
+        np.testing.assert_array_equal(found, two[name])
+
+
+@needs_compiler
+def test_a_loop_that_the_host_closes_over_fmi_3_is_the_library_s(host, tmp_path):
+    machine = machine_of("closed_isothermal")
+    fmu = unpacked(model_of(machine), tmp_path, servo="current", fmi=3)
+    rows = rows_of(machine, parts=4)
+    before = np.repeat(rows[:1] * np.array([*[1.0] * 5, *[0.0] * 5, 1.0]), 200, axis=0)
+    before[:, -1] = 8e-3
+    gain = machine.jack.amplifier_gain * machine.jack.sensor_gain
+    apart_by = []
+    for steps in (20, 40):
+        found = table_of(host, fmu, np.vstack([before, rows]), steps, gain, 2, 3)
+        own = readings({name: column[200::4] for name, column in found.items()})
+        apart_by.append(float(np.max(apart(own, as_table(simulated(machine))))))
+    print(f"served loop: {apart_by} of the range")
+    assert apart_by[1] < 0.01
+    assert 0.4 < apart_by[1] / apart_by[0] < 0.6  # the currents that stand over a step are late by half of it
+
+
 ALL_STATIC = Effects(
     supply_edge_wear=3e-6, return_edge_wear=1e-6, edge_wear_pa=1e-6, edge_wear_bt=2e-6, unequal_underlap=2e-6, eccentricity=0.6,
     land_leakage=8.0, thermal_clearance=4e-9, pressure_clearance=2e-14, null_shift_temperature=5e-9, null_shift_pressure=1e-13,
