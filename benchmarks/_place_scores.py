@@ -54,9 +54,9 @@ COLUMNS = {
 
 def table(hidden: dict[str, Hidden], answers: dict[str, dict[str, Any]], right: Right) -> str:
     """The rates, what the terms leave, then a line per record."""
-    rows, false, stand_ins, left, ratios = [], [], 0, [], []
+    rows, false, named, stand_ins, left, ratios = [], [], [], 0, [], []
     scores: dict[str, list[dict[str, bool]]] = {"all": []}
-    verdicts: Counter[str] = Counter()
+    verdicts: Counter[tuple[bool, str]] = Counter()  # (whether something is hidden, verdict)
     for name, answer in answers.items():
         what = hidden[name]
         label = f"{what.name} {what.size}" if what.name else "nothing"
@@ -68,10 +68,12 @@ def table(hidden: dict[str, Hidden], answers: dict[str, dict[str, Any]], right: 
         closes = "" if first is None else f"{first['gap_closed']:.2f}"
         if not what.name:
             false.append(first is not None)
+            verdicts[False, answer["verdict"]] += 1
+            named.append(bool(answer["named"]))
             rows.append(f"| {name} | {label} | {words} | {closes} | {'false' if false[-1] else 'right'} |")
             continue
         own = score(right[what.name], answer)
-        verdicts[answer["verdict"]] += 1
+        verdicts[True, answer["verdict"]] += 1
         if own:
             for group in ("all", *what.groups):
                 scores.setdefault(group, []).append(own)
@@ -103,10 +105,11 @@ def table(hidden: dict[str, Hidden], answers: dict[str, dict[str, Any]], right: 
         f"- a false place in records with nothing wrong: {rate(false)}",
         f"- names stand in and leave nothing to place: {stand_ins}",
     ]
-    if any(verdicts):  # of whole diagnoses
-        lines.append(
-            f"- verdicts with something hidden: {', '.join(f'{n} {name}' for name, n in verdicts.most_common())}"
-        )
+    if any(verdict for _, verdict in verdicts):  # of whole diagnoses
+        lines.append(f"- a false name in records with nothing wrong: {rate(named)}")
+        for hiding, words in ((True, "something hidden"), (False, "nothing wrong")):
+            of = [f"{n} {verdict}" for (there, verdict), n in verdicts.most_common() if there == hiding]
+            lines.append(f"- verdicts with {words}: {', '.join(of) or 'none'}")
     if left:
         lines.append(
             f"- gap on rows held out, after/before: median {np.median(left):.3f}, upper quartile {np.quantile(left, 0.75):.3f}"

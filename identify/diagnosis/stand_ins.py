@@ -128,7 +128,10 @@ def _best_beside(
     begun = [_Beside(names, found[0].fitted) for names, found in told.items() if found and found[0].holds]
     scale = min([model.scale, *(misfit_scale(problem, one.fitted.fit) for one in begun)])
     cost = lambda one: one.cost(scale, critical)
-    return min((_exchanged(problem, one, fit.effects, cost) for one in begun), key=cost, default=None), told
+    ended = [_exchanged(problem, one, fit.effects, cost) for one in begun]
+    least = min(map(cost, ended), default=0.0)
+    as_good = (one for one in ended if cost(one) <= least + PROVEN)  # a name asks for a proof
+    return min(as_good, key=lambda one: (len(one.names), cost(one)), default=None), told
 
 
 def _exchanged(

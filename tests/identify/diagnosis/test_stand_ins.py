@@ -141,6 +141,17 @@ def test_names_that_leave_a_misfit_stay_where_the_term_needs_them(monkeypatch):
     assert len(found.terms) == 1  # beside the names
 
 
+def test_names_that_gain_as_much_as_they_cost_beside_the_term_go(monkeypatch):
+    """A tie: two names gain 39 of chi-square beside the term, none 16 alone; 32 are asked of two, and 10.6 beyond for a name."""
+    model = replace(model_of(NAMES, 830.0), disagrees=True)
+    apart = {names: 695.0 for names in [("coulomb_friction",), ("flow_force",)]}
+    found, _ = asked(monkeypatch, model, 709.0, beside={tuple(sorted(NAMES)): 670.0, **apart})
+    assert found.fit is model.base
+    assert len(found.suspects) == 2
+    found, _ = asked(monkeypatch, model, 715.0, beside={tuple(sorted(NAMES)): 670.0, **apart})
+    assert found.fit is model.fit
+
+
 def test_a_name_whose_own_place_is_the_best_term_stays(monkeypatch):
     """A term without a name, and no better, says no more than the name."""
     model = replace(model_of(NAMES[:1], 830.0), disagrees=True)
