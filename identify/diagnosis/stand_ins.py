@@ -26,7 +26,7 @@ from .left_over import misfit_left, smooth_block
 from .result import Suspect
 from .rivals import all_rivals
 from .search import times_usual
-from .term_fit import PATIENT, FittedTerm, fitted_inside, straightened
+from .term_fit import PATIENT, FittedTerm, fitted_inside, straightened, usable
 from .typed_terms import Found, terms_of
 
 
@@ -153,7 +153,8 @@ def _refitted(problem: Problem, now: _Beside, names: tuple[str, ...]) -> _Beside
     own = now.fitted
     values = {n: v for n, v in own.fit.values.items() if n in names or n not in now.names}
     begun = problem.fit(names, values)
-    start = straightened(own.problem, begun, replace(own.fit, values=begun.values | values))
+    there = straightened(own.problem, begun, replace(own.fit, values=begun.values | values))
+    start = there if usable(there) else begun
     return _Beside(names, fitted_inside(own.problem, start, own.term, PATIENT))
 
 

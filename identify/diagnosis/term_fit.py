@@ -78,6 +78,10 @@ def fitted_inside(
     count = len(limits.names)
     state = problem.with_terms(term)
     at = state.evaluate(fit.values, fit.effects)
+    if not usable(at):  # the term as another model had it: begin without
+        term = replace(term, coefficients=(0.0,) * len(term.coefficients))
+        state = problem.with_terms(term)
+        at = state.evaluate(fit.values, fit.effects)
     begun, damping = at.chi2, 0.0
     for _ in range(rounds):
         columns, states = _joint(state, at, limits.names, term)
@@ -91,7 +95,7 @@ def fitted_inside(
             )
             there = (problem if states is None else problem.with_states(states)).with_terms(tried)
             trial = there.evaluate({**at.values, **dict(zip(limits.names, moved.tolist(), strict=True))}, fit.effects)
-            if np.isfinite(trial.chi2) and trial.chi2 < at.chi2:
+            if usable(trial) and trial.chi2 < at.chi2:
                 found = (at.chi2 - trial.chi2, trial, tried, there)
                 break
             damping = max(DAMPED * damping, 1e-3)
@@ -106,6 +110,11 @@ def fitted_inside(
     joint = _covariance(_joint(state, at, names, term)[0], max(at.chi2 / max(int(fit.used.sum()), 1), 1.0))
     std = np.sqrt(np.maximum(np.diag(joint)[len(names) :], 0.0))
     return FittedTerm(term, state, kept, begun - at.chi2, std, joint, names)
+
+
+def usable(at: Fit) -> bool:
+    """Whether a point has readings and slopes that a step can start from."""
+    return bool(np.isfinite(at.chi2) and np.isfinite(at.columns).all())
 
 
 def _step_within(columns: np.ndarray, residual: np.ndarray, damping: float, sides: np.ndarray) -> np.ndarray:

@@ -20,7 +20,7 @@ from thermohyd.side_by_side import each
 from .untraced_posterior import UntracedPosterior
 
 
-FREEDOM = 6.0  # of Student's t: tails wider than those of the posterior, a fifth of the proposals lost by them
+FREEDOM = 6  # of Student's t: tails wider than those of the posterior, a fifth of the proposals lost by them
 MOST_PILOTS = 5  # rounds that move the proposals
 NEAR = 0.6  # of a round's proposals, worth from which on they need no more of them
 PIECE = 100  # proposals between two words of progress
@@ -126,7 +126,7 @@ def _round(
 ) -> tuple[np.ndarray, np.ndarray]:
     """(draws (count, n), log ratios (count,)) of a round."""
     # Student's t has a wider covariance than its matrix.
-    proposal = multivariate_t(middle, spread * (FREEDOM - 2.0) / FREEDOM, df=FREEDOM)
+    proposal = multivariate_t(loc=middle, shape=spread * (FREEDOM - 2) / FREEDOM, df=FREEDOM)  # pyright: ignore[reportArgumentType]
     draws = np.reshape(proposal.rvs(count, random_state=random), (count, len(middle)))
     found = np.array(each(target.log_density, list(draws)))
     found[np.isnan(found)] = -np.inf

@@ -16,6 +16,7 @@ from thermohyd.identify.fitting.outcome import Fitted, Uncertainty
 from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.fitting.problem_fit import Fit
 
+from .finished_fit import effects_of
 from .importance import Weighed, effective_in_tails, propose, quantiles, smoothing_or_sentence
 from .log_posterior import LogPosterior, log_posterior, log_posterior_of
 from .result import LEVELS, Nested, Posterior, PosteriorOf
@@ -43,7 +44,7 @@ def posterior_of(
 ) -> Posterior:
     """The posterior of a fit's free parameters. Raises BenchInputError where its packages are not installed."""
     sampling = sampling or Sampling()
-    if is_traced(fitted.tests, fitted.free):
+    if is_traced(fitted.tests, effects_of(fitted)):
         sampler_or_sentence()
         return sampled(log_posterior(fitted, known), sampling, say)
     return weighed(untraced_posterior(fitted, known), sampling, say)

@@ -93,6 +93,7 @@ def test_one_place_that_does_better_than_two_names_takes_their_place(monkeypatch
     found, calls = asked(monkeypatch, model, 800.0)
     assert calls == [()]
     assert (found.fit, found.disagrees, found.proof) == (model.base, True, None)
+    assert found.terms
     assert len(found.terms) == 1
     assert [s.name for s in found.suspects] == list(NAMES)
     (said,) = suspect_sentences(found.suspects)
@@ -118,6 +119,7 @@ def test_names_that_leave_a_misfit_go_where_the_best_term_does_without_them(monk
     assert calls == [NAMES, ()]
     assert found.fit is model.base
     assert [s.name for s in found.suspects] == list(NAMES)
+    assert found.terms
     assert len(found.terms) == 1
 
 
@@ -138,6 +140,7 @@ def test_names_that_leave_a_misfit_stay_where_the_term_needs_them(monkeypatch):
     found, calls = asked(monkeypatch, model, 820.0, beside={tuple(sorted(NAMES)): 700.0, **needs})
     assert calls == [NAMES, ()]
     assert (found.fit, found.suspects) == (model.fit, ())
+    assert found.terms
     assert len(found.terms) == 1  # beside the names
 
 

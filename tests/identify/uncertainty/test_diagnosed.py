@@ -18,7 +18,7 @@ from thermohyd.identify.diagnosis.diagnose import Stage, diagnose_stage
 from thermohyd.identify.diagnosis.result import DiagnosisResult
 from thermohyd.identify.fitting.discrepancy import Discrepancy
 from thermohyd.identify.fitting.problem import Problem
-from thermohyd.identify.uncertainty import diagnosed, posterior
+from thermohyd.identify.uncertainty import posterior
 from thermohyd.identify.uncertainty.diagnosed import diagnose_in_depth, with_posterior
 from thermohyd.identify.uncertainty.log_posterior import LogPosterior, log_posterior_of
 from thermohyd.identify.uncertainty.posterior import Sampling, sampled
@@ -121,7 +121,7 @@ def by_the_covariance(target: LogPosterior, sampling: Sampling, say: object) -> 
 
 
 def test_beside_a_misfit_the_posterior_is_as_wide_as_the_error_bars():
-    with patch.object(diagnosed, "sampled", by_the_covariance):
+    with patch.object(posterior, "sampled", by_the_covariance):
         plain, result = drawn(small_stage("outside"))
     assert plain.verdict == "unexplained"
     assert plain.discrepancy

@@ -77,7 +77,7 @@ def test_two_that_trade_off_begun_far_too_narrow():
 
 
 def test_tails_that_no_proposal_covers_are_no_answer():
-    target = of_one(student(0.3).logpdf, 0.0, 0.05, -1e9, 1e9)
+    target = of_one(lambda p: student.logpdf(p, 0.3), 0.0, 0.05, -1e9, 1e9)
     found = weighed(target, SAMPLING)
     assert found.parameters == {}
     assert found.file == b""
@@ -154,7 +154,9 @@ def test_a_record_of_motion(tmp_path):
     assert factor.at(0.99).high <= 1.3
     assert drawn.file
     assert any("proposals weighed by importance" in said for said in knowledge_sentences(result))
-    told = knowledge_json(result)["posterior"]
+    said = knowledge_json(result)
+    assert said is not None
+    told = said["posterior"]
     assert told["method"] == "importance"
     assert told["proposals"] == drawn.proposals
 
