@@ -17,6 +17,7 @@ from scipy.stats import multivariate_t
 from thermohyd.identify.bench.errors import BenchInputError
 from thermohyd.side_by_side import each
 
+from .sampler import NOT_INSTALLED
 from .untraced_posterior import UntracedPosterior
 
 
@@ -66,9 +67,7 @@ def smoothing_or_sentence() -> Any:
     try:
         from arviz_stats.base.array import array_stats
     except ImportError:
-        raise BenchInputError(
-            '--posterior needs the packages blackjax and arviz: pip install "thermohyd[posterior]"'
-        ) from None
+        raise BenchInputError(NOT_INSTALLED) from None
     return array_stats
 
 

@@ -34,14 +34,15 @@ class Drawn:
     doublings: np.ndarray
 
 
+NOT_INSTALLED = '--posterior needs the packages blackjax and arviz: pip install "thermohyd[posterior]"'
+
+
 def sampler_or_sentence() -> Any:
     """BlackJAX; one sentence where it is not installed."""
     try:
         import blackjax
     except ImportError:
-        raise BenchInputError(
-            '--posterior needs the packages blackjax and arviz: pip install "thermohyd[posterior]"'
-        ) from None
+        raise BenchInputError(NOT_INSTALLED) from None
     return blackjax
 
 

@@ -67,6 +67,14 @@ def rows_of(machine: Machine, parts: int = 1) -> np.ndarray:
     return np.stack(cut, axis=1).reshape(-1, cut[0].shape[1])
 
 
+def rows_from_rest(machine: Machine) -> np.ndarray:
+    """`rows_of` in four parts each, behind 200 of the first instant: seconds in which a loop finds its rest."""
+    rows = rows_of(machine, parts=4)
+    before = np.repeat(rows[:1] * np.array([*[1.0] * 5, *[0.0] * 5, 1.0]), 200, axis=0)
+    before[:, -1] = 8e-3
+    return np.vstack([before, rows])
+
+
 def readings(table: dict[str, np.ndarray]) -> np.ndarray:
     return np.stack([table[name] for name in READINGS], axis=1)
 
@@ -97,11 +105,9 @@ def test_a_loop_that_the_host_closes_is_the_library_s(host, tmp_path):
     """The first seconds let the loop find its rest; then the host hands over a current and its slope every 50 us."""
     machine = machine_of("closed_isothermal")
     fmu = unpacked(model_of(machine), tmp_path, servo="current")
-    rows = rows_of(machine, parts=4)
-    before = np.repeat(rows[:1] * np.array([*[1.0] * 5, *[0.0] * 5, 1.0]), 200, axis=0)
-    before[:, -1] = 8e-3
+    rows = rows_from_rest(machine)
     gain = machine.jack.amplifier_gain * machine.jack.sensor_gain
-    found = table_of(host, fmu, np.vstack([before, rows]), 40, gain, 2, 3)
+    found = table_of(host, fmu, rows, 40, gain, 2, 3)
     own = readings({name: column[200::4] for name, column in found.items()})
     share = apart(own, as_table(simulated(machine)))
     print(f"served loop: {np.max(share):.1e} of the range")
@@ -127,13 +133,11 @@ def test_fmi_3_gives_the_same_numbers_without_python(host, tmp_path):
 def test_a_loop_that_the_host_closes_over_fmi_3_is_the_library_s(host, tmp_path):
     machine = machine_of("closed_isothermal")
     fmu = unpacked(model_of(machine), tmp_path, servo="current", fmi=3)
-    rows = rows_of(machine, parts=4)
-    before = np.repeat(rows[:1] * np.array([*[1.0] * 5, *[0.0] * 5, 1.0]), 200, axis=0)
-    before[:, -1] = 8e-3
+    rows = rows_from_rest(machine)
     gain = machine.jack.amplifier_gain * machine.jack.sensor_gain
     apart_by = []
     for steps in (20, 40):
-        found = table_of(host, fmu, np.vstack([before, rows]), steps, gain, 2, 3)
+        found = table_of(host, fmu, rows, steps, gain, 2, 3)
         own = readings({name: column[200::4] for name, column in found.items()})
         apart_by.append(float(np.max(apart(own, as_table(simulated(machine))))))
     print(f"served loop: {apart_by} of the range")
