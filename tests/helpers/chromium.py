@@ -33,6 +33,9 @@ for place, number in zip((3, 4), [fcntl.fcntl(int(one), fcntl.F_DUPFD, 10) for o
     os.dup2(number, place)
 os.execv(sys.argv[3], sys.argv[3:])
 """
+AXE = (
+    Path(__file__).parents[2] / "build" / "axe" / "package" / "axe.min.js"
+)  # `make axe` takes it from the npm registry
 PATIENCE = 60.0  # s, of a busy machine
 
 
@@ -169,6 +172,14 @@ class Browser:
 
     def picture(self, whole: bool = True) -> bytes:
         return base64.b64decode(self.send("Page.captureScreenshot", captureBeyondViewport=whole)["data"])
+
+    def serious_faults(self) -> list[list[str]]:
+        """What axe-core finds of the page that is serious or worse: impact, rule, and the first place. AXE is there."""
+        self.run(AXE.read_text(encoding="utf-8") + "; undefined")
+        found = self.run(
+            "axe.run().then((r) => r.violations.map((v) => [v.impact, v.id, v.nodes[0].html.slice(0, 200)]))"
+        )
+        return [fault for fault in found if fault[0] in ("serious", "critical")]
 
     def paper(self) -> bytes:
         """As PDF, on A4, in the system's theme."""
