@@ -61,6 +61,7 @@ def asked(
 
     def refitted(problem: Problem, now: stand_ins._Beside, names: tuple[str, ...]) -> stand_ins._Beside:
         left = leaves.get(tuple(sorted(names)), chi2)
+        assert left is not None
         return stand_ins._Beside(names, FittedTerm(LEAK, problem, fit_of(left), 0.0, np.ones(1), np.eye(1)))
 
     def terms_of(
