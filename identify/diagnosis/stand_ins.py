@@ -42,7 +42,8 @@ def without_stand_ins(
 
     Where the names leave a misfit, the best term beside them is asked, too. Of use is what gains as much beside the term, in units of the
     misfit left, as the search asks of an effect. And the term, with what is of use beside it, does better than the names alone by a proof
-    (10.6, docs/diagnosis.md section 11.1) in chi-square and in BIC: an effect's own place says no more than its name.
+    (10.6, docs/diagnosis.md section 11.1) in BIC, with what a fault's many places ask, and, where names explain the readings, in
+    chi-square: an effect's own place says no more than its name.
     critical: score that chance does not reach in the search.
     """
     fit = model.fit
@@ -159,11 +160,15 @@ def _refitted(problem: Problem, now: _Beside, names: tuple[str, ...]) -> _Beside
 
 
 def _far_better(model: FinalModel, beside: _Beside) -> bool:
-    """Whether a term beside some of the names does better than all names without it."""
-    fit = model.fit
-    gain = (fit.chi2 - beside.fitted.fit.chi2) / model.scale
+    """Whether a term beside some of the names does better than all names without it.
+
+    Names that leave a misfit have no claim that fewer amounts which leave as little would have to beat.
+    """
+    fit, now = model.fit, beside.fitted.fit
+    gain = (fit.chi2 - now.chi2) / model.scale
     fewer = len(fit.effects) - len(beside.names) - len(beside.fitted.term.coefficients)
-    return min(gain, gain + beside.each * fewer) > PROVEN
+    by_bic = gain + (fit.allowance - now.allowance) / model.scale + beside.each * fewer
+    return (by_bic if model.disagrees else min(gain, by_bic)) > PROVEN
 
 
 def _with_fewer_names(

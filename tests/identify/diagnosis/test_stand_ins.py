@@ -163,6 +163,16 @@ def test_a_name_whose_own_place_is_the_best_term_stays(monkeypatch):
     assert (found.fit, found.suspects) == (model.fit, ())
 
 
+def test_names_that_leave_as_much_as_one_term_alone_go(monkeypatch):
+    """Fewer amounts decide, by BIC; names that leave nothing over are asked for chi-square, too."""
+    misfit = replace(model_of((*NAMES, FAULT), 830.0), disagrees=True)
+    found, _ = asked(monkeypatch, misfit, 828.0)
+    assert found.fit is misfit.base
+    assert len(found.suspects) == 2
+    clean = model_of((*NAMES, FAULT), 830.0)
+    assert asked(monkeypatch, clean, 828.0)[0] is clean
+
+
 @pytest.mark.parametrize(
     ("names", "chi2", "p", "best", "holds", "in_motion", "times"),
     [
