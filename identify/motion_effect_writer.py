@@ -13,6 +13,7 @@ _OF_SEEN = {
     "opening": "jnp.abs(seen.spool)",
     "rate": "seen.spool_speed",
     "turn": f"jnp.tanh(seen.spool_speed / {DIRECTION_SPEED})",
+    "turned": "seen.turned",
     "velocity": "seen.velocity",
     "direction": f"jnp.tanh(seen.velocity / {DIRECTION_SPEED})",
     "piston_position": "seen.position",
@@ -57,7 +58,16 @@ def stage_in_motion(term: TermRead) -> Stage:
     body = f"""    def added(self, seen: Seen) -> Added:
         return Added({field}={value})"""
     module = "from thermohyd.dynamics.circuit import AbstractCircuitEffect, Added, Seen"
-    return Stage("AbstractCircuitEffect", (module,), body, (), ("step", "frequency"))
+    remembers = "seen.turned" in body
+    # Which way the command went last is no small motion.
+    return Stage(
+        "AbstractCircuitEffect",
+        (module,),
+        body,
+        (),
+        ("step",) if remembers else ("step", "frequency"),
+        remembers=remembers,
+    )
 
 
 def test_in_motion(name: str) -> str:
@@ -92,7 +102,7 @@ def added(amount):
         seen = Seen(
             time=abs(values[0]), spool=values[1], spool_speed=values[2], position=values[3], velocity=values[4],
             pressure=10e6 + jnp.stack(values[5:7]), warming=5.0 + jnp.stack(values[7:9]), supply_pressure=jnp.asarray(21e6),
-            return_pressure=jnp.asarray(2e5), temperature=jnp.asarray(323.15),
+            return_pressure=jnp.asarray(2e5), temperature=jnp.asarray(323.15), turned=jnp.sign(values[2]),
         )
         found += [jnp.ravel(leaf) for leaf in jax.tree.leaves(effect(NAME, amount).added(seen))]
     return np.concatenate(found)

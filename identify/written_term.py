@@ -83,6 +83,7 @@ class Stage:
     shows: tuple[str, ...] = ("leakage", "pressure_gain", "flow_gain", "load_flow")
     sign: float = 1.0  # of the amount, beside the term's coefficient
     lower_is_zero: bool = False
+    remembers: bool = False  # it goes with which way the spool's command went last
 
 
 def refused(term: TermRead, why: str) -> BenchInputError:

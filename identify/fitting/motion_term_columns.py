@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from thermohyd.identify.model.places import place_of
-from thermohyd.identify.model.term_variables import IMPLICIT, SIGNALS, VARIABLES, signal_of
+from thermohyd.identify.model.term_variables import IMPLICIT, REMEMBERED, SIGNALS, VARIABLES, signal_of
 from thermohyd.identify.model.typed_terms import TypedTerm, basis, coefficients_of
 
 from .motion_readings import DynamicSimulator, Weighing, readings_of
@@ -156,6 +156,8 @@ def _ranges(simulator: DynamicSimulator, seen: TermReadings) -> Ranges:
     )
     for a, b in (("pressure_a", "pressure_b"), ("drop_a", "drop_b"), ("warming_a", "warming_b")):
         found[a] = found[b] = (min(found[a][0], found[b][0]), max(found[a][1], found[b][1]))
+    # The run that was seen keeps no memory.
+    found[REMEMBERED] = (-1.0, 1.0) if found["rate"][0] < found["rate"][1] else (0.0, 0.0)
     rates = [0.0]
     for name, test in simulator.tests.items():
         for run in np.unique(test.run) if name in seen.signals else ():

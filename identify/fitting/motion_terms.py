@@ -7,7 +7,7 @@ one, `Few`, for all terms alike: which place, signal and shape is data.
 
 from abc import abstractmethod
 from dataclasses import dataclass
-from typing import Any, final
+from typing import Any, ClassVar, final
 
 import equinox as eqx
 import jax
@@ -24,6 +24,7 @@ from thermohyd.identify.model.term_variables import (
     IMPLICIT,
     MOVED,
     REFERENCE_TEMPERATURE,
+    REMEMBERED,
     SIGNALS,
     signal_of,
 )
@@ -66,7 +67,7 @@ class Terms(AbstractTerms):
 
     takes (slots, 1 + shapes, k): which coefficients each slot has of a constant and of the shapes of its signal, with their signs; moved
     (places, slots) and signal (slots, signals): 1 where it acts, and at what it follows; low, high (slots,): where that was seen, beyond
-    which it is held. stored (2, k): of what goes with dp/dt.
+    which it is held. stored (2, k): of what goes with dp/dt. remembers: whether one goes with which way the command went last.
     """
 
     coefficients: Float[Array, " k"]
@@ -76,11 +77,13 @@ class Terms(AbstractTerms):
     low: Float[Array, " slots"]
     high: Float[Array, " slots"]
     stored: Float[Array, "ports k"]
+    remembers: bool = eqx.field(static=True)
 
-    def effect(self, coefficients: Float[Array, " k"]) -> "Few":
+    def effect(self, coefficients: Float[Array, " k"]) -> "AbstractFew":
         amount = jnp.sum(self.takes * coefficients, axis=-1)
         per_rate = jnp.sum(self.stored * coefficients, axis=1)
-        return Few(amount, per_rate, self.moved, self.signal, self.low, self.high)
+        few = FewThatRemember if self.remembers else Few
+        return few(amount, per_rate, self.moved, self.signal, self.low, self.high)
 
 
 @final
@@ -101,6 +104,7 @@ class Directions(AbstractTerms):
 class Bank(AbstractCircuitEffect):
     """Everything that typed terms add to the circuit. amount (places x signals x shapes + stored,): a coefficient of each."""
 
+    remembers: ClassVar[bool] = True
     amount: Float[Array, " places"]
     low: Float[Array, " signals"]
     high: Float[Array, " signals"]
@@ -112,13 +116,29 @@ class Bank(AbstractCircuitEffect):
         return _added(shift, self.amount[split:])
 
 
-@final
-class Few(AbstractCircuitEffect):
+class AbstractFew(AbstractCircuitEffect):
     """What a few terms add (see `Terms`). A run's derivatives go through it at every step; through the thousand coefficients of `Bank` they
     take half as long again.
 
     amount (slots, 1 + shapes): the coefficients of each; per_rate (2,): of what goes with dp/dt.
     """
+
+    per_rate: eqx.AbstractVar[Float[Array, " ports"]]
+    moved: eqx.AbstractVar[Float[Array, "places slots"]]
+    signal: eqx.AbstractVar[Float[Array, "slots signals"]]
+    low: eqx.AbstractVar[Float[Array, " slots"]]
+    high: eqx.AbstractVar[Float[Array, " slots"]]
+
+    def added(self, seen: Seen) -> Added:
+        followed = jnp.sum(self.signal * signals_of(seen), axis=1)
+        shapes = shapes_of(followed, self.low, self.high)
+        shift = self.amount[:, 0] + jnp.sum(self.amount[:, 1:] * shapes, axis=1)
+        return _added(jnp.sum(self.moved * shift, axis=1), self.per_rate)
+
+
+@final
+class Few(AbstractFew):
+    """Terms that go with what the machine's states are."""
 
     amount: Float[Array, "slots shapes"]
     per_rate: Float[Array, " ports"]
@@ -127,11 +147,18 @@ class Few(AbstractCircuitEffect):
     low: Float[Array, " slots"]
     high: Float[Array, " slots"]
 
-    def added(self, seen: Seen) -> Added:
-        followed = jnp.sum(self.signal * signals_of(seen), axis=1)
-        shapes = shapes_of(followed, self.low, self.high)
-        shift = self.amount[:, 0] + jnp.sum(self.amount[:, 1:] * shapes, axis=1)
-        return _added(jnp.sum(self.moved * shift, axis=1), self.per_rate)
+
+@final
+class FewThatRemember(AbstractFew):
+    """Terms of which one at least goes with the way that the spool's command went last: a state more."""
+
+    remembers: ClassVar[bool] = True
+    amount: Float[Array, "slots shapes"]
+    per_rate: Float[Array, " ports"]
+    moved: Float[Array, "places slots"]
+    signal: Float[Array, "slots signals"]
+    low: Float[Array, " slots"]
+    high: Float[Array, " slots"]
 
 
 def _added(shift: Float[Array, " places"], per_rate: Float[Array, " ports"]) -> Added:
@@ -156,6 +183,7 @@ def signals_of(seen: Seen) -> Float[Array, " signals"]:
         "opening": jnp.abs(seen.spool),
         "rate": seen.spool_speed,
         "turn": jnp.tanh(seen.spool_speed / DIRECTION_SPEED),
+        "turned": seen.turned,
         "velocity": seen.velocity,
         "direction": jnp.tanh(seen.velocity / DIRECTION_SPEED),
         "piston_position": seen.position,
@@ -247,7 +275,7 @@ def terms_in(terms: tuple[TypedTerm, ...]) -> Terms:
     values, stored = np.zeros(coefficients), np.zeros((len(STORED), coefficients))
     takes = np.zeros((slots, 1 + len(SHAPES), coefficients))
     moved, signal = np.zeros((len(MOVED), slots)), np.zeros((slots, len(SIGNALS)))
-    low, high = np.full(slots, -_ANYWHERE), np.full(slots, _ANYWHERE)
+    low, high, remembers = np.full(slots, -_ANYWHERE), np.full(slots, _ANYWHERE), False
     for number, term in enumerate(terms):
         first = COEFFICIENTS * number
         values[first : first + len(term.coefficients)] = term.coefficients
@@ -263,8 +291,9 @@ def terms_in(terms: tuple[TypedTerm, ...]) -> Terms:
                 continue
             takes[slot, 1 + SHAPES.index(part.shape), own] = part.sign
             signal[slot, SIGNALS.index(part.signal)] = 1.0
+            remembers |= part.signal == REMEMBERED
             low[slot], high[slot] = term.low, term.high
-    return Terms(*(jnp.asarray(part) for part in (values, takes, moved, signal, low, high, stored)))
+    return Terms(*(jnp.asarray(part) for part in (values, takes, moved, signal, low, high, stored)), remembers)
 
 
 def _given(given: Given, terms: AbstractTerms, coefficients: Array) -> Given:

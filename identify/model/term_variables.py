@@ -196,9 +196,11 @@ def asked_with(place: Place, variable: Variable, *, moving: bool = False) -> boo
 # What of the machine a place in motion shifts, and the signals that variables are made of there (see `signal_of`).
 MOVED = ("force_on_piston", "force_on_spool", "flow_a", "flow_b", "heat_a", "heat_b", "position", "viscosity")
 SIGNALS = (
-    "constant", "position", "opening", "rate", "turn", "velocity", "direction", "piston_position", "pressure_a", "pressure_b",
+    "constant", "position", "opening", "rate", "turn", "turned", "velocity", "direction", "piston_position", "pressure_a", "pressure_b",
     "load", "drop_a", "drop_b", "drop", "warming_a", "warming_b", "temperature", "time",
 )  # fmt: skip
+# Which way the spool's command went last: a signal that the machine keeps only for who asks for it (`remembers`).
+REMEMBERED = "turned"
 # A variable that is the derivative of a state: it has no signal, and acts on what a chamber stores.
 IMPLICIT = "pressure_rate"
 # Speed [m/s] above which the piston, or the spool, counts as going one way.
@@ -216,6 +218,8 @@ def signal_of(place: Place, moved: str, variable: str) -> str:
         return f"drop{ends}" if ends else "load" if side == "a-b" else "drop"
     if variable == "temperature" and moved.startswith("heat"):
         return f"warming{ends}"
-    if variable == "direction" and (place.name in ("force_on_spool", "position") or place.local == "supply"):
+    if variable == "direction" and place.name in ("force_on_spool", "position"):
+        return REMEMBERED
+    if variable == "direction" and place.local == "supply":
         return "turn"
     return variable

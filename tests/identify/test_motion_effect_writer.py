@@ -26,6 +26,7 @@ SEEN = Seen(
     time=jnp.asarray(0.2), spool=jnp.asarray(3e-5), spool_speed=jnp.asarray(-2e-3), position=jnp.asarray(1e-3),
     velocity=jnp.asarray(0.03), pressure=jnp.asarray([9e6, 12e6]), warming=jnp.asarray([4.0, 5.0]),
     supply_pressure=jnp.asarray(21e6), return_pressure=jnp.asarray(2e5), temperature=jnp.asarray(320.0),
+    turned=jnp.asarray(-1.0),
 )  # fmt: skip
 # Where each variable was, in these tests.
 ENDS = {"pressure": (5e6, 1.5e7), "pressure_drop": (5e6, 1.5e7), "load": (-5e6, 5e6), "temperature": (0.0, 20.0)}
@@ -71,6 +72,7 @@ def test_the_effect_adds_what_the_term_added(place, variable, law, tmp_path):
     try:
         info = effect_info("found_there")
         assert (info.unit, info.stages, info.effect_class.dynamic) == (term.unit, ("circuit",), True)
+        assert info.effect_class.remembers == (variable == "direction")
         own = added(effect("found_there", abs(term.coefficients[0]) if law == "smooth" else term.coefficients[0]))
         given = terms_in((term,))
         every = added(given.effect(given.coefficients))

@@ -9,12 +9,13 @@ import pytest
 from helpers.machines import plant
 from reference.conformance_dynamic import machine_of
 
-from thermohyd.dynamics.circuit import Added
+from thermohyd.dynamics.circuit import Added, turned
 from thermohyd.dynamics.flows import chamber_rates, chamber_sources, flows_at
-from thermohyd.dynamics.machine import State
+from thermohyd.dynamics.linear import frequency_response
+from thermohyd.dynamics.machine import MEMORY, State, asked_position
 from thermohyd.dynamics.vector_field import rates_at
 from thermohyd.effects.library import effect
-from thermohyd.identify.fitting.motion_terms import Few, terms_in
+from thermohyd.identify.fitting.motion_terms import AbstractFew, terms_in
 from thermohyd.identify.model.places import PLACES
 from thermohyd.identify.model.term_variables import MOVED, SIGNALS, VARIABLES, asked_with, signal_of
 from thermohyd.identify.model.typed_terms import TypedTerm, unit_of
@@ -41,7 +42,9 @@ def rates(*effects) -> State:
     return _rates(machine, STATE)
 
 
-def term_of(place: str, variable: str, law: str, *coefficients: float, low: float = -1e9, high: float = 1e9) -> Few:
+def term_of(
+    place: str, variable: str, law: str, *coefficients: float, low: float = -1e9, high: float = 1e9
+) -> AbstractFew:
     terms = terms_in((TypedTerm(place, variable, law, coefficients, low, high, moving=True),))
     return terms.effect(terms.coefficients)
 
@@ -98,6 +101,66 @@ def test_a_force_on_the_spool_and_a_shift_of_its_position():
     )
     shifted = rates(term_of("position", "constant", "constant", 2e-6))
     np.testing.assert_allclose(leaves(shifted), leaves(other), rtol=1e-9)
+
+
+def with_memory(ahead: float, *effects):
+    """(machine, state) with the command `ahead` [m] of the state that remembers its last turn."""
+    from thermohyd.dynamics.machine import Walls, plant_of
+
+    machine = plant_of(
+        replace(BARE.valve, effects=effects), BARE.actuator, BARE.inputs, heat="adiabatic", walls=Walls(), polarity=1
+    )
+    asked = asked_position(machine, machine.command(machine.inputs.time[0]), STATE.position)
+    return machine, replace(STATE, play=asked - ahead)
+
+
+PLAY = 2e-6
+TURNED = ("force_on_spool", "direction", "proportional")
+
+
+@pytest.mark.parametrize(
+    ("ahead", "expected"), [(3e-6, 1.0), (-3e-6, -1.0), (0.0, 0.0), (MEMORY * 0.125, 0.25), (-MEMORY * 0.125, -0.25)]
+)
+def test_which_way_the_command_went_last_is_remembered(ahead, expected):
+    ahead *= 1.0 if abs(ahead) == 3e-6 else float(BARE.valve.stroke)
+    machine, state = with_memory(ahead, term_of(*TURNED, 0.0))
+    around = machine.surroundings(machine.inputs.time[0])
+    assert float(turned(machine, around, state)) == pytest.approx(expected, abs=1e-12)
+    # Only where somebody asks.
+    assert plant(machine_of("closed_adiabatic")).play_width is None
+    assert float(turned(BARE, around, STATE)) == 0.0
+
+
+def test_a_term_that_goes_with_the_last_turn_is_a_play_on_its_way():
+    """At either end of a play, half its width against the motion; and the play's own state moves alike."""
+    for end in (1.0, -1.0):
+        found = []
+        for effects in ((effect("backlash", PLAY),), (term_of(*TURNED, -0.5 * PLAY),)):
+            machine, state = with_memory(end * 0.5 * PLAY, *effects)
+            found.append(
+                rates_at(
+                    machine,
+                    state,
+                    machine.surroundings(machine.inputs.time[0]),
+                    machine.command(machine.inputs.time[0]),
+                )
+            )
+        assert float(found[0].spool_speed) == pytest.approx(float(found[1].spool_speed), rel=1e-12)
+        # A term beside a play sees where that one stands.
+        machine, state = with_memory(end * 0.25 * PLAY, effect("backlash", PLAY), term_of(*TURNED, 0.0))
+        assert float(turned(machine, machine.surroundings(machine.inputs.time[0]), state)) == pytest.approx(0.5 * end)
+
+
+def test_a_memory_has_no_small_signal_response():
+    inputs = machine_of("closed_adiabatic")
+    frequency = jnp.array([1.0, 30.0, 200.0])
+    plain = plant(inputs)
+    found = [
+        frequency_response(replace(plain.valve, effects=effects), plain.actuator, plain.inputs, frequency)
+        for effects in ((), (term_of(*TURNED, -1e-6),))
+    ]
+    np.testing.assert_array_equal(found[0].amplitude_ratio, found[1].amplitude_ratio)
+    np.testing.assert_array_equal(found[0].phase, found[1].phase)
 
 
 def test_a_smooth_law_is_its_legendre_series():

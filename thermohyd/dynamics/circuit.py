@@ -14,12 +14,13 @@ from jaxtyping import Array, Float
 from thermohyd.effects.effect import AbstractEffect
 from thermohyd.oil import OilAtTemperature
 
-from .machine import Plant, State, Surroundings
+from .machine import Plant, State, Surroundings, asked_position
 
 
 class Seen(eqx.Module):
     """What an added effect knows at one time, SI. spool: from the hydraulic null; warming (2,): of the chambers' oil above the
-    supply's; time: since the run began. Pressures gauge."""
+    supply's; time: since the run began. Pressures gauge. turned: which way the spool's command went last, -1 to 1, also while it stands;
+    0 before it first moves, and without an effect that `remembers`."""
 
     time: Float[Array, ""]
     spool: Float[Array, ""]
@@ -31,6 +32,7 @@ class Seen(eqx.Module):
     supply_pressure: Float[Array, ""]
     return_pressure: Float[Array, ""]
     temperature: Float[Array, ""]
+    turned: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.zeros(()))
 
 
 class Added(eqx.Module):
@@ -101,4 +103,14 @@ def seen_at(plant: Plant, around: Surroundings, state: State) -> Seen:
         supply_pressure=around.supply_pressure,
         return_pressure=around.return_pressure,
         temperature=around.temperature,
+        turned=turned(plant, around, state),
     )
+
+
+def turned(plant: Plant, around: Surroundings, state: State) -> Float[Array, ""]:
+    """Which way the command went last: +-1 from where it has come back by the memory (a play wider than that: by the play), between
+    in proportion."""
+    if state.play is None or plant.memory is None:
+        return jnp.zeros(())
+    ahead = asked_position(plant, plant.command(around.time), state.position) - state.play
+    return jnp.clip(ahead / (0.5 * jnp.maximum(plant.play_width, plant.memory)), -1.0, 1.0)

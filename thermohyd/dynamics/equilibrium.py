@@ -15,8 +15,8 @@ from thermohyd.small_systems import solved
 
 from .circuit import added_at
 from .flows import flows_at
-from .machine import Plant, Scaling, State, Surroundings
-from .vector_field import asked_position, instant, loop_gain, thrust
+from .machine import Plant, Scaling, State, Surroundings, asked_position, loop_gain
+from .vector_field import instant, thrust
 
 
 # Newton converges in 5 to 10 turns; the limit only ends a search that has no root (a force beyond what the supply holds).
@@ -41,7 +41,7 @@ def scaling_of(plant: Plant, around: Surroundings) -> Scaling:
     zero, pair = jnp.zeros(()), jnp.zeros(2)
     warm = plant.keeps_heat
     walled = warm and plant.walls.capacity is not None
-    play = plant.motion.backlash is not None
+    play = plant.play_width is not None
     kelvins = jnp.full(2, KELVINS)
     origin = State(
         spool=zero, spool_speed=zero, pressure=pair + 0.5 * (around.supply_pressure + around.return_pressure), position=zero, velocity=zero,

@@ -4,6 +4,7 @@ The position loop is broken at its feedback: margins, bandwidth and peak are dif
 """
 
 import re
+from dataclasses import replace
 from typing import Literal, NamedTuple, cast
 
 import equinox as eqx
@@ -72,6 +73,8 @@ def refuse_without_response(effects: tuple[AbstractEffect, ...]) -> None:
 
 def linearise(plant: Plant, output: Output) -> tuple[Linearised, Bool[Array, ""]]:
     """(the vector field linearised about the equilibrium of the first row, whether there is one)."""
+    # About the operating point the command's last turn is no small motion: what goes with it stands still.
+    plant = replace(plant, memory=None)
     time = plant.inputs.time[0]
     around = plant.surroundings(time)
     scaling = scaling_of(plant, around)

@@ -156,11 +156,15 @@ class Supplied(eqx.Module):
     crossing: Float[Array, "..."] | None
 
 
+MEMORY = 5e-3  # of the stroke: more than noise of a command, less than any play or magnetic loop that shows
+
+
 class Plant(eqx.Module):
     """Everything that the vector field needs beside the state and the time.
 
     keeps_heat: chambers have temperatures of their own (THM, or walls); else all oil is at T_s (HM).
     supplied: None where the temperature varies, so that it must be found at every time.
+    memory [m]: how far the command has to come back until an effect that `remembers` sees it go the other way; None without such a one.
     """
 
     valve: Valve
@@ -173,6 +177,12 @@ class Plant(eqx.Module):
     supplied: Supplied | None
     keeps_heat: bool = eqx.field(static=True)
     polarity: Float[Array, ""]
+    memory: Float[Array, ""] | None = None
+
+    @property
+    def play_width(self) -> Float[Array, "..."] | None:
+        """Width [m] of the play whose state the machine keeps: that of the command's backlash, else of the `memory`."""
+        return self.memory if self.motion.backlash is None else self.motion.backlash
 
     @property
     def kind(self) -> Kind:
@@ -249,6 +259,7 @@ def plant_of(
     if motion.wall_heat is not None:
         walls = walls.plus(motion.wall_heat)
     steady = inputs.surroundings.knots.shape[-1] == 0
+    remembers = any(type(effect).remembers for effect in valve.effects)
     first = Surroundings(*inputs.surroundings.start, time=inputs.time[0])
     return Plant(
         valve=valve,
@@ -261,7 +272,28 @@ def plant_of(
         supplied=supplied_at(valve, oil, first) if steady else None,
         keeps_heat=heat == "adiabatic",
         polarity=jnp.asarray(polarity, dtype=jnp.result_type(float)),
+        memory=jnp.asarray(MEMORY * valve.stroke) if remembers else None,
     )
+
+
+def loop_gain(plant: Plant) -> Float[Array, ""]:
+    """Spool command per position error X_n K_A K_p/I_rated [-]."""
+    j = plant.actuator
+    return plant.valve.stroke * j.amplifier_gain * j.sensor_gain / j.rated_current
+
+
+def wanted_position(plant: Plant, command: Float[Array, ""], position: Float[Array, ""]) -> Float[Array, ""]:
+    """The spool position [m] that the controller or the command asks for, however far."""
+    if plant.kind == "setpoint":
+        return loop_gain(plant) * (command - position)
+    if plant.kind == "current":
+        return plant.polarity * plant.valve.stroke * command / plant.actuator.rated_current
+    return command
+
+
+def asked_position(plant: Plant, command: Float[Array, ""], position: Float[Array, ""]) -> Float[Array, ""]:
+    """The same before the chain: x_c clipped to +-X_n."""
+    return jnp.clip(wanted_position(plant, command, position), -plant.valve.stroke, plant.valve.stroke)
 
 
 POSITION = 3  # of the piston, in the vector
@@ -271,7 +303,8 @@ class State(eqx.Module):
     """Spool x [m] and its speed [m/s]; p_A, p_B [Pa, gauge]; T_A, T_B [K]; piston z [m] and v [m/s].
 
     temperature is None where the oil stays at the supply's (HM); wall [K], the metal around each chamber, where it has a
-    capacity of its own; play y [m] where the command has backlash. Rates of change are held in the same Module, per second.
+    capacity of its own; play y [m] where the command has backlash or
+    its last turn is remembered. Rates of change are held in the same Module, per second.
     """
 
     spool: Float[Array, "..."]

@@ -24,15 +24,13 @@ from thermohyd.small_systems import inverse
 
 from .circuit import added_at
 from .flows import openings
-from .machine import Plant, Scaling, State
+from .machine import Plant, Scaling, State, asked_position, wanted_position
 from .rosenbrock import DenseOutput, Rodas5P
 from .vector_field import (
     STOP_STIFFNESS,
-    asked_position,
     stop_depths,
     stop_pushes,
     vector_field,
-    wanted_position,
 )
 
 
@@ -143,9 +141,9 @@ def distances(plant: Plant, time: Float[Array, ""], state: State) -> Float[Array
         pushes,
         below,
     ]
-    if state.play is not None and plant.motion.backlash is not None:
+    if state.play is not None and plant.play_width is not None:
         ahead = asked_position(plant, command, state.position) - state.play
-        signed.append(ahead - 0.5 * plant.motion.backlash * jnp.array([1.0, -1.0]))
+        signed.append(ahead - 0.5 * plant.play_width * jnp.array([1.0, -1.0]))
     return jnp.concatenate(signed)
 
 

@@ -10,42 +10,23 @@ from jaxtyping import Array, Float
 
 from .circuit import NOTHING, Added, added_at
 from .flows import Flows, Sources, chamber_rates, chamber_sources, flows_at
-from .machine import Motion, Plant, State, Surroundings
+from .machine import Motion, Plant, State, Surroundings, asked_position
 
 
 PLAY_TIME = 1e-4  # s, tau_p: how fast the play follows
 
 
-def loop_gain(plant: Plant) -> Float[Array, ""]:
-    """Spool command per position error X_n K_A K_p/I_rated [-]."""
-    j = plant.actuator
-    return plant.valve.stroke * j.amplifier_gain * j.sensor_gain / j.rated_current
-
-
-def wanted_position(plant: Plant, command: Float[Array, ""], position: Float[Array, ""]) -> Float[Array, ""]:
-    """The spool position [m] that the controller or the command asks for, however far."""
-    if plant.kind == "setpoint":
-        return loop_gain(plant) * (command - position)
-    if plant.kind == "current":
-        return plant.polarity * plant.valve.stroke * command / plant.actuator.rated_current
-    return command
-
-
-def asked_position(plant: Plant, command: Float[Array, ""], position: Float[Array, ""]) -> Float[Array, ""]:
-    """The same before the chain: x_c clipped to +-X_n."""
-    return jnp.clip(wanted_position(plant, command, position), -plant.valve.stroke, plant.valve.stroke)
-
-
 def through_play(
     plant: Plant, asked: Float[Array, ""], play: Float[Array, ""] | None
 ) -> tuple[Float[Array, ""], Float[Array, ""] | None]:
-    """(what a play of width b passes on [m], dy/dt of its state [m/s])."""
-    width = plant.motion.backlash
+    """(what a play of width b passes on [m], dy/dt of its state [m/s]); all of it where the play is a memory alone."""
+    width = plant.play_width
     if width is None or play is None:
         return asked, None
     ahead = asked - play
     within = jnp.clip(ahead, -0.5 * width, 0.5 * width)
-    return asked - within, (ahead - within) / PLAY_TIME
+    passed = asked if plant.motion.backlash is None else asked - within
+    return passed, (ahead - within) / PLAY_TIME
 
 
 def against_flow_force(plant: Plant, passed: Float[Array, ""], flows: Flows) -> Float[Array, ""]:

@@ -43,6 +43,7 @@ class AbstractEffect(eqx.Module):
     `rowwise`: whether a reading still depends on the parameters through its own row only (see `valve.rowwise`).
     `stage`: where it acts. `dynamic`: whether only an actuator in motion shows it.
     `small_signal`: whether it has a small-signal response; what passes no small motion at all has none.
+    `remembers`: whether, in motion, it goes with which way the spool's command went last, which the machine then keeps in a state.
     `stated_at`: temperature [K] at which the amount holds, where the oil's viscosity carries it to others.
     """
 
@@ -52,6 +53,7 @@ class AbstractEffect(eqx.Module):
     stage: ClassVar[str] = ""
     dynamic: ClassVar[bool] = False
     small_signal: ClassVar[bool] = True
+    remembers: ClassVar[bool] = False
     stated_at: ClassVar[float | None] = None
 
 

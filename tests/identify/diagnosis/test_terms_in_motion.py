@@ -7,6 +7,7 @@ import pytest
 from helpers.short_servo import short_servo_problem
 
 from thermohyd.identify.diagnosis.term_fit import FittedTerm, columns_of, fitted_inside
+from thermohyd.identify.fitting.library import Library
 from thermohyd.identify.fitting.parameters import IN_MOTION
 from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.fitting.problem_fit import Fit
@@ -47,6 +48,23 @@ def test_its_column_is_the_derivative(fitted):
         other = replace(term, coefficients=(term.coefficients[0] + sign * step,))
         moved.append(fitted.problem.with_terms(other).evaluate(fit.values, fit.effects).residual)
     difference = 0.5 * (moved[0] - moved[1]) / step
+    assert np.max(np.abs(difference - columns[:, 0])) < 0.05 * np.max(np.abs(difference))
+
+
+def test_a_term_of_the_last_turn_is_found_and_has_a_derivative(problem, plain):
+    """A play of the command, 4 um wide, is a shift by half of it against the way the command went last."""
+    with_play = replace(problem, library=Library(("backlash",), {}))
+    played = with_play.evaluate(plain.values | {"backlash": 4e-6}, ("backlash",)).residual - plain.residual
+    term = TypedTerm("force_on_spool", "direction", "proportional", (-2e-6,), -1.0, 1.0, moving=True)
+    with_term = problem.with_terms(term).evaluate(plain.values, ())
+    moved = with_term.residual - plain.residual
+    assert np.linalg.norm(moved - played) < 0.35 * np.linalg.norm(played)
+    columns, _ = columns_of(problem.with_terms(term), with_term, term)
+    step, found = 1e-8, []
+    for sign in (1.0, -1.0):
+        other = replace(term, coefficients=(-2e-6 + sign * step,))
+        found.append(problem.with_terms(other).evaluate(plain.values, ()).residual)
+    difference = 0.5 * (found[0] - found[1]) / step
     assert np.max(np.abs(difference - columns[:, 0])) < 0.05 * np.max(np.abs(difference))
 
 
