@@ -4,7 +4,8 @@
     python benchmarks/leave_one_out_motion.py --search    a whole diagnosis with the hidden effect alone out: minutes per record
 
 Records of hidden_dynamic_table.py, each effect at three strengths, white and correlated noise by turns, and records with nothing wrong;
-from the reference simulator, seeds of their own. Set 1 is for development (set 2 was looked at, too), set 3 is looked at once. The right answers stand in `TRUTH`.
+from the reference simulator, seeds of their own. Set 1 is for development (set 2 was looked at, too), set 3 is looked at once. The right
+answers stand in `TRUTH`.
 """
 
 import argparse

@@ -1,4 +1,4 @@
-"""The notebooks of the site, run as the plain scripts that they are; what diagnoses for minutes where THERMOHYD_TUTORIAL=1 asks for it."""
+"""The notebooks of the site, run as the plain scripts that they are."""
 
 import ast
 import os
@@ -11,7 +11,6 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.py"))
-AT_ONCE = ("fit_and_sensitivities",)
 SAID = {
     "fit_and_sensitivities": ("clearance", "% at null, known to"),
     "a_hidden_effect": ("hysteresis: 1.00", "with the effect: rms"),
@@ -20,8 +19,6 @@ SAID = {
 
 @pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_runs_as_a_script(notebook, tmp_path):
-    if notebook.stem not in AT_ONCE and os.environ.get("THERMOHYD_TUTORIAL") != "1":
-        pytest.skip("THERMOHYD_TUTORIAL=1 runs what takes minutes")
     kept = {"JAX_COMPILATION_CACHE_DIR": str(ROOT / "build" / "compiled-for-tests"), "MPLBACKEND": "Agg"}
     kept |= {"JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.2"}  # as in conftest.py
     ran = subprocess.run(

@@ -121,6 +121,14 @@ def test_unusual_readings_are_read_with_a_warning(tmp_path, name):
     assert read_record(write_record(tmp_path, toml, x=text)).warnings == (expected,)
 
 
+def test_volts_of_a_gain_that_is_not_known_say_nothing(tmp_path):
+    """8 V are not 8 m3/s."""
+    toml = TOML.replace("[tests.leakage]", "[tests.flow_gain]").replace("leakage.csv", "x.csv")
+    toml += '\n[sensors]\nflow = { gain = "free" }\n'
+    text = "spool_position [um],flow [V]\n-100,-4\n0,0\n100,4\n200,8\n"
+    assert read_record(write_record(tmp_path, toml, x=text)).warnings == ()
+
+
 def test_an_ordinary_record_has_no_warning(tmp_path):
     usual = COLUMNS.format(header="temperature [degC]", a=-60, b=105)
     assert read_record(write_record(tmp_path, POINTS, leakage=usual)).warnings == ()
