@@ -2,6 +2,7 @@
 
 from thermohyd.identify.model.places import OF_READING, place_of
 from thermohyd.identify.model.term_variables import DIRECTION_SPEED, IMPLICIT, REFERENCE_TEMPERATURE, signal_of
+from thermohyd.identify.model.typed_terms import GASEOUS
 
 from .written_term import Stage, TermRead, refused
 
@@ -51,18 +52,21 @@ def stage_in_motion(term: TermRead) -> Stage:
         flow = f"{minus}self.amount * law({_OF_SEEN[signal_of(place, moved, term.variable)]})"
         parts.setdefault(field, [flow] if chamber is None else ["jnp.zeros(())"] * 2)[chamber or 0] = flow
     ((field, values),) = parts.items()
+    imports = ("from thermohyd.dynamics.circuit import AbstractCircuitEffect, Added, Seen",)
     if field == "inflow_per_rate":
         value = f"self.amount * np.array([{', '.join(values)}])"
+        if term.law == GASEOUS:
+            imports = (*imports, "from thermohyd.dynamics.flows import softness_of_gas")
+            value += " * softness_of_gas(seen.pressure)"
     else:
         value = values[0] if len(values) == 1 else f"jnp.stack([{', '.join(values)}])"
     body = f"""    def added(self, seen: Seen) -> Added:
         return Added({field}={value})"""
-    module = "from thermohyd.dynamics.circuit import AbstractCircuitEffect, Added, Seen"
     remembers = "seen.turned" in body
     # Which way the command went last is no small motion.
     return Stage(
         "AbstractCircuitEffect",
-        (module,),
+        imports,
         body,
         (),
         ("step",) if remembers else ("step", "frequency"),

@@ -17,6 +17,7 @@ from jaxtyping import Array, Float, Int
 
 from thermohyd.dynamics.circuit import AbstractCircuitEffect, Added, Seen, seen_at
 from thermohyd.dynamics.equilibrium import equilibrium, scaling_of
+from thermohyd.dynamics.flows import softness_of_gas
 from thermohyd.dynamics.integrate import NO_EQUILIBRIUM, integrate
 from thermohyd.identify.model.places import place_of
 from thermohyd.identify.model.term_variables import (
@@ -28,7 +29,7 @@ from thermohyd.identify.model.term_variables import (
     SIGNALS,
     signal_of,
 )
-from thermohyd.identify.model.typed_terms import TypedTerm, coefficients_of
+from thermohyd.identify.model.typed_terms import GASEOUS, TypedTerm, coefficients_of
 from thermohyd.numerics import quickly
 
 from .motion_readings import (
@@ -47,7 +48,9 @@ from .uncertainty import Key
 
 SHAPES = ("proportional", "square", "root", "first", "second", "third")
 STORED = ("flow_a", "flow_b")  # places of what goes with dp/dt
-_SIZE = len(MOVED) * len(SIGNALS) * len(SHAPES) + len(STORED)
+STORES = ("proportional", GASEOUS)  # its laws
+_PER_RATE = len(STORES) * len(STORED)
+_SIZE = len(MOVED) * len(SIGNALS) * len(SHAPES) + _PER_RATE
 ROUNDED = 1e-4  # of the range: a root begins with a slope
 
 
@@ -67,7 +70,7 @@ class Terms(AbstractTerms):
 
     takes (slots, 1 + shapes, k): which coefficients each slot has of a constant and of the shapes of its signal, with their signs; moved
     (places, slots) and signal (slots, signals): 1 where it acts, and at what it follows; low, high (slots,): where that was seen, beyond
-    which it is held. stored (2, k): of what goes with dp/dt. remembers: whether one goes with which way the command went last.
+    which it is held. stored (laws, 2, k): of what goes with dp/dt. remembers: whether one goes with which way the command went last.
     """
 
     coefficients: Float[Array, " k"]
@@ -76,12 +79,12 @@ class Terms(AbstractTerms):
     signal: Float[Array, "slots signals"]
     low: Float[Array, " slots"]
     high: Float[Array, " slots"]
-    stored: Float[Array, "ports k"]
+    stored: Float[Array, "laws ports k"]
     remembers: bool = eqx.field(static=True)
 
     def effect(self, coefficients: Float[Array, " k"]) -> "AbstractFew":
         amount = jnp.sum(self.takes * coefficients, axis=-1)
-        per_rate = jnp.sum(self.stored * coefficients, axis=1)
+        per_rate = jnp.sum(self.stored * coefficients, axis=-1)
         few = FewThatRemember if self.remembers else Few
         return few(amount, per_rate, self.moved, self.signal, self.low, self.high)
 
@@ -110,20 +113,20 @@ class Bank(AbstractCircuitEffect):
     high: Float[Array, " signals"]
 
     def added(self, seen: Seen) -> Added:
-        split = _SIZE - len(STORED)
+        split = _SIZE - _PER_RATE
         shapes = shapes_of(signals_of(seen), self.low, self.high)
         shift = jnp.sum(self.amount[:split].reshape(len(MOVED), *shapes.shape) * shapes, axis=(1, 2))
-        return _added(shift, self.amount[split:])
+        return _added(shift, self.amount[split:].reshape(len(STORES), -1), seen)
 
 
 class AbstractFew(AbstractCircuitEffect):
     """What a few terms add (see `Terms`). A run's derivatives go through it at every step; through the thousand coefficients of `Bank` they
     take half as long again.
 
-    amount (slots, 1 + shapes): the coefficients of each; per_rate (2,): of what goes with dp/dt.
+    amount (slots, 1 + shapes): the coefficients of each; per_rate (laws, 2): of what goes with dp/dt.
     """
 
-    per_rate: eqx.AbstractVar[Float[Array, " ports"]]
+    per_rate: eqx.AbstractVar[Float[Array, "laws ports"]]
     moved: eqx.AbstractVar[Float[Array, "places slots"]]
     signal: eqx.AbstractVar[Float[Array, "slots signals"]]
     low: eqx.AbstractVar[Float[Array, " slots"]]
@@ -133,7 +136,7 @@ class AbstractFew(AbstractCircuitEffect):
         followed = jnp.sum(self.signal * signals_of(seen), axis=1)
         shapes = shapes_of(followed, self.low, self.high)
         shift = self.amount[:, 0] + jnp.sum(self.amount[:, 1:] * shapes, axis=1)
-        return _added(jnp.sum(self.moved * shift, axis=1), self.per_rate)
+        return _added(jnp.sum(self.moved * shift, axis=1), self.per_rate, seen)
 
 
 @final
@@ -141,7 +144,7 @@ class Few(AbstractFew):
     """Terms that go with what the machine's states are."""
 
     amount: Float[Array, "slots shapes"]
-    per_rate: Float[Array, " ports"]
+    per_rate: Float[Array, "laws ports"]
     moved: Float[Array, "places slots"]
     signal: Float[Array, "slots signals"]
     low: Float[Array, " slots"]
@@ -154,20 +157,21 @@ class FewThatRemember(AbstractFew):
 
     remembers: ClassVar[bool] = True
     amount: Float[Array, "slots shapes"]
-    per_rate: Float[Array, " ports"]
+    per_rate: Float[Array, "laws ports"]
     moved: Float[Array, "places slots"]
     signal: Float[Array, "slots signals"]
     low: Float[Array, " slots"]
     high: Float[Array, " slots"]
 
 
-def _added(shift: Float[Array, " places"], per_rate: Float[Array, " ports"]) -> Added:
+def _added(shift: Float[Array, " places"], per_rate: Float[Array, "laws ports"], seen: Seen) -> Added:
     of = dict(zip(MOVED, shift, strict=True))
+    plain, gaseous = per_rate
     return Added(
         piston_force=of["force_on_piston"],
         spool_target=of["force_on_spool"],
         inflow=jnp.stack([of["flow_a"], of["flow_b"]]),
-        inflow_per_rate=per_rate,
+        inflow_per_rate=plain + gaseous * softness_of_gas(seen.pressure),
         heat=jnp.stack([of["heat_a"], of["heat_b"]]),
         opening=of["position"],
         viscosity=of["viscosity"],
@@ -236,7 +240,7 @@ def parts_of(place: str, variable: str, law: str) -> list[Part]:
     where = place_of(place, moving=True)
     for moved, sign in where.moving.items():
         if variable == IMPLICIT:
-            found.append(Part(0, sign, moved, IMPLICIT))
+            found.append(Part(0, sign, moved, IMPLICIT, law))
             continue
         signal = signal_of(where, moved, variable)
         if law in ("constant", "smooth"):
@@ -256,7 +260,7 @@ def acting(place: str, variable: str, law: str) -> np.ndarray:
     for part in parts_of(place, variable, law):
         stored = part.signal == IMPLICIT
         where = (
-            _SIZE - len(STORED) + STORED.index(part.moved)
+            _SIZE - _PER_RATE + STORES.index(part.shape) * len(STORED) + STORED.index(part.moved)
             if stored
             else place_number(part.moved, part.signal, part.shape)
         )
@@ -272,7 +276,7 @@ _ANYWHERE = 1e30  # the end of no range
 def terms_in(terms: tuple[TypedTerm, ...]) -> Terms:
     """Typed terms as the machine takes them, each padded to so many coefficients and slots."""
     coefficients, slots = COEFFICIENTS * len(terms), SLOTS * len(terms)
-    values, stored = np.zeros(coefficients), np.zeros((len(STORED), coefficients))
+    values, stored = np.zeros(coefficients), np.zeros((len(STORES), len(STORED), coefficients))
     takes = np.zeros((slots, 1 + len(SHAPES), coefficients))
     moved, signal = np.zeros((len(MOVED), slots)), np.zeros((slots, len(SIGNALS)))
     low, high, remembers = np.full(slots, -_ANYWHERE), np.full(slots, _ANYWHERE), False
@@ -283,7 +287,7 @@ def terms_in(terms: tuple[TypedTerm, ...]) -> Terms:
         for part in parts_of(term.place, term.variable, term.law):
             own, slot = first + part.number, SLOTS * number + places.index(part.moved)
             if part.signal == IMPLICIT:
-                stored[STORED.index(part.moved), own] = part.sign
+                stored[STORES.index(part.shape), STORED.index(part.moved), own] = part.sign
                 continue
             moved[MOVED.index(part.moved), slot] = 1.0
             if part.signal == "constant":

@@ -161,7 +161,7 @@ VARIABLES: dict[str, Variable] = {
                  moving="the opening"),
         Variable("pressure", "Pa", "{p}", lambda at: at.pressure, powers=True, moving="{p}"),
         Variable("pressure_rate", "Pa/s", "d{p}/dt", lambda at: at.pressure_rate, "time",
-                 local=("a", "b", "a-b", "each"), moving="d{p}/dt", laws=("proportional",)),
+                 local=("a", "b", "a-b", "each"), moving="d{p}/dt", laws=("proportional", "gaseous")),
         Variable("pressure_drop", "Pa", "the pressure drop", lambda at: at.pressure_drop, powers=True,
                  moving="p_S - {p}"),
         Variable("flow", "m3/s", "the flow", lambda at: at.flow, powers=True),

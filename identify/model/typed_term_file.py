@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from .places import PLACES, Place, place_of
-from .term_variables import VARIABLES, asked_with
-from .typed_terms import LAWS, LAWS_IN_MOTION, TypedTerm, coefficients_of
+from .term_variables import IMPLICIT, VARIABLES, asked_with
+from .typed_terms import GASEOUS, LAWS, LAWS_IN_MOTION, TypedTerm, coefficients_of
 
 
 KEYS = (
@@ -62,13 +62,15 @@ def typed_term(
     if not isinstance(moving, bool):
         raise fail(f'{where} "moving" must be true or false: whether it is a term of tests in motion')
     place = place_named(entry.get("place"), where, fail, moving=moving)
-    for key, options in (("variable", tuple(VARIABLES)), ("law", LAWS)):
+    for key, options in (("variable", tuple(VARIABLES)), ("law", (*LAWS, GASEOUS))):
         if not isinstance(entry.get(key), str) or entry[key] not in options:
             raise fail(f'{where} "{key}" must be one of {", ".join(options)}')
     if not asked_with(place, VARIABLES[entry["variable"]], moving=moving):
         raise fail(f"{where}: a term of {place.name} does not go with {entry['variable']}")
     if moving and entry["law"] not in LAWS_IN_MOTION:
         raise fail(f"{where}: the law {entry['law']} is one of static tests")
+    if entry["law"] == GASEOUS and not (moving and entry["variable"] == IMPLICIT):
+        raise fail(f"{where}: the law {GASEOUS} is one of {IMPLICIT} in motion")
     if entry["law"] == "local" and entry["variable"] not in place.followed:
         raise fail(f"{where}: the law local is none of {place.name} with {entry['variable']}")
     coefficients, ends = entry.get("coefficients"), entry.get("range")

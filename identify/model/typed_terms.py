@@ -18,9 +18,10 @@ from .term_variables import THINNING, THINS, VARIABLES, At, States
 
 
 POWERS = {"proportional": 1.0, "laminar": 1.0, "square": 2.0, "cube": 3.0, "root": 0.5}
+GASEOUS = "gaseous"  # in motion, of what goes with a pressure's rate
 CURVES = ("smooth", "local")  # of several coefficients, all in the place's own unit
 LAWS = ("constant", *POWERS, *CURVES)
-LAWS_IN_MOTION = ("constant", "proportional", "square", "root", "smooth")
+LAWS_IN_MOTION = ("constant", "proportional", GASEOUS, "square", "root", "smooth")
 DEGREE = 3  # of the smooth law: a slope, a bend, and one turn
 KNOTS = 24  # of the local law, evenly from end to end: a dozen waves over a stroke
 
@@ -30,6 +31,7 @@ class TypedTerm:
     """place += law(variable), or times 1 + law of a place in shares; SI throughout.
 
     law: "constant", or coefficients[0] |v|^n sign(v) with n of `POWERS`, a "laminar" one times mu(40 degC)/mu(T) of the oil, or
+    "gaseous": proportional, times the compliance of a gas at the chamber's pressure over that at gauge zero, or
     "smooth": coefficients[i] P_i(s) (Legendre), s = clip((v - centre)/reach, -1, 1), or "local": straight lines between coefficients at
     evenly spaced knots. v is held at what was seen, from low to high.
     null_bias [m]: position and opening count from it in static tests. moving: a term of tests in motion, which static ones pass by.
@@ -74,7 +76,7 @@ def unit_of(place: str, variable: str, law: str) -> str:
     power = {"square": f"{whole}^2", "cube": f"{whole}^3", "root": f"sqrt({of})"}.get(law, whole)
     if own == of:
         return {"square": f"1/{whole}", "cube": f"1/{whole}^2", "root": f"sqrt({of})"}.get(law, "1")
-    if (own, variable, law) == ("m3/s", "pressure_rate", "proportional"):
+    if (own, variable) == ("m3/s", "pressure_rate") and law in ("proportional", GASEOUS):
         return "m3/Pa"
     return f"m3/(s {power})" if own == "m3/s" and law != "root" else f"{own}/{power}"
 
@@ -93,7 +95,8 @@ def coefficients_of(law: str) -> int:
 
 
 def basis(law: str, values: np.ndarray, low: float, high: float) -> np.ndarray:
-    """(rows, coefficients): what each coefficient of a law multiplies; beyond low and high it is held. A laminar one at 40 degC."""
+    """(rows, coefficients): what each coefficient of a law multiplies; beyond low and high it is held. A laminar one at 40 degC, a gaseous
+    one at gauge zero."""
     values = np.clip(values, low, high)
     if law == "constant":
         return np.ones((len(values), 1))
@@ -102,7 +105,7 @@ def basis(law: str, values: np.ndarray, low: float, high: float) -> np.ndarray:
         return legendre.legvander((values - 0.5 * (low + high)) / reach if reach > 0.0 else 0.0 * values, DEGREE)
     if law == "local":
         return lines_between(values, low, high)
-    return (np.sign(values) * np.abs(values) ** POWERS[law])[:, None]
+    return (np.sign(values) * np.abs(values) ** POWERS.get(law, 1.0))[:, None]
 
 
 def lines_between(values: np.ndarray, low: float, high: float) -> np.ndarray:

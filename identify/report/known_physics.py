@@ -72,10 +72,18 @@ KNOWN_IN_MOTION = (
         "read the current at the hydraulic null",
     ),
     Known(
-        (*_INTO_A_CHAMBER,),
+        _INTO_A_CHAMBER,
         ("pressure_rate",),
-        "what air in the oil, hoses or an accumulator at the chamber does",
+        "what air in the oil, or the gas of an accumulator, does",
         "bleed the chambers, or repeat at another supply pressure: air is softer the lower it is",
+        ("gaseous",),
+    ),
+    Known(
+        _INTO_A_CHAMBER,
+        ("pressure_rate",),
+        "what a hose, or more oil than was stated, at the chamber does",
+        "run the same steps with the valve flanged to the cylinder",
+        ("proportional",),
     ),
     Known(
         ("flow_from_a_to_b",),

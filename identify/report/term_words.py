@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from thermohyd.identify.bench.shown_units import display_unit
 from thermohyd.identify.model.places import EDGES, place_of
 from thermohyd.identify.model.term_variables import VARIABLES
-from thermohyd.identify.model.typed_terms import TypedTerm
+from thermohyd.identify.model.typed_terms import GASEOUS, TypedTerm
 
 from .diagnosis_words import p_words, percent
 from .known_physics import known_physics
@@ -22,8 +22,10 @@ ASK = "read the same again, once as it was and once with that quantity at anothe
 SYMBOLS = {"a": "p_A", "b": "p_B", "a-b": "(p_A - p_B)", "supply": "p_S", "return": "p_T", "each": "its own pressure",
            "edges": "each edge's mean pressure", **dict.fromkeys(EDGES, "the edge's mean pressure")}  # fmt: skip
 LAMINAR = " over the oil's viscosity"  # stated at 40 degC
+OF_A_GAS = ", the more the lower the pressure, as a gas gives way"  # stated at gauge zero
 LAW_WORDS = {
     "proportional": "in proportion to",
+    "gaseous": "in proportion to",
     "laminar": "in proportion to",
     "square": "with the square of",
     "cube": "with the cube of",
@@ -44,7 +46,7 @@ def law_words(term: TypedTerm) -> str:
         return f"that varies smoothly with {variable}"
     if term.law == "local":
         return f"that differs from spot to spot along {variable}, alike in all runs"
-    return f"{LAW_WORDS[term.law]} {variable}{LAMINAR if term.law == 'laminar' else ''}"
+    return f"{LAW_WORDS[term.law]} {variable}{ {'laminar': LAMINAR, GASEOUS: OF_A_GAS}.get(term.law, '') }"
 
 
 def term_name(term: TypedTerm) -> str:
@@ -74,7 +76,11 @@ def term_sentence(term: TypedTerm, value: float, std: float | None) -> str:
     place = place_of(term.place)
     known = known_physics(term.place, term.variable, term.law, moving=term.moving)
     size = amount_words(value, std, term.unit)
-    how = {"smooth": "; its spread is ", "local": "; its spread about a straight line is "}.get(term.law, ", ")
+    how = {
+        "smooth": "; its spread is ",
+        "local": "; its spread about a straight line is ",
+        GASEOUS: ", at gauge zero ",
+    }.get(term.law, ", ")
     return f"{place.noun} {law_words(term)}{how}{size}: {UNKNOWN if known is None else known.does}"
 
 

@@ -60,6 +60,8 @@ def added(of) -> dict[str, np.ndarray]:
         ("flow_from_a_to_b", "load", "proportional"),
         ("flow_into_chamber_b", "pressure", "root"),
         ("flow_into_chambers", "pressure_rate", "proportional"),
+        ("flow_into_chambers", "pressure_rate", "gaseous"),
+        ("flow_into_chamber_b", "pressure_rate", "gaseous"),
         ("heat_of_chamber", "temperature", "proportional"),
         ("force_on_piston", "velocity", "smooth"),
         ("force_on_spool", "direction", "proportional"),
@@ -124,6 +126,8 @@ def test_a_term_in_motion_in_model_json_is_checked():
     entry = typed_json(term_of("flow_from_a_to_b", "load", "proportional"))
     with pytest.raises(BenchInputError, match="a term of flow_from_a_to_b does not go with velocity"):
         typed_term(entry | {"variable": "velocity", "moving": False}, 1, (), fail, number)
+    with pytest.raises(BenchInputError, match="the law gaseous is one of pressure_rate in motion"):
+        typed_term(entry | {"law": "gaseous"}, 1, (), fail, number)
     with pytest.raises(BenchInputError, match='"moving" must be true or false'):
         typed_term(entry | {"moving": 1}, 1, (), fail, number)
 
@@ -134,8 +138,12 @@ def test_a_few_terms_add_what_the_table_of_all_adds():
     asked = 0
     for place in places_in_motion(()):
         for variable in place.asked_moving:
-            for law in ("constant",) if variable == "constant" else ("proportional", "square", "root", "smooth"):
-                if not place.moving or (variable == "pressure_rate" and law != "proportional"):
+            for law in (
+                ("constant",) if variable == "constant" else ("proportional", "gaseous", "square", "root", "smooth")
+            ):
+                if not place.moving or (
+                    law not in VARIABLES[variable].laws if VARIABLES[variable].laws else law == "gaseous"
+                ):
                     continue
                 term = term_of(place.name, variable, law)
                 own_low, own_high = low.copy(), high.copy()

@@ -10,7 +10,7 @@ from helpers.machines import plant
 from reference.conformance_dynamic import machine_of
 
 from thermohyd.dynamics.circuit import Added, turned
-from thermohyd.dynamics.flows import chamber_rates, chamber_sources, flows_at
+from thermohyd.dynamics.flows import ATMOSPHERE, POLYTROPIC, chamber_rates, chamber_sources, chamber_volumes, flows_at
 from thermohyd.dynamics.linear import frequency_response
 from thermohyd.dynamics.machine import MEMORY, State, asked_position
 from thermohyd.dynamics.vector_field import rates_at
@@ -87,6 +87,20 @@ def test_what_goes_with_the_rate_of_the_pressure_is_solved_for():
     dp = found(Added(inflow_per_rate=stores))
     np.testing.assert_allclose(dp, found(Added(inflow=stores * dp)), rtol=1e-12)
     assert abs(float(dp[0])) < 0.9 * abs(float(found(Added())[0]))
+
+
+def test_a_gas_in_the_chambers_is_entrained_air():
+    """phi V/(n p_a) at gauge zero: to first order in the share, but for the oil that the bubbles take the room of."""
+    share = 1e-4
+    volumes = chamber_volumes(BARE, STATE.position)
+    for i, chamber in enumerate("ab"):
+        amount = -share * float(volumes[i]) / (POLYTROPIC * ATMOSPHERE)
+        found = rates(term_of(f"flow_into_chamber_{chamber}", "pressure_rate", "gaseous", amount))
+        expected = rates(effect("entrained_air", share))
+        moved, wanted = (float((of.pressure - rates().pressure)[i]) for of in (found, expected))
+        assert wanted != 0.0
+        assert moved == pytest.approx(wanted, rel=0.05)
+        assert float((found.pressure - rates().pressure)[1 - i]) == 0.0
 
 
 def test_a_force_on_the_spool_and_a_shift_of_its_position():

@@ -182,6 +182,12 @@ def mixture_modulus(
     return (1.0 - share + air) / ((1.0 - share) / beta + air / (POLYTROPIC * absolute))
 
 
+def softness_of_gas(pressure: Float[Array, "..."]) -> Float[Array, "..."]:
+    """Compliance of a fixed amount of gas over that at gauge zero, (p_a/P)^(1 + 1/n), as in `mixture_modulus`; pressure gauge."""
+    absolute = jnp.maximum(pressure + ATMOSPHERE, THINNEST_AIR)
+    return jnp.power(ATMOSPHERE / absolute, 1.0 + 1.0 / POLYTROPIC)
+
+
 def chamber_volumes(plant: Plant, position: Float[Array, "..."]) -> Float[Array, "... 2"]:
     """V_ta + S_a z and V_tb - S_b z [m3]."""
     j = plant.actuator
