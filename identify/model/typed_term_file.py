@@ -25,6 +25,7 @@ def typed_json(term: TypedTerm) -> dict[str, Any]:
         "local": "straight lines between c0, c1, ... at evenly spaced knots over the range",
         "proportional": "c0 v",
         "laminar": "c0 v mu(40 degC)/mu(T), mu the oil's viscosity",
+        GASEOUS: "c0 v (p_a/P)^(1 + 1/1.4), P the chamber's absolute pressure",
         "square": "c0 v |v|",
         "cube": "c0 v^3",
         "root": "c0 sign(v) sqrt|v|",

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from thermohyd.identify.bench.shown_units import display_unit
 from thermohyd.identify.model.places import EDGES, place_of
-from thermohyd.identify.model.term_variables import VARIABLES
+from thermohyd.identify.model.term_variables import IMPLICIT, VARIABLES
 from thermohyd.identify.model.typed_terms import GASEOUS, TypedTerm
 
 from .diagnosis_words import p_words, percent
@@ -41,7 +41,8 @@ def law_words(term: TypedTerm) -> str:
     words = about.moving if in_full else about.words
     if term.law == "constant":
         return words
-    variable = words.format(p=SYMBOLS[place.local])
+    rate_in_words = term.variable == IMPLICIT and place.local == "each"  # no symbol to write a derivative of
+    variable = "the rate of its own pressure" if rate_in_words else words.format(p=SYMBOLS[place.local])
     if term.law == "smooth":
         return f"that varies smoothly with {variable}"
     if term.law == "local":

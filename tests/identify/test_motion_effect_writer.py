@@ -126,6 +126,11 @@ def test_a_term_in_motion_in_model_json_is_checked():
     entry = typed_json(term_of("flow_from_a_to_b", "load", "proportional"))
     with pytest.raises(BenchInputError, match="a term of flow_from_a_to_b does not go with velocity"):
         typed_term(entry | {"variable": "velocity", "moving": False}, 1, (), fail, number)
+    soft = term_of("flow_into_chambers", "pressure_rate", "gaseous")
+    assert typed_term(json.loads(json.dumps(typed_json(soft))), 1, (), fail, number) == soft
+    assert (soft.unit, law_words(soft)) == (
+        "m3/Pa", "in proportion to the rate of its own pressure, the more the lower the pressure, as a gas gives way",
+    )  # fmt: skip
     with pytest.raises(BenchInputError, match="the law gaseous is one of pressure_rate in motion"):
         typed_term(entry | {"law": "gaseous"}, 1, (), fail, number)
     with pytest.raises(BenchInputError, match='"moving" must be true or false'):

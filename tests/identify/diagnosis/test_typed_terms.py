@@ -50,6 +50,26 @@ def test_in_motion_nothing_reads_the_position_that_edges_are_given(moving, first
     assert [s.entry.place for s in leading(Table(tuple(alike), law, 200.0, 1.0, 100))] == [first]
 
 
+@pytest.mark.parametrize("moving", [True, False])
+def test_what_physics_is_known_to_do_is_asked_at_a_lower_level_in_motion(moving):
+    """Beside what chance does not explain: of laws that are usual there, and by one coefficient."""
+    pairs = (
+        (("force_on_piston", "direction"), "proportional", 90.0),
+        (("flow_into_chambers", "pressure_rate"), "gaseous", 14.0),
+        (("flow_into_chamber_a", "time"), "proportional", 14.0),  # nothing is known to do that
+        (("force_on_piston", "velocity"), "proportional", 2.0),  # chance does
+    )
+    scored = [
+        Scored(replace(entry(*pair), law=law, moving=moving), gain, 1, np.eye(9)[:, i : i + 1])
+        for i, (pair, law, gain) in enumerate(pairs)
+    ]
+    law = MaxT.of(np.eye(9)[:, : len(pairs)], np.zeros(len(pairs), dtype=bool), 4000)
+    table = Table(tuple(scored), law, 1000.0, 1.0, 1000)
+    assert 1e-3 < table.p_value(scored[1]) < 0.05
+    assert [s.entry.pair for s in leading(table)] == [pair for pair, *_ in pairs[: 2 if moving else 1]]
+    assert leading(Table(tuple(scored[1:]), law, 1000.0, 1.0, 1000)) == []  # chance explains the table
+
+
 @pytest.mark.parametrize(
     ("left", "in_motion", "followed"),
     [
