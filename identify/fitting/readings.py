@@ -16,7 +16,7 @@ from thermohyd.identify.bench.test_record import TestRecord
 from thermohyd.identify.model.learned_terms import ABSOLUTE, LearnedTerm, term_values
 from thermohyd.identify.model.places import place_of, read_as
 from thermohyd.identify.model.term_variables import States, of_the_oil
-from thermohyd.identify.model.typed_terms import TypedTerm, entry_shifts, shift_of
+from thermohyd.identify.model.typed_terms import TypedTerm, entry_shifts, reading_shifts
 from thermohyd.identify.noise.correlation import NoiseCorrelation
 from thermohyd.identify.noise.level import ChannelNoise
 from thermohyd.identify.noise.whitening import Whitening, whiten_on_host, whitening_of
@@ -318,13 +318,12 @@ class StaticReadings:
         for term in self.terms:
             if not isinstance(term, TypedTerm) or self.states is None:
                 continue
-            place = place_of(term.place)
+            shifted = place_of(term.place).readings
             for name, test in self.tests.items():
-                for channel in test.channels:
-                    sign = place.readings.get(read_as(test, channel.name))
-                    if sign is not None:
-                        more = sign * shift_of(term, test, self.states)
-                        found[name, channel.name] = found.get((name, channel.name), 0.0) + more
+                read = {c.name: own for c in test.channels if (own := read_as(test, c.name)) in shifted}
+                shifts = reading_shifts(term, test, self.states) if read else {}
+                for channel, own in read.items():
+                    found[name, channel] = found.get((name, channel), 0.0) + shifts[own]
         return found
 
 

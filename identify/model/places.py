@@ -48,6 +48,9 @@ class Place:
     def parts(self) -> tuple["Place", ...]:
         """Of static tests: what it shifts at each port, or at each edge, where these go with their own pressure; else itself."""
         apart = {"each": AT_PORT, "edges": {edge: (edge,) for edge in EDGES}}.get(self.local)
+        if self.local == "each" and not self.entries:  # a gauge at each port
+            at_port = {port: f"pressure_{port}" for port in AT_PORT}
+            return tuple(replace(self, local=port, readings={c: self.readings[c]}) for port, c in at_port.items())
         if apart is None or not self.entries:
             return (self,)
         at = {
@@ -195,7 +198,7 @@ def place_of(name: str, *, moving: bool = False) -> Place:
     noun = f"a shift of {words.get(channel, f'the reading {channel}')}"
     # What the supply's meter reads is the same channel by another name of the simulator.
     read = {c: 1.0 for c in channels} | ({"supply_flow": 1.0} if "leakage_flow" in channels else {})
-    local = {"pressure_a": "a", "pressure_b": "b", "load_pressure": "a-b"}.get(channel, "supply")
+    local = {"pressure_a": "a", "pressure_b": "b", "pressures": "each", "load_pressure": "a-b"}.get(channel, "supply")
     if channels[0] in FLOW_READINGS:
         asked = tuple(name for name in _OF_AN_INSTRUMENT if name != "pressure")
         return Place(name, "m3/s", noun, readings=read, local=local, asked=asked)

@@ -38,11 +38,11 @@ from .fitted_range import COLUMN, Outside, names_of_rows, outside, sentences
 from .learned_terms import ABSOLUTE, term_values
 from .model import Model, coefficient_names
 from .pieces import PLACE, predicted_in_pieces
-from .places import place_of, read_as
+from .places import read_as
 from .predict_motion import as_read, as_static, require_actuator, signal_of_reading, unit_of
 from .simulation_output import note_lines, simulation_files, simulation_json, simulation_table, spare_the_record
 from .term_variables import BLOCKED, States, of_the_oil
-from .typed_terms import TypedTerm, entry_shifts, shift_of
+from .typed_terms import TypedTerm, entry_shifts, reading_shifts
 
 
 SAME = 1e-9  # relative: what two files write of one number differs by less
@@ -133,8 +133,7 @@ def place_shifts(
     read: dict[str, np.ndarray] = {}
     for term in terms:
         try:
-            own, at = entry_shifts(term, test, states), place_of(term.place).readings
-            shift = shift_of(term, test, states) if at else np.zeros(test.rows)
+            own, more = entry_shifts(term, test, states), reading_shifts(term, test, states)
         except ValueError:
             raise BenchInputError(
                 f"the model's term makes {term.place} go with {term.variable}, which needs the column "
@@ -143,8 +142,8 @@ def place_shifts(
             ) from None
         for entry, moved in own.items():
             entries[f"{PLACE}{entry}"] = entries.get(f"{PLACE}{entry}", 0.0) + moved
-        for reading, sign in at.items():
-            read[reading] = read.get(reading, 0.0) + sign * shift
+        for reading, shift in more.items():
+            read[reading] = read.get(reading, 0.0) + shift
     return {entry: pad(values) for entry, values in entries.items()}, read
 
 

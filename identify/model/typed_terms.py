@@ -166,6 +166,15 @@ def entry_shifts(term: TypedTerm, test: TestRecord, states: States) -> dict[str,
     return found
 
 
+def reading_shifts(term: TypedTerm, test: TestRecord, states: States) -> dict[str, np.ndarray]:
+    """{what of the simulator's readings: what the term adds to it at each row (rows,), SI}."""
+    return {
+        reading: sign * shift_of(term, test, states, part)
+        for part in place_of(term.place).parts
+        for reading, sign in part.readings.items()
+    }
+
+
 # {entry: the state that it may follow}.
 FLOWS = {"flow_into_a": "pressure_a", "flow_into_b": "pressure_b"}
 

@@ -47,7 +47,8 @@ def law_words(term: TypedTerm) -> str:
         return f"that varies smoothly with {variable}"
     if term.law == "local":
         return f"that differs from spot to spot along {variable}, alike in all runs"
-    return f"{LAW_WORDS[term.law]} {variable}{ {'laminar': LAMINAR, GASEOUS: OF_A_GAS}.get(term.law, '') }"
+    more = {"laminar": LAMINAR, GASEOUS: OF_A_GAS}.get(term.law, "")
+    return f"{LAW_WORDS[term.law]} {variable}{more}"
 
 
 def term_name(term: TypedTerm) -> str:

@@ -21,7 +21,7 @@ from thermohyd.identify.model.model import Model
 from thermohyd.identify.model.predict import as_static, predict_test
 from thermohyd.identify.model.term_variables import of_the_oil, thinning
 from thermohyd.identify.model.typed_term_file import typed_json, typed_term
-from thermohyd.identify.model.typed_terms import KNOTS, TypedTerm, basis, entry_shifts, slope_of_law
+from thermohyd.identify.model.typed_terms import KNOTS, TypedTerm, basis, entry_shifts, reading_shifts, slope_of_law
 from thermohyd.identify.reduction.reduce import smooth_sweep
 from thermohyd.oil_definition import OilDefinition
 
@@ -250,6 +250,19 @@ def test_oil_that_is_warmer_at_an_edge_is_thinner_there_by_its_own_law():
         wanted = thin(test.temperature + warmer) / thin(test.temperature) - 1.0
         assert wanted.min() < -0.03
         np.testing.assert_allclose(found[entry], wanted, rtol=0.05)  # the oil's own slope falls as it warms
+
+
+def test_gauges_at_both_ports_go_each_with_its_own_pressure():
+    test = sweep("pressure_gain")
+    ports = {port: np.linspace(0.0, 60e5, test.rows) for port in ("pressure_a", "pressure_b")}
+    ports["pressure_b"] = ports["pressure_b"][::-1]
+    term = TypedTerm("reading:pressures", "pressure", "proportional", (0.01,), 0.0, 210e5)
+    found = reading_shifts(term, test, {"pressure_gain": ports})
+    assert set(found) == set(ports)
+    for port, value in ports.items():
+        np.testing.assert_allclose(found[port], 0.01 * value)
+    alone = reading_shifts(replace(term, place="reading:pressure_a"), test, {"pressure_gain": ports})
+    np.testing.assert_allclose(alone["pressure_a"], found["pressure_a"])
 
 
 def test_a_local_term_reads_back_and_goes_with_the_position_alone():
