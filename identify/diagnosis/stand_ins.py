@@ -49,7 +49,8 @@ def without_stand_ins(
     fit = model.fit
     if any(stores(name) for name in fit.effects):  # ports that store oil have no terms of their own
         return model
-    if not model.disagrees and not case.problem.in_motion:
+    # In motion every set of names is a program of its own, which takes half a minute to compile.
+    if not model.disagrees and not (case.problem.in_motion and fit.effects):
         model = _with_what_no_curve_sees(case, model, split, say)
     unclean = bool(fit.effects) and model.left.p_value < UNCLEAN
     asked = fit.physics or (model.terms and fit.effects) if model.disagrees else len(fit.physics) > 1 or unclean
