@@ -297,7 +297,8 @@ def terms_in(terms: tuple[TypedTerm, ...]) -> Terms:
             signal[slot, SIGNALS.index(part.signal)] = 1.0
             remembers |= part.signal == REMEMBERED
             low[slot], high[slot] = term.low, term.high
-    return Terms(*(jnp.asarray(part) for part in (values, takes, moved, signal, low, high, stored)), remembers)
+    parts = [jnp.asarray(part) for part in (values, takes, moved, signal, low, high, stored)]
+    return Terms(*parts, remembers=remembers)
 
 
 def _given(given: Given, terms: AbstractTerms, coefficients: Array) -> Given:

@@ -110,7 +110,8 @@ def seen_at(plant: Plant, around: Surroundings, state: State) -> Seen:
 def turned(plant: Plant, around: Surroundings, state: State) -> Float[Array, ""]:
     """Which way the command went last: +-1 from where it has come back by the memory (a play wider than that: by the play), between
     in proportion."""
-    if state.play is None or plant.memory is None:
+    width = plant.play_width
+    if state.play is None or plant.memory is None or width is None:
         return jnp.zeros(())
     ahead = asked_position(plant, plant.command(around.time), state.position) - state.play
-    return jnp.clip(ahead / (0.5 * jnp.maximum(plant.play_width, plant.memory)), -1.0, 1.0)
+    return jnp.clip(ahead / (0.5 * jnp.maximum(width, plant.memory)), -1.0, 1.0)
