@@ -13,7 +13,6 @@ _OF_SEEN = {
     "position": "seen.spool",
     "opening": "jnp.abs(seen.spool)",
     "rate": "seen.spool_speed",
-    "turn": f"jnp.tanh(seen.spool_speed / {DIRECTION_SPEED})",
     "turned": "seen.turned",
     "velocity": "seen.velocity",
     "direction": f"jnp.tanh(seen.velocity / {DIRECTION_SPEED})",

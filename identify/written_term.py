@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from thermohyd.identify.bench.errors import BenchInputError
-from thermohyd.identify.model.term_variables import VARIABLES
+from thermohyd.identify.model.term_variables import VARIABLES, laws_in_motion
 from thermohyd.identify.model.typed_term_file import place_named
-from thermohyd.identify.model.typed_terms import LAWS, LAWS_IN_MOTION, coefficients_of
+from thermohyd.identify.model.typed_terms import LAWS, coefficients_of
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,8 @@ def read_term(path: Path, number: int = 1) -> TermRead:
     entry, where = terms[number - 1], f'"terms" entry {number}'
     moving = isinstance(entry, dict) and entry.get("moving") is True
     place_named(entry.get("place") if isinstance(entry, dict) else None, where, fail, moving=moving)
-    if entry.get("variable") not in VARIABLES or entry.get("law") not in (LAWS_IN_MOTION if moving else LAWS):
+    about = VARIABLES.get(str(entry.get("variable")))
+    if about is None or entry.get("law") not in (laws_in_motion(about) if moving else LAWS):
         raise fail(f'{where} has a "variable" or a "law" that is none')
     try:
         low, high = (float(end) for end in entry["range"])

@@ -142,7 +142,6 @@ def _usual_suspects(table: Table, chosen: list[Scored]) -> list[Scored]:
         found
         for found in table.ranked
         if found.rank == 1
-        and found not in chosen
         and prior_of(found.entry) == 0.0
         and table.p_value(found) <= SUSPECTED
         and not any(_alike(one, found) for one in chosen)

@@ -7,7 +7,15 @@ import jax.numpy as jnp
 import numpy as np
 
 from thermohyd.identify.model.places import place_of
-from thermohyd.identify.model.term_variables import IMPLICIT, REMEMBERED, SIGNALS, VARIABLES, signal_of
+from thermohyd.identify.model.term_variables import (
+    IMPLICIT,
+    REMEMBERED,
+    SIGNALS,
+    VARIABLES,
+    asked_with,
+    laws_in_motion,
+    signal_of,
+)
 from thermohyd.identify.model.typed_terms import TypedTerm, basis, coefficients_of
 
 from .motion_readings import DynamicSimulator, Weighing, readings_of
@@ -182,13 +190,7 @@ def laws_of(place: str) -> Iterator[Law]:
     """Every law that a place is asked with in motion."""
     where = place_of(place, moving=True)
     for variable in VARIABLES.values():
-        if not variable.moving or variable.name not in where.asked_moving:
-            continue
-        if variable.name == "constant":
-            yield Law(place, variable.name, "constant")
-            continue
-        laws = variable.laws or ("proportional", *(("square", "root") if variable.powers else ()), "smooth")
-        for law in laws:
+        for law in laws_in_motion(variable) if asked_with(where, variable, moving=True) else ():
             yield Law(place, variable.name, law)
 
 

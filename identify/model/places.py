@@ -48,16 +48,14 @@ class Place:
     def parts(self) -> tuple["Place", ...]:
         """Of static tests: what it shifts at each port, or at each edge, where these go with their own pressure; else itself."""
         apart = {"each": AT_PORT, "edges": {edge: (edge,) for edge in EDGES}}.get(self.local)
-        if self.local == "each" and not self.entries:  # a gauge at each port
-            at_port = {port: f"pressure_{port}" for port in AT_PORT}
-            return tuple(replace(self, local=port, readings={c: self.readings[c]}) for port, c in at_port.items())
-        if apart is None or not self.entries:
+        if apart is None:
             return (self,)
-        at = {
-            local: {e: sign for e, sign in self.entries.items() if e.split("_")[-1] in edges}
+        at = lambda shifted, ends: {name: sign for name, sign in shifted.items() if name.split("_")[-1] in ends}
+        found = [
+            replace(self, local=local, entries=at(self.entries, edges), readings=at(self.readings, (local,)))
             for local, edges in apart.items()
-        }
-        return tuple(replace(self, local=local, entries=entries) for local, entries in at.items() if entries)
+        ]
+        return tuple(part for part in found if part.static) or (self,)
 
     @property
     def static(self) -> bool:

@@ -193,6 +193,13 @@ def asked_with(place: Place, variable: Variable, *, moving: bool = False) -> boo
     return not place.asked or variable.name in place.asked
 
 
+def laws_in_motion(variable: Variable) -> tuple[str, ...]:
+    """The laws by which a place in motion goes with a variable."""
+    if variable.name == "constant":
+        return ("constant",)
+    return variable.laws or ("proportional", *(("square", "root") if variable.powers else ()), "smooth")
+
+
 # What of the machine a place in motion shifts, and the signals that variables are made of there (see `signal_of`).
 MOVED = ("force_on_piston", "force_on_spool", "flow_a", "flow_b", "heat_a", "heat_b", "position", "viscosity")
 SIGNALS = (

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from .places import PLACES, Place, place_of
-from .term_variables import IMPLICIT, VARIABLES, asked_with
+from .term_variables import IMPLICIT, VARIABLES, asked_with, laws_in_motion
 from .typed_terms import GASEOUS, LAWS, LAWS_IN_MOTION, TypedTerm, coefficients_of
 
 
@@ -72,6 +72,8 @@ def typed_term(
         raise fail(f"{where}: the law {entry['law']} is one of static tests")
     if entry["law"] == GASEOUS and not (moving and entry["variable"] == IMPLICIT):
         raise fail(f"{where}: the law {GASEOUS} is one of {IMPLICIT} in motion")
+    if moving and entry["law"] not in (laws := laws_in_motion(VARIABLES[entry["variable"]])):
+        raise fail(f"{where}: {entry['variable']} goes by the law {' or '.join(laws)}")
     if entry["law"] == "local" and entry["variable"] not in place.followed:
         raise fail(f"{where}: the law local is none of {place.name} with {entry['variable']}")
     coefficients, ends = entry.get("coefficients"), entry.get("range")

@@ -133,6 +133,9 @@ def test_a_term_in_motion_in_model_json_is_checked():
     )  # fmt: skip
     with pytest.raises(BenchInputError, match="the law gaseous is one of pressure_rate in motion"):
         typed_term(entry | {"law": "gaseous"}, 1, (), fail, number)
+    curved = typed_json(soft) | {"law": "smooth"}
+    with pytest.raises(BenchInputError, match="pressure_rate goes by the law proportional or gaseous"):
+        typed_term(curved, 1, (), fail, number)
     with pytest.raises(BenchInputError, match='"moving" must be true or false'):
         typed_term(entry | {"moving": 1}, 1, (), fail, number)
 

@@ -12,7 +12,7 @@ from reference.conformance_dynamic import machine_of
 from thermohyd.dynamics.circuit import Added, turned
 from thermohyd.dynamics.flows import ATMOSPHERE, POLYTROPIC, chamber_rates, chamber_sources, chamber_volumes, flows_at
 from thermohyd.dynamics.linear import frequency_response
-from thermohyd.dynamics.machine import MEMORY, State, asked_position
+from thermohyd.dynamics.machine import MEMORY, Plant, State, Walls, asked_position, plant_of
 from thermohyd.dynamics.vector_field import rates_at
 from thermohyd.effects.library import effect
 from thermohyd.identify.fitting.motion_terms import AbstractFew, terms_in
@@ -33,13 +33,14 @@ def _rates(machine, state):
     return rates_at(machine, state, machine.surroundings(machine.inputs.time[0]), jnp.asarray(1e-3))
 
 
+def machine_with(*effects) -> Plant:
+    valve = replace(BARE.valve, effects=effects)
+    return plant_of(valve, BARE.actuator, BARE.inputs, heat="adiabatic", walls=Walls(), polarity=1)
+
+
 def rates(*effects) -> State:
     """Rates of change of one state, with effects on the valve."""
-    from thermohyd.dynamics.machine import Walls, plant_of
-
-    valve = replace(BARE.valve, effects=effects)
-    machine = plant_of(valve, BARE.actuator, BARE.inputs, heat="adiabatic", walls=Walls(), polarity=1)
-    return _rates(machine, STATE)
+    return _rates(machine_with(*effects), STATE)
 
 
 def term_of(
@@ -119,11 +120,7 @@ def test_a_force_on_the_spool_and_a_shift_of_its_position():
 
 def with_memory(ahead: float, *effects):
     """(machine, state) with the command `ahead` [m] of the state that remembers its last turn."""
-    from thermohyd.dynamics.machine import Walls, plant_of
-
-    machine = plant_of(
-        replace(BARE.valve, effects=effects), BARE.actuator, BARE.inputs, heat="adiabatic", walls=Walls(), polarity=1
-    )
+    machine = machine_with(*effects)
     asked = asked_position(machine, machine.command(machine.inputs.time[0]), STATE.position)
     return machine, replace(STATE, play=asked - ahead)
 
@@ -141,7 +138,7 @@ def test_which_way_the_command_went_last_is_remembered(ahead, expected):
     around = machine.surroundings(machine.inputs.time[0])
     assert float(turned(machine, around, state)) == pytest.approx(expected, abs=1e-12)
     # Only where somebody asks.
-    assert plant(machine_of("closed_adiabatic")).play_width is None
+    assert BARE.play_width is None
     assert float(turned(BARE, around, STATE)) == 0.0
 
 
@@ -151,14 +148,8 @@ def test_a_term_that_goes_with_the_last_turn_is_a_play_on_its_way():
         found = []
         for effects in ((effect("backlash", PLAY),), (term_of(*TURNED, -0.5 * PLAY),)):
             machine, state = with_memory(end * 0.5 * PLAY, *effects)
-            found.append(
-                rates_at(
-                    machine,
-                    state,
-                    machine.surroundings(machine.inputs.time[0]),
-                    machine.command(machine.inputs.time[0]),
-                )
-            )
+            begin = machine.inputs.time[0]
+            found.append(rates_at(machine, state, machine.surroundings(begin), machine.command(begin)))
         assert float(found[0].spool_speed) == pytest.approx(float(found[1].spool_speed), rel=1e-12)
         # A term beside a play sees where that one stands.
         machine, state = with_memory(end * 0.25 * PLAY, effect("backlash", PLAY), term_of(*TURNED, 0.0))
@@ -166,11 +157,9 @@ def test_a_term_that_goes_with_the_last_turn_is_a_play_on_its_way():
 
 
 def test_a_memory_has_no_small_signal_response():
-    inputs = machine_of("closed_adiabatic")
     frequency = jnp.array([1.0, 30.0, 200.0])
-    plain = plant(inputs)
     found = [
-        frequency_response(replace(plain.valve, effects=effects), plain.actuator, plain.inputs, frequency)
+        frequency_response(replace(BARE.valve, effects=effects), BARE.actuator, BARE.inputs, frequency)
         for effects in ((), (term_of(*TURNED, -1e-6),))
     ]
     np.testing.assert_array_equal(found[0].amplitude_ratio, found[1].amplitude_ratio)

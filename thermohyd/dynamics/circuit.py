@@ -110,8 +110,9 @@ def seen_at(plant: Plant, around: Surroundings, state: State) -> Seen:
 def turned(plant: Plant, around: Surroundings, state: State) -> Float[Array, ""]:
     """Which way the command went last: +-1 from where it has come back by the memory (a play wider than that: by the play), between
     in proportion."""
-    width = plant.play_width
-    if state.play is None or plant.memory is None or width is None:
+    if state.play is None or plant.memory is None:
         return jnp.zeros(())
+    backlash = plant.motion.backlash
+    width = plant.memory if backlash is None else jnp.maximum(backlash, plant.memory)
     ahead = asked_position(plant, plant.command(around.time), state.position) - state.play
-    return jnp.clip(ahead / (0.5 * jnp.maximum(width, plant.memory)), -1.0, 1.0)
+    return jnp.clip(ahead / (0.5 * width), -1.0, 1.0)

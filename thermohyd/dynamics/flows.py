@@ -177,15 +177,19 @@ def mixture_modulus(
     1/beta_eff = [(1 - phi)/beta + g/(n P)]/(1 - phi + g), g = phi (p_a/P)^(1/n), polytropic, n = 1.4 (docs/physics.md section 9.3;
     the mixture model of Merritt, section 2-4, with the air's compression followed).
     """
-    absolute = jnp.maximum(pressure + ATMOSPHERE, THINNEST_AIR)
+    absolute = _absolute(pressure)
     air = share * jnp.power(ATMOSPHERE / absolute, 1.0 / POLYTROPIC)
     return (1.0 - share + air) / ((1.0 - share) / beta + air / (POLYTROPIC * absolute))
 
 
 def softness_of_gas(pressure: Float[Array, "..."]) -> Float[Array, "..."]:
     """Compliance of a fixed amount of gas over that at gauge zero, (p_a/P)^(1 + 1/n), as in `mixture_modulus`; pressure gauge."""
-    absolute = jnp.maximum(pressure + ATMOSPHERE, THINNEST_AIR)
-    return jnp.power(ATMOSPHERE / absolute, 1.0 + 1.0 / POLYTROPIC)
+    return jnp.power(ATMOSPHERE / _absolute(pressure), 1.0 + 1.0 / POLYTROPIC)
+
+
+def _absolute(pressure: Float[Array, "..."]) -> Float[Array, "..."]:
+    """Of air [Pa], at a gauge pressure."""
+    return jnp.maximum(pressure + ATMOSPHERE, THINNEST_AIR)
 
 
 def chamber_volumes(plant: Plant, position: Float[Array, "..."]) -> Float[Array, "... 2"]:

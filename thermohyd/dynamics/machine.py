@@ -303,8 +303,8 @@ class State(eqx.Module):
     """Spool x [m] and its speed [m/s]; p_A, p_B [Pa, gauge]; T_A, T_B [K]; piston z [m] and v [m/s].
 
     temperature is None where the oil stays at the supply's (HM); wall [K], the metal around each chamber, where it has a
-    capacity of its own; play y [m] where the command has backlash or
-    its last turn is remembered. Rates of change are held in the same Module, per second.
+    capacity of its own; play y [m] where the command has backlash or its last turn is remembered. Rates of change are held in
+    the same Module, per second.
     """
 
     spool: Float[Array, "..."]
