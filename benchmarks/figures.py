@@ -33,17 +33,21 @@ PARTS: dict[str, tuple[str, bool]] = {
     "diagnosis-row": ("diagnosis_row.py --records 40", False),
     "real-valve": ("real_valve.py --out build/real_valve", True),
     "real-valve-diagnosed": ("real_valve.py --diagnose", True),
+    "real-valve-without-storage": ("real_valve.py --diagnose --without port_compliance_a,port_compliance_b", True),
     "hanging-load": ("hanging_load.py", True),
+    "hanging-load-terms": ("hanging_load.py build/hanging_load terms", True),
     "hidden-1": ("hidden_table.py --set 1 --processes 2", False),
     "hidden-2": ("hidden_table.py --set 2 --processes 2", False),
     **{
         f"hidden-bench-{n}": (f"hidden_bench_table.py --set {n} --processes 2", False)
         for n in sets_of("real_bench_records")
     },
+    "compare-pairs-3": ("compare_pairs.py --seed 3 --processes 2", False),
+    "plan-rates-2": ("plan_rates.py --records 84 --seed 2 --processes 2", False),
     "hidden-dynamic-1": ("hidden_dynamic_table.py --set 1 --processes 2", False),
     "hidden-dynamic-2": ("hidden_dynamic_table.py --set 2 --processes 2", False),
     "leave-one-out-4": ("leave_one_out.py --set 4 --processes 2", False),
-    "leave-one-out-search-5": ("leave_one_out.py --set 5 --search --processes 2", False),
+    "leave-one-out-search-7": ("leave_one_out.py --set 7 --search --processes 2", False),
     "nothing-wrong-6": ("leave_one_out.py --set 6 --search --processes 2", False),
     "leave-one-out-real-9": ("leave_one_out.py --set 9 --real --processes 2", False),
     "leave-one-out-search-real-10": ("leave_one_out.py --set 10 --real --search --processes 2", False),

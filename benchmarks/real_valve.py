@@ -4,7 +4,7 @@
 
 Leakage sweeps of 50 and 200 s and the pressure gain, weighed with 0.02 l/min and 8 bar, are fitted without one leakage sweep, which is then
 predicted: with either law of the edge, with and without oil stored at the ports. Ends at once where the record is absent. --out: a picture.
---diagnose: instead what a diagnosis says of the record as it is, and what it takes.
+--diagnose: instead what a diagnosis says of the record as it is, and what it takes; --without NAME,NAME: with these out of its library.
 """
 
 import argparse
@@ -115,6 +115,21 @@ def picture(found: list[dict[str, Any]], folder: Path) -> Path:
     return file
 
 
+def diagnosed(record: Any, without: list[str]) -> None:
+    """Print what a diagnosis says and takes, and what the command in a second process takes."""
+    from thermohyd.identify import diagnose
+
+    result = diagnose(record, without=without)
+    said = result.summary().replace(str(RECORD), RECORD.name)  # a page names no folder of one machine
+    command = [Path(sys.executable).with_name("thermohyd"), "diagnose", RECORD]
+    command += ["--without", ",".join(without)] if without else []
+    with tempfile.TemporaryDirectory() as folder:
+        began = time.perf_counter()
+        subprocess.run([*command, "--out", f"{folder}/out"], check=True, capture_output=True)
+        again = time.perf_counter() - began
+    print(f"{result.seconds:.0f} s; then as a command in a second process, its report written, {again:.0f} s\n{said}")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, help="folder for the picture")
@@ -122,27 +137,21 @@ def main() -> None:
     parser.add_argument(
         "--diagnose", action="store_true", help="instead: what a diagnosis says of the record, in words"
     )
+    parser.add_argument(
+        "--without", default="", metavar="NAME,NAME", help="effects taken out of that diagnosis' library"
+    )
     options = parser.parse_args()
     if not (RECORD / "bench.toml").is_file():
         print(f"no record in {RECORD.parent.name}/{RECORD.name}: nothing done", file=sys.stderr)
         return
-    from thermohyd.identify import diagnose, read_record
+    from thermohyd.identify import read_record
     from thermohyd.identify.cli.jax_setup import set_up_jax
 
     set_up_jax()
     print(state())
     record = read_record(RECORD)
     if options.diagnose:
-        result = diagnose(record)
-        said = result.summary().replace(str(RECORD), RECORD.name)  # a page names no folder of one machine
-        with tempfile.TemporaryDirectory() as folder:
-            command = [Path(sys.executable).with_name("thermohyd"), "diagnose", RECORD, "--out", f"{folder}/out"]
-            began = time.perf_counter()
-            subprocess.run(command, check=True, capture_output=True)
-            again = time.perf_counter() - began
-        print(
-            f"{result.seconds:.0f} s; then as a command in a second process, its report written, {again:.0f} s\n{said}"
-        )
+        diagnosed(record, [name for name in options.without.split(",") if name])
         return
     found = [answer for law in options.laws for answer in left_out(record, law)]
     if options.out is not None:
