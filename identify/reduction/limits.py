@@ -12,13 +12,15 @@ from thermohyd.identify.noise.level import MEDIAN_OF_CHI2, divided_third
 
 from .bad_rows import CHANCE, command_goes_on, place_in_file, without_rows
 from .monotone_pieces import piece_bounds
-from .rounding import local_steps
+from .rounding import column_step, local_steps
 
 
 # A constant reading counts as a limit from a share of the rows on, in stretches of so many one after the other and more; chance is
 # judged by the share of the other rows that lie nearest to it.
 SHARE, IN_A_ROW, NEAREST = 0.02, 3, 0.2
 SLOPE_OF_A_CUT = 2.0  # rounding steps from row to row
+# ... of a valve's flow in static tests, which levels out within no row: coarse rounding alone would not tell a meter's limit there.
+SLOPE_OF_A_FLOW = 10.0
 CLEAR = 3.0  # standard deviations of the noise from a limit
 LEFT = 8  # rows that must remain: a reading that never changes has a sentence of its own
 
@@ -71,9 +73,10 @@ def _standing(test: TestRecord, at: int, limit: float, limits: tuple[float, ...]
     again = stays & (value[1:] == limit)
     if not again.any():
         return none
-    if bdtrc(int(again.sum()) - 1, int(stays.sum()), _by_rounding(test, value, moved, limit, limits)) > CHANCE:
-        return none
     stretches = [(a, b) for a, b in piece_bounds(np.cumsum(np.append(0, ~again))) if b - a >= IN_A_ROW]
+    by_chance = bdtrc(int(again.sum()) - 1, int(stays.sum()), _by_rounding(test, value, moved, limit, limits)) > CHANCE
+    if by_chance and not (limit != 0.0 and _flow_ends_abruptly(test, at, stretches)):
+        return none
     if not isinstance(test, DynamicTest):
         if stretches and limit != 0.0:
             return np.flatnonzero(value == limit)
@@ -126,6 +129,33 @@ def _cut_off(test: TestRecord, value: np.ndarray, a: int, b: int, least: float) 
     if not 0 < a < b < test.rows or test.run[a - 1] != test.run[b]:
         return False
     return bool(min(abs(value[a - 1] - value[a]), abs(value[b] - value[b - 1])) > least)
+
+
+def _flow_ends_abruptly(test: TestRecord, at: int, stretches: list[tuple[int, int]]) -> bool:
+    """Whether a valve's flow comes to and leaves all stretches as steeply as nothing does that then keeps still while the spool goes on.
+
+    A rounding coarser than the noise makes neighbours equal wherever a curve is flat. Leakage and blocked ports' pressures can be that flat
+    from one row to the next; a flow through an opening edge is not.
+    """
+    if test.in_motion or test.channels[at].name != "flow" or not stretches:
+        return False
+    value, position = test.channels[at].value, test.spool_position
+    least = SLOPE_OF_A_FLOW * column_step(value)
+
+    for a, b in stretches:
+        beside = [
+            (near, outer)
+            for near, outer in ((a - 1, a - 2), (b, b + 1))
+            if 0 <= outer < test.rows and test.run[outer] == test.run[a]
+        ]
+        went_on = [
+            np.max(np.abs(position[a:b] - position[near])) > abs(position[near] - position[outer])
+            for near, outer in beside
+        ]
+        steep = [abs(value[near] - value[outer]) > least for near, outer in beside]
+        if not beside or not all(went_on) or not all(steep):
+            return False
+    return True
 
 
 def _by_rounding(

@@ -148,6 +148,26 @@ def test_a_gauge_that_has_a_limit_is_at_it_where_a_sweep_only_touches_it():
     assert len(kept.faults[0].rows) == int(np.sum(value == limit))
 
 
+def test_a_flow_that_ends_abruptly_is_a_meters_limit_though_rounding_hides_the_noise():
+    """A hidden flow gain in steps of 0.5 % of its meter's limit, one row in two seconds, was called unexplained: 24 and 18 rows stood at the
+    limit, where neighbours that rounding made equal were no surprise. A flow that levels out keeps its rows."""
+    flow = small_record().tests["flow_gain"]
+    place = np.concatenate(
+        [np.linspace(-1.0, 1.0, n) for n in np.bincount(np.unique(flow.run, return_inverse=True)[1])]
+    )
+    step = 0.01
+    log = lambda x, reading: with_readings(replace(flow, spool_position=1e-4 * x), step * np.round(reading / step))
+    kept = without_limits(log(place, np.clip(1.7 * place, -1.0, 1.0)))
+    assert sorted(fault.value for fault in kept.faults) == [-1.0, 1.0]
+    assert np.all(np.abs(kept.channels[0].value) < 1.0)
+    level = log(place, np.tanh(2.0 * place))
+    assert without_limits(level) is level
+    # A spool at its stop, whose position is read with noise.
+    stopped = np.clip(1.7 * place, -1.0, 1.0)
+    still = log(stopped + 1e-4 * np.random.default_rng(3).standard_normal(flow.rows), stopped)
+    assert without_limits(still) is still
+
+
 def test_beside_a_dead_band_go_the_rows_that_only_noise_kept_out_of_it():
     """Those left would all be too large: of a meter with a dead band of three times its noise they made that noise seem 37 % larger."""
     flow = small_record().tests["flow_gain"]
