@@ -35,7 +35,8 @@ PARTS: dict[str, tuple[str, bool]] = {
     "real-valve-diagnosed": ("real_valve.py --diagnose", True),
     "real-valve-without-storage": ("real_valve.py --diagnose --without port_compliance_a,port_compliance_b", True),
     "hanging-load": ("hanging_load.py", True),
-    "hanging-load-terms": ("hanging_load.py build/hanging_load terms", True),
+    "hanging-load-diagnosed": ("hanging_load.py build/hanging_load diagnose", True),
+    "hanging-load-without-leak": ("hanging_load.py build/hanging_load diagnose jack_leakage", True),
     "hidden-1": ("hidden_table.py --set 1 --processes 2", False),
     "hidden-2": ("hidden_table.py --set 2 --processes 2", False),
     **{

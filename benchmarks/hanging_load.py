@@ -8,6 +8,7 @@ A valve of a stated load for each of LOADS, the best one shown; in each fit all 
 `python benchmarks/hanging_load.py FOLDER` prints all of it, the motor's curve too, and writes figures.json and a picture there.
 `python benchmarks/hanging_load.py FOLDER terms` asks, with no leak in the library and the best load, where in the circuit something is
 missing and with what (docs/diagnosis.md section 14.1), half of the steps held out.
+`python benchmarks/hanging_load.py FOLDER diagnose [NAME ...]` prints a whole diagnosis of all steps, with these effects out of its library.
 """
 
 import json
@@ -133,6 +134,9 @@ def main() -> None:
     if "terms" in sys.argv[2:]:
         terms(folder)
         return
+    if "diagnose" in sys.argv[2:]:
+        diagnosed(sys.argv[sys.argv.index("diagnose") + 1 :])
+        return
     steps = runs()
     up = np.concatenate([np.full(len(s["time"]), s["reference"][-1] > s["reference"][0]) for s in steps])
     number = np.concatenate([np.full(len(s["time"]), i) for i, s in enumerate(steps)])
@@ -195,6 +199,15 @@ def terms(folder: Path) -> None:
     kept = [{"place": o.place, "variable": o.variable, "law": o.law, "gap_closed": o.gap_closed, "holds": o.holds,
              "alternatives": [list(a) for a in o.alternatives]} for o in found]  # fmt: skip
     (folder / "terms.json").write_text(json.dumps(kept, indent=2) + "\n")
+
+
+def diagnosed(without: list[str]) -> None:
+    """What a diagnosis says of all steps; which of them it holds out is its own choice."""
+    from thermohyd.identify.diagnosis.diagnose import diagnose
+
+    say = lambda words: print(words, file=sys.stderr, flush=True)
+    result = diagnose(record_of(runs(), BEST_LOAD), without=without, progress=say)
+    print(f"load {BEST_LOAD:+.1f}; out of the library: {', '.join(without) or 'nothing'}; {result.seconds:.0f} s\n{result.summary()}")
 
 
 def rotation() -> BenchRecord:
