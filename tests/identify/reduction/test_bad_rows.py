@@ -149,8 +149,8 @@ def test_a_gauge_that_has_a_limit_is_at_it_where_a_sweep_only_touches_it():
 
 
 def test_a_flow_that_ends_abruptly_is_a_meters_limit_though_rounding_hides_the_noise():
-    """A hidden flow gain in steps of 0.5 % of its meter's limit, one row in two seconds, was called unexplained: 24 and 18 rows stood at the
-    limit, where neighbours that rounding made equal were no surprise. A flow that levels out keeps its rows."""
+    """A hidden flow gain in steps of 0.5 % of its meter's limit, one row in two seconds, was called unexplained: 24 and 18 rows stood at
+    the limit, where neighbours that rounding made equal were no surprise. A flow that levels out keeps its rows."""
     flow = small_record().tests["flow_gain"]
     place = np.concatenate(
         [np.linspace(-1.0, 1.0, n) for n in np.bincount(np.unique(flow.run, return_inverse=True)[1])]
