@@ -207,7 +207,9 @@ def diagnosed(without: list[str]) -> None:
 
     say = lambda words: print(words, file=sys.stderr, flush=True)
     result = diagnose(record_of(runs(), BEST_LOAD), without=without, progress=say)
-    print(f"load {BEST_LOAD:+.1f}; out of the library: {', '.join(without) or 'nothing'}; {result.seconds:.0f} s\n{result.summary()}")
+    print(
+        f"load {BEST_LOAD:+.1f}; out of the library: {', '.join(without) or 'nothing'}; {result.seconds:.0f} s\n{result.summary()}"
+    )
 
 
 def rotation() -> BenchRecord:
