@@ -59,7 +59,7 @@ from .screening import Screen, candidates, screen
 from .screening_faults import screen_of_faults
 from .search import LEVEL, Selection
 from .term_fit import fitted_inside, with_coefficients
-from .term_table import opened
+from .term_table import acting_like, opened
 from .typed_terms import Found, terms_of
 from .where import regions
 
@@ -201,7 +201,11 @@ def concluded(
     after = with_evidence(after, model, problem.faults)
     seen = _evidence(case, model.rivals)
     named = (_named(name, after, model, says, problem.faults) for name in fit.physics)
-    effects = tuple(replace(effect, top_rows=_in_top_rows(effect.name, seen)) for effect in named)
+    places = acting_like(case.problem, model.fit, model.scale)
+    effects = tuple(
+        replace(effect, top_rows=_in_top_rows(effect.name, seen), places=places.get(effect.name, ()))
+        for effect in named
+    )
     crowded = [fault.sentence for fault in after.faults if fault.rows and not fault.masked]
     at_fault = [fault for fault in after.faults if not fault.rows]
     verdict = _verdict(model, effects, crowded, at_fault)

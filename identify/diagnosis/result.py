@@ -118,6 +118,8 @@ class NamedEffect:
     strength: what the free parameters left of it, in noise units (delta). gap_closed: the share of the excess chi-square that is
     lost again without it. top_rows: share of its evidence that the strongest 1 % of the rows hold: near 1, a few bad rows made it.
     either_sign: as much of the other sign, beside other parameters, explains the record as well; `std` and `ci95` span both.
+    places: (place, variable) of typed terms that by one amount show what it shows, to first order: whatever acts so reads alike, be it
+    in the library or not. Empty too where they were not asked: in motion, and beside oil stored at the ports.
     """
 
     name: str
@@ -133,6 +135,7 @@ class NamedEffect:
     at_bound: bool = False
     top_rows: float = float("nan")
     either_sign: bool = False
+    places: tuple[tuple[str, str], ...] = ()
 
 
 @dataclass(frozen=True)

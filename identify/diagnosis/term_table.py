@@ -5,12 +5,13 @@ run's derivative says of the law. Scores as those of effects (`screening`), erro
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import fdtrc
 
 from thermohyd.identify.bench.test_record import TestRecord
+from thermohyd.identify.fitting.library import stores
 from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.fitting.problem_fit import Fit
 from thermohyd.identify.model.places import OF_READING, Place, place_of, places_for, places_in_motion, read_as
@@ -25,6 +26,8 @@ from .screening import LEAST_KEPT, Projection
 
 DRAWS = 4000  # of the largest score: a p-value of 1e-3 is then known to 50 %, and none below counts
 VARIES = 0.02  # of the oil's thinning, from which a laminar law is not the proportional one
+AS_GOOD = 6.0  # chi-square, in units of what the best leaves, up to which another pair does as well
+ALIKE = 0.995  # cosine of two directions beyond which no reading tells them apart
 
 
 @dataclass(frozen=True)
@@ -303,6 +306,30 @@ def table_of(problem: Problem, fit: Fit) -> tuple[Table, Problem]:
     directions = np.stack(singles, axis=1) if singles else np.zeros((len(residual), 0))
     law = MaxT.of(directions, np.zeros(directions.shape[1], dtype=bool), DRAWS)
     return Table(tuple(found), law, chi2, noise, rows), problem
+
+
+def acting_like(problem: Problem, fit: Fit, scale: float) -> dict[str, tuple[tuple[str, str], ...]]:
+    """{effect of a fit: pairs of place and variable that by one amount show what it shows, to first order, the likeliest first}.
+
+    Whatever acts so reads alike, be it in the library or not: beside the parameters and the other effects its column leaves less of what
+    the effect explains than rivals may, or points the same way. Of static tests; nothing beside oil stored at the ports.
+    scale: variance that the fit leaves.
+    """
+    if problem.in_motion or not fit.physics or any(stores(name) for name in fit.effects):
+        return {}
+    problem = problem.with_states({})
+    slopes, states = problem.with_places(fit)
+    problem, rows = problem.with_states(states), int(fit.used.sum())
+    found = {}
+    for name in fit.physics:
+        shown = fit.columns[:, fit.order.index(name)] * fit.values[name]
+        scored, base = scores_of(problem, replace(fit, residual=shown, active=fit.active | {name}), slopes, states)
+        explained = float(np.sum(base(shown * fit.used) ** 2))
+        left = lambda s, explained=explained: explained - s.gain
+        alike = [s for s in scored if s.rank == 1 and (left(s) < AS_GOOD * scale or s.gain > ALIKE**2 * explained)]
+        alike.sort(key=lambda s: left(s) / scale + s.cost(rows))
+        found[name] = tuple(dict.fromkeys(s.entry.pair for s in alike))
+    return found
 
 
 def family(place: str) -> str:

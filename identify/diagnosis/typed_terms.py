@@ -23,7 +23,7 @@ from .confirmation import PROVEN, parts_left_out, predicted_apart
 from .final_model import ON_HELD_OUT, closed, mean_square
 from .held_out import Split
 from .term_fit import PATIENT, FittedTerm, fitted_inside, linear_only, straightened, with_coefficients
-from .term_table import Scored, Table, blank, family, prior_of, table_of
+from .term_table import ALIKE, AS_GOOD, Scored, Table, blank, family, prior_of, table_of
 
 
 LEVEL = 1e-3  # of the whole table
@@ -34,7 +34,6 @@ MOST = 3  # terms that are told
 SIMPLE_LAWS = 3  # of the leading place, that are asked in the end
 BY_CHANCE = 2.0  # standard errors of a mean square, within which rows held out show no gap of their own
 A_HAIR = 0.1  # chi-square, in units of what the best leaves: ten times what two refits of one curve end apart
-AS_GOOD = 6.0  # chi-square, in units of what the best leaves, up to which another pair does as well
 # Chi-square, in units of what the best leaves, beyond what is told: a curve's five coefficients cost as much.
 FAR_FROM_TOLD = 40.0
 CURVE_POINTS = 41
@@ -362,9 +361,6 @@ def _other_edges(table: Table, best: Scored, asked: list[Scored], ask: Ask) -> l
         if s.entry.variable == variable and family(s.entry.place) == family(place) and s.entry.pair not in known
     ]
     return ask(new)
-
-
-ALIKE = 0.995  # cosine of two directions beyond which no reading tells them apart
 
 
 def _same_direction(table: Table, best: Scored) -> list[tuple[str, str]]:

@@ -93,6 +93,7 @@ def _effect(effect: NamedEffect) -> dict[str, Any]:
         "alternative_fits": [
             fields_of(rival, "name", "where", "value", "unit", "chi2_more") for rival in effect.alternatives
         ],
+        "places": [list(pair) for pair in effect.places],
         **fields_of(effect, "strength", "top_rows", "at_bound", "either_sign", "sentence"),
     }
 

@@ -31,7 +31,7 @@ from thermohyd.identify.fitting.misfit import more_than_chance
 from thermohyd.identify.fitting.result import ChannelFit, FitResult
 
 from . import diagnosis_words as words
-from .diagnosis_words import excess, percent
+from .diagnosis_words import excess, one_of, percent
 from .fit_report import print_known
 from .model_form_words import model_form_sentences
 from .term_words import term_headline, term_lines
@@ -64,7 +64,7 @@ def headline(
     place = _place(where)
     once = _once(faults)
     if verdict == "ambiguous" and not effects:
-        rivals = _or(list(dict.fromkeys(rival for fault in faults for rival in fault.alternatives)))
+        rivals = one_of(list(dict.fromkeys(rival for fault in faults for rival in fault.alternatives)))
         return f"Once {once} allowed for, the ideal valve explains this record, but that cannot be told from {rivals} by these data."
     if verdict == "consistent":
         return _consistent(once, judged, suspects, beyond)
@@ -86,7 +86,7 @@ def headline(
         return f"{lead}{names} {_verb(effects, 'is', 'are')} missing from the model; {closes}{_bias(shifts)}."
     open_ = [e for e in effects if e.alternatives]
     rivals = "; ".join(
-        f"{e.name} cannot be told from {_or([a.words for a in e.alternatives])} by these data" for e in open_
+        f"{e.name} cannot be told from {one_of([a.words for a in e.alternatives])} by these data" for e in open_
     )
     return f"{lead}{names} would explain it, and {closes}, but {rivals}."
 
@@ -170,7 +170,7 @@ def _curve(smooth: tuple[Variation, ...]) -> str:
 
 def _with_rivals(effect: NamedEffect) -> str:
     own = _amount(effect)
-    return f"{own}, or {_or([a.words for a in effect.alternatives])}" if effect.alternatives else own
+    return f"{own}, or {one_of([a.words for a in effect.alternatives])}" if effect.alternatives else own
 
 
 def _amount(effect: NamedEffect) -> str:
@@ -246,10 +246,6 @@ def _verb(effects: tuple[NamedEffect, ...], one: str, many: str) -> str:
 def in_a_row(words: Sequence[str]) -> str:
     """ "a, b and c"."""
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}" if words else ""
-
-
-def _or(words: list[str]) -> str:
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} or {words[-1]}" if words else ""
 
 
 SCREEN = 40  # lines

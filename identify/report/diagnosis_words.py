@@ -1,6 +1,7 @@
 """The tables and sentences of a diagnosis as text in bench units: the terminal and the page both show exactly this."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from thermohyd.identify.bench.columns import column_unit
@@ -12,6 +13,7 @@ from thermohyd.identify.diagnosis.where import miss_words, region_words
 
 # p-values below are all the same to a reader, and the far tail of any noise model is a guess.
 SMALLEST_P = 1e-6
+PLACES_SHOWN = 4  # of what acts as an effect does
 MISSES = {"high": "above the model", "low": "below the model", "off": "off the model, both ways"}
 VERDICTS = {
     "consistent": "no disagreement beyond noise",
@@ -196,7 +198,7 @@ def proof(result: DiagnosisResult) -> str:
 
 
 def rival_sentences(result: DiagnosisResult) -> list[str]:
-    """What each rival would have to amount to, and how much worse it is."""
+    """What each rival would have to amount to, and how much worse it is; and at which places the same would be read."""
     sentences = []
     beside = ", beside what is missed" if result.discrepancy else ""
     for effect in result.effects:
@@ -206,7 +208,23 @@ def rival_sentences(result: DiagnosisResult) -> list[str]:
                 for rival in effect.alternatives
             ]
             sentences.append(f"In place of {effect.name} the data allow as well{beside}: {'; '.join(fits)}.")
+    for effect in result.effects:
+        if effect.places:
+            acting = [pair_words(pair) for pair in effect.places[:PLACES_SHOWN]]
+            acting += [f"{len(effect.places) - PLACES_SHOWN} more"] if len(effect.places) > PLACES_SHOWN else []
+            sentences.append(f"What acts as {one_of(acting)} reads as {effect.name} does, be it in the library or not.")
     return sentences
+
+
+def pair_words(pair: tuple[str, str]) -> str:
+    """ "position with direction"; of what goes with nothing its place."""
+    place, variable = pair
+    return place if variable == "constant" else f"{place} with {variable}"
+
+
+def one_of(words: Sequence[str]) -> str:
+    """ "a, b or c"."""
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} or {words[-1]}" if words else ""
 
 
 def _of_amount(rival: Alternative) -> str:

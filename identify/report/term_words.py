@@ -9,7 +9,7 @@ from thermohyd.identify.model.places import EDGES, place_of
 from thermohyd.identify.model.term_variables import IMPLICIT, VARIABLES
 from thermohyd.identify.model.typed_terms import GASEOUS, TypedTerm
 
-from .diagnosis_words import p_words, percent
+from .diagnosis_words import p_words, pair_words, percent
 from .known_physics import known_physics
 
 
@@ -100,7 +100,7 @@ def term_lines(terms: "tuple[Term, ...]") -> list[str]:
     verb = "Learned at your word: the model now has" if best.learned else "The record behaves as if there were"
     lines = [f"{verb} {best.sentence}. {_closes(best)}"]
     if best.alternatives:
-        pairs = ", ".join(f"{place} with {variable}" for place, variable in best.alternatives[:4])
+        pairs = ", ".join(map(pair_words, best.alternatives[:4]))
         more = f" and {len(best.alternatives) - 4} more" if len(best.alternatives) > 4 else ""
         lines.append(f"These readings allow as well: {pairs}{more}.")
     lines.append(f"It names a place, not a cause. To confirm it: {best.confirmed_by}.")
@@ -130,7 +130,7 @@ def term_rows(terms: "tuple[Term, ...]") -> list[TermRow]:
     for t in terms:
         amount = amount_words(t.value, t.std, t.unit)
         closes = percent(max(t.gap_closed, 0.0)) if math.isfinite(t.gap_closed) else ""
-        rivals = ", ".join(f"{place} with {variable}" for place, variable in t.alternatives)
+        rivals = ", ".join(map(pair_words, t.alternatives))
         status = "learned" if t.learned else "" if t.holds else "one linear step" if not t.on_held_out else "not proven"
         rows.append(TermRow(t.place, f"{t.variable} ({t.law})", amount, closes, p_words(t.p_value), rivals, status))
     return rows

@@ -29,6 +29,8 @@ from thermohyd.identify.effect_writer import write_effect
 from thermohyd.identify.model.model_file import load_model, model_json
 from thermohyd.identify.model.predict import predict_test
 from thermohyd.identify.model.typed_terms import TypedTerm
+from thermohyd.identify.report.diagnosis_json import diagnosis_json
+from thermohyd.identify.report.diagnosis_words import pair_words, rival_sentences
 from thermohyd.identify.users_effects import load_effects
 
 
@@ -67,6 +69,27 @@ def test_what_is_missing_is_named_with_its_amount(name):
         assert not found.at_bound
     assert result.gap_after < 1.3 < result.gap_before
     assert result.left_over_p > 1e-3
+
+
+@pytest.mark.parametrize(
+    ("record", "name", "places"),
+    [
+        ("pilot", "pilot_leakage", {("flow_into_return", "pressure_drop")}),
+        ("two", "hysteresis", {("position", "direction")}),
+        ("two", "flowmeter_offset", {("reading:flows", "constant")}),
+        ("rivals", "viscosity_shift", {("viscosity", "constant"), ("position", "position"), ("reading:flows", "flow")}),
+    ],
+)
+def test_the_places_at_which_the_same_would_be_read_stand_beside_a_name(record, name, places):
+    result = small_diagnosis(record)
+    found = effect_of(result, name).places
+    assert places <= set(found)
+    assert record == "rivals" or len(found) == 1
+    said = [line for line in rival_sentences(result) if f"reads as {name} does" in line]
+    assert len(said) == 1
+    assert all(pair_words(pair) in said[0] for pair in found[:4])
+    [written] = [effect for effect in diagnosis_json(result)["effects"] if effect["name"] == name]
+    assert written["places"] == [list(pair) for pair in found]
 
 
 @pytest.mark.parametrize("name", ["pilot", "two"])
