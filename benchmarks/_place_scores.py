@@ -54,7 +54,7 @@ COLUMNS = {
 
 def table(hidden: dict[str, Hidden], answers: dict[str, dict[str, Any]], right: Right) -> str:
     """The rates, what the terms leave, then a line per record."""
-    rows, false, named, stand_ins, left, ratios = [], [], [], 0, [], []
+    rows, false, named, stand_ins, left, ratios = [], [], [], [], [], []
     scores: dict[str, list[dict[str, bool]]] = {"all": []}
     verdicts: Counter[tuple[bool, str]] = Counter()  # (whether something is hidden, verdict)
     for name, answer in answers.items():
@@ -80,8 +80,9 @@ def table(hidden: dict[str, Hidden], answers: dict[str, dict[str, Any]], right: 
             names = (("both", "both"), ("place", "place"), ("allowed", "rival"))
             mark = next((said for key, said in names if own[key]), "" if first is None else "wrong")
         else:
-            stand_ins += 1
-            words, mark = " + ".join(answer["named"]), "stand-in"
+            # Whether the name stands beside the right place, among those where the same would be read.
+            stand_ins.append(any(place in right[what.name][0] for place, _ in answer.get("acting", ())))
+            words, mark = " + ".join(answer["named"]), "stand-in, place beside it" if stand_ins[-1] else "stand-in"
         if first is not None:
             left.append(1.0 - first["gap_closed"])
             if answer.get("own") is not None:
@@ -103,7 +104,7 @@ def table(hidden: dict[str, Hidden], answers: dict[str, dict[str, Any]], right: 
         f"- of all with something hidden, told or not: place first {rate([s['place'] for s in everything])}",
         f"- of those told: place right but for the edges {rate([s['quantity'] for s in everything if s['told']])}",
         f"- a false place in records with nothing wrong: {rate(false)}",
-        f"- names stand in and leave nothing to place: {stand_ins}",
+        f"- names stand in and leave nothing to place: {len(stand_ins)}; the right place stands beside them in {rate(stand_ins)}",
     ]
     if any(verdict for _, verdict in verdicts):  # of whole diagnoses
         lines.append(f"- a false name in records with nothing wrong: {rate(named)}")

@@ -62,6 +62,7 @@ def terms_of_a_diagnosis(folder: Path, effects: tuple[str, ...]) -> dict[str, An
         "headline": result.headline,
         "verdict": result.verdict,
         "named": [e.name for e in result.effects],
+        "acting": [list(pair) for e in result.effects for pair in e.places],
         "before": result.gap_before,
         "seconds": result.seconds,
         "cpu": None,
