@@ -63,7 +63,7 @@ def diagnosis_page(
         where_after=words.where_rows(result, result.where_after),
         effects=words.effect_rows(result),
         meanings=[*words.meanings(result), *filter(None, [words.proof(result)])],
-        rivals=words.rival_sentences(result),
+        rivals=[*words.rival_sentences(result), *words.alike_sentences(result)],
         next_steps=after_diagnosis(result),
         next_test=result.next_test,
         shifts=words.shift_rows(result),

@@ -291,6 +291,7 @@ def _facts(result: DiagnosisResult, rows: int) -> Table:
         ("held out", [words.held_out(result, short=True)]),
         ("proof", [words.proof(result)]),
         ("rivals", words.rival_sentences(result)[:rows]),
+        ("alike", words.alike_sentences(result)[:rows]),
         ("edge law", model_form_sentences(result.after)[:rows]),
         ("next test", [] if result.next_test is None else [result.next_test.sentence]),
         ("left over", [words.left_over(result)]),

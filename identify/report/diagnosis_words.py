@@ -198,7 +198,7 @@ def proof(result: DiagnosisResult) -> str:
 
 
 def rival_sentences(result: DiagnosisResult) -> list[str]:
-    """What each rival would have to amount to, and how much worse it is; and at which places the same would be read."""
+    """What each rival would have to amount to, and how much worse it is."""
     sentences = []
     beside = ", beside what is missed" if result.discrepancy else ""
     for effect in result.effects:
@@ -208,6 +208,12 @@ def rival_sentences(result: DiagnosisResult) -> list[str]:
                 for rival in effect.alternatives
             ]
             sentences.append(f"In place of {effect.name} the data allow as well{beside}: {'; '.join(fits)}.")
+    return sentences
+
+
+def alike_sentences(result: DiagnosisResult) -> list[str]:
+    """At which places of the circuit something would be read as a named effect is, whatever it be."""
+    sentences = []
     for effect in result.effects:
         if effect.places:
             acting = [pair_words(pair) for pair in effect.places[:PLACES_SHOWN]]

@@ -30,7 +30,7 @@ from thermohyd.identify.model.model_file import load_model, model_json
 from thermohyd.identify.model.predict import predict_test
 from thermohyd.identify.model.typed_terms import TypedTerm
 from thermohyd.identify.report.diagnosis_json import diagnosis_json
-from thermohyd.identify.report.diagnosis_words import pair_words, rival_sentences
+from thermohyd.identify.report.diagnosis_words import alike_sentences, pair_words
 from thermohyd.identify.users_effects import load_effects
 
 
@@ -85,7 +85,7 @@ def test_the_places_at_which_the_same_would_be_read_stand_beside_a_name(record, 
     found = effect_of(result, name).places
     assert places <= set(found)
     assert record == "rivals" or len(found) == 1
-    said = [line for line in rival_sentences(result) if f"reads as {name} does" in line]
+    said = [line for line in alike_sentences(result) if f"reads as {name} does" in line]
     assert len(said) == 1
     assert all(pair_words(pair) in said[0] for pair in found[:4])
     [written] = [effect for effect in diagnosis_json(result)["effects"] if effect["name"] == name]
