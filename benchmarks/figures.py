@@ -65,6 +65,9 @@ PARTS: dict[str, tuple[str, bool]] = {
     "batch-speed": ("batch_speed.py", False),
     "mangled-records": ("mangled_records.py --records 100000", False),
 }
+PICTURES = {
+    "plan-rates-2": ("build/plan_rates/seed2.png", "plan-rates.png")
+}  # what a part draws, and its name beside the pages
 BLOCK = re.compile(r"(<!-- figures: ([\w-]+) -->\n).*?(<!-- end of figures -->)", re.DOTALL)
 
 
@@ -97,7 +100,9 @@ def measured(part: str) -> bool:
     run = subprocess.run(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
     if run.returncode or not run.stdout.strip():
         return False
-    write_all(PAGES, {f"{part}.md": page(part, run.stdout, before)})
+    drawn, name = PICTURES.get(part, ("", ""))
+    pictures: dict[str, bytes | str] = {name: (ROOT / drawn).read_bytes()} if drawn else {}
+    write_all(PAGES, {f"{part}.md": page(part, run.stdout, before), **pictures})
     return True
 
 
