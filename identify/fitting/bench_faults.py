@@ -52,6 +52,8 @@ class FaultInfo:
         return self.most
 
 
+LEAST_SUPPLY = 0.05  # of what was read
+
 KINDS = {
     info.name: info
     for info in (
@@ -110,13 +112,26 @@ class BenchFault:
 
 
 def corrected(tests: Mapping[str, TestRecord], amounts: Mapping[BenchFault, float]) -> dict[str, TestRecord]:
-    """The tests with positions and labels as they would have been read without these faults; readings stay as they are."""
+    """The tests with positions and labels as they would have been read without these faults; readings stay as they are.
+
+    Faults of a run, a level and a test at once may add up beyond any oil or pump: there the label stays at what is possible.
+    """
+    from thermohyd.arguments import (
+        COLDEST,
+        HOTTEST,
+    )  # where a fit asks, and JAX is loaded: the faults of a record need no JAX
+
     found = dict(tests)
     for fault, amount in amounts.items():
         column = fault.info.moves
         for name, shape in fault.shapes.items() if column else ():
             test = found[name]
             found[name] = replace(test, **{column: getattr(test, column) - amount * shape})
+    for name, test in found.items():
+        if test is not tests[name]:
+            temperature = np.clip(test.temperature, COLDEST, HOTTEST)
+            supply = np.maximum(test.supply_pressure, LEAST_SUPPLY * tests[name].supply_pressure)
+            found[name] = replace(test, temperature=temperature, supply_pressure=supply)
     return found
 
 

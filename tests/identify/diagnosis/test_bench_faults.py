@@ -15,7 +15,7 @@ from thermohyd.identify.diagnosis.confirmation import fit_of_rows_left
 from thermohyd.identify.diagnosis.diagnose import diagnose_case
 from thermohyd.identify.diagnosis.result import DiagnosisResult
 from thermohyd.identify.diagnosis.screening_faults import fault_columns
-from thermohyd.identify.fitting.bench_faults import faults_of, is_fault
+from thermohyd.identify.fitting.bench_faults import corrected, faults_of, is_fault
 from thermohyd.identify.reduction.bad_rows import without_rows
 
 
@@ -191,6 +191,25 @@ def test_every_fault_is_of_rows_of_its_own():
         seen.add((fault.kind, fault.channel, rows))
         assert fault.among == sum(other.kind == fault.kind for other in faults.values())
     assert any(fault.place == "8 degC" and not fault.test for fault in faults.values())
+
+
+def test_labels_that_several_faults_move_stay_possible():
+    """Of a run, a level and a test together, each at its limit: a refit of rivals asked for oil at 138 K and ended in a traceback."""
+    tests = labelled_wrong(small_record()).tests
+    faults = faults_of(tests)
+    for kind, most in (("wrong_temperature", 60.0), ("wrong_supply", 0.5)):
+        of_kind = [fault for fault in faults.values() if fault.kind == kind]
+        for side in (1.0, -1.0):
+            moved = corrected(tests, dict.fromkeys(of_kind, side * most))
+            for name, test in moved.items():
+                assert np.all((test.temperature >= 150.0) & (test.temperature <= 700.0))
+                assert np.all(test.supply_pressure > 0.0)
+                assert np.all(test.supply_pressure >= 0.05 * tests[name].supply_pressure)
+    one = next(fault for fault in faults.values() if fault.kind == "wrong_temperature")
+    name, shape = next(iter(one.shapes.items()))
+    np.testing.assert_allclose(
+        corrected(tests, {one: 8.0})[name].temperature, tests[name].temperature - 8.0 * shape, rtol=0, atol=1e-12
+    )
 
 
 def test_one_temperature_cannot_be_labelled_wrong():
