@@ -1,5 +1,6 @@
 """Fit a typed term inside the model, its coefficients and the parameters together."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,6 +19,8 @@ TRIES_IN_MOTION = 6  # a bent machine is far from linear
 DAMPED = 30.0  # a try that raised chi-square is followed by one so much more damped (Marquardt, 1963, has 10): few tries are left
 SETTLED, ENOUGH = 0.02, 1e-4  # chi-square, and share of it, that another round would gain
 MORE = 5  # rounds, each as good as the last, that must bring a fit to its goal
+# m: by what the edges of one side may differ from those of the other, as is usual; rounds of a fit begun there.
+UNEQUAL, GLANCE = {"underlap": 1e-6, "edge_radius": 5e-6}, 4
 
 
 @dataclass(frozen=True)
@@ -192,3 +195,39 @@ def with_coefficients(fitted: FittedTerm) -> Fit:
         values=fit.values | dict(zip(names, fitted.term.coefficients, strict=True)),
         columns=np.concatenate([fit.columns, columns], axis=1),
     )
+
+
+def mirrored(found: Scored) -> bool:
+    """Whether a valve with this shift is nearly one with its opposite, so that no slope says how much is missing: where what the edges
+    of one side lose those of the other gain, leakage and flow are the same to first order."""
+    quantity, _, side = found.entry.place.partition(":")
+    return quantity in UNEQUAL and side in ("supply", "return") and found.entry.law == "constant"
+
+
+def from_both_sides(problem: Problem, fit: Fit, found: Scored, goal: float) -> list[FittedTerm]:
+    """A term fitted from an amount above 0 and one below."""
+    amount = UNEQUAL[found.entry.place.partition(":")[0]]
+    term = blank(found.entry, fit, 1)
+    begun = [replace(term, coefficients=(side * amount,)) for side in (1.0, -1.0)]
+    return [fitted_inside(problem, fit, own, GLANCE, goal) for own in begun]
+
+
+def as_wear(
+    problem: Problem, fit: Fit, found: Scored, fitted: FittedTerm, others: Sequence[Scored], goal: float
+) -> tuple[Scored, FittedTerm]:
+    """A smaller radius of the edges of one side as what it is: the other side's wear, and a smaller radius of all edges.
+
+    Edges do not sharpen, and a search that begins at a worn model's radius cannot come this way by itself.
+    """
+    quantity, _, side = found.entry.place.partition(":")
+    (amount,), now = fitted.term.coefficients, fitted.fit.values
+    other = f"{quantity}:{'return' if side == 'supply' else 'supply'}"
+    twin = next((s for s in others if s.entry.place == other), None)
+    if quantity != "edge_radius" or amount >= 0.0 or quantity not in fit.free or twin is None:
+        return found, fitted
+    least = problem.box_of(quantity, now[quantity]).lower
+    start = replace(fitted.fit, values=now | {quantity: now[quantity] + amount})
+    if start.values[quantity] <= least:
+        return found, fitted
+    own = fitted_inside(problem, start, replace(blank(twin.entry, fit, 1), coefficients=(-amount,)), GLANCE, goal)
+    return (twin, own) if usable(own.fit) else (found, fitted)

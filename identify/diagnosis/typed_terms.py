@@ -22,7 +22,17 @@ from .case import Progress
 from .confirmation import PROVEN, parts_left_out, predicted_apart
 from .final_model import ON_HELD_OUT, closed, mean_square
 from .held_out import Split
-from .term_fit import PATIENT, FittedTerm, fitted_inside, linear_only, straightened, with_coefficients
+from .term_fit import (
+    PATIENT,
+    FittedTerm,
+    as_wear,
+    fitted_inside,
+    from_both_sides,
+    linear_only,
+    mirrored,
+    straightened,
+    with_coefficients,
+)
 from .term_table import ALIKE, AS_GOOD, Scored, Table, blank, family, prior_of, table_of
 
 
@@ -42,8 +52,6 @@ STRAIGHTENED = 3  # times that a table is asked anew
 # Share of what a term must close, below which the best of a first round is not followed further in motion, where a round takes ten seconds:
 # of five effects hidden at full strength the best of the first round was the best of all, to 0.3 of chi-square.
 FAR_OFF = 0.9
-# m: by what the edges of one side may differ from those of the other, as is usual; rounds of a fit begun there.
-UNEQUAL, GLANCE = {"underlap": 1e-6, "edge_radius": 5e-6}, 4
 
 
 Ask = Callable[[Sequence[Scored]], list[tuple[Scored, FittedTerm]]]  # each beside its refit
@@ -204,9 +212,10 @@ def terms_of(
 
     asked += ask(lead)
     if refits and not problem.in_motion:
-        mirrored, within = [s for s in table.entries if _mirrored(s)], goal()
-        sides = each(lambda s: _from_both_sides(problem, fit, s, within), mirrored)
-        both = [(s, f) for s, found in zip(mirrored, sides, strict=True) for f in found]
+        sides_differ, within = [s for s in table.entries if mirrored(s)], goal()
+        sides = each(lambda s: from_both_sides(problem, fit, s, within), sides_differ)
+        both = [(s, f) for s, found in zip(sides_differ, sides, strict=True) for f in found]
+        both = each(lambda item: as_wear(problem, fit, *item, sides_differ, within), both)
         asked += [(replace(s, gain=max(fit.chi2 - f.fit.chi2, 0.0)), f) for s, f in both]
         # Where most rows agree with the model, those that do not show what is missing, not what it bent.
         if fit.chi2 > BENT * table.rows:
@@ -300,21 +309,6 @@ def told_apart(ended: Sequence[tuple[int, float]], noise: float) -> list[int]:
         if not any(twins):
             kept.append(i)
     return kept
-
-
-def _mirrored(found: Scored) -> bool:
-    """Whether a valve with this shift is nearly one with its opposite, so that no slope says how much is missing: where what the edges
-    of one side lose those of the other gain, leakage and flow are the same to first order."""
-    quantity, _, side = found.entry.place.partition(":")
-    return quantity in UNEQUAL and side in ("supply", "return") and found.entry.law == "constant"
-
-
-def _from_both_sides(problem: Problem, fit: Fit, found: Scored, goal: float) -> list[FittedTerm]:
-    """A term fitted from an amount above 0 and one below."""
-    amount = UNEQUAL[found.entry.place.partition(":")[0]]
-    term = blank(found.entry, fit, 1)
-    begun = [replace(term, coefficients=(side * amount,)) for side in (1.0, -1.0)]
-    return [fitted_inside(problem, fit, own, GLANCE, goal) for own in begun]
 
 
 def _other_laws(

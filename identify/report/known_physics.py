@@ -159,6 +159,12 @@ KNOWN = (
         "sweep at half the rate, which halves it; a shorter hose or a bled gauge takes it away",
     ),
     Known(
+        ("flow_from_a_to_b",),
+        ("pressure_rate",),
+        "what volumes trapped at both blocked ports do, twice as much at each: hoses, gauges or air",
+        "sweep at half the rate, which halves it; shorter hoses or bled gauges take it away",
+    ),
+    Known(
         _PORTS,
         ("pressure", "pressure_drop", "constant"),
         "what a leak at that port does: a fitting, a shuttle valve, the gauge's line",
