@@ -10,8 +10,18 @@ from helpers.small_diagnosis import small_case
 from thermohyd.identify.diagnosis import typed_terms
 from thermohyd.identify.diagnosis.held_out import split_rows
 from thermohyd.identify.diagnosis.max_t import MaxT
-from thermohyd.identify.diagnosis.term_fit import FittedTerm, columns_of, fitted_inside
-from thermohyd.identify.diagnosis.term_table import UNHEARD_OF, UNUSUAL, Entry, Scored, Table, opened, prior_of
+from thermohyd.identify.diagnosis.term_fit import FittedTerm, as_wear, columns_of, fitted_inside, mirrored
+from thermohyd.identify.diagnosis.term_table import (
+    UNHEARD_OF,
+    UNUSUAL,
+    Entry,
+    Scored,
+    Table,
+    blank,
+    opened,
+    prior_of,
+    table_of,
+)
 from thermohyd.identify.diagnosis.typed_terms import judged, leading, told_apart
 from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.model.places import place_of
@@ -174,3 +184,28 @@ def test_a_refit_that_cannot_reach_its_goal_is_left():
     # One that can is followed as far as ever.
     again = fitted_inside(problem, case.base, term, goal=whole.fit.chi2 + 1.0)
     assert again.fit.chi2 == whole.fit.chi2
+
+
+def test_an_edge_that_seems_sharper_is_told_as_the_others_wear():
+    """A return edge worn by 15 um, with no wear in the library, was told as supply edges 15 um sharper than the rest: the same valve."""
+    case = small_case("pilot")
+    base = replace(case.base, values=case.base.values | {"edge_radius": 8e-6})
+    table, problem = table_of(case.problem, case.base)
+    others = {s.entry.place: s for s in table.entries if mirrored(s)}
+    supply, amount = others["edge_radius:supply"], 3e-6
+    as_told = lambda side: fitted_inside(
+        problem, base, replace(blank(supply.entry, base, 1), coefficients=(side * amount,)), rounds=0
+    )
+    sharper = as_told(-1.0)
+    radius = base.values["edge_radius"] - amount
+    worn = replace(blank(others["edge_radius:return"].entry, base, 1), coefficients=(amount,))
+    same = problem.with_terms(worn).evaluate(base.values | {"edge_radius": radius}, ())
+    np.testing.assert_allclose(same.residual, sharper.fit.residual, rtol=0, atol=1e-6)
+    twin, found = as_wear(problem, base, supply, sharper, tuple(others.values()), np.inf)
+    assert twin.entry.place == found.term.place == "edge_radius:return"
+    assert found.fit.chi2 <= sharper.fit.chi2
+    for kept in (
+        as_told(1.0),
+        replace(sharper, term=replace(sharper.term, coefficients=(-1.0,))),
+    ):  # wear; no edge is so sharp
+        assert as_wear(problem, base, supply, kept, tuple(others.values()), np.inf) == (supply, kept)
