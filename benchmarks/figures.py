@@ -65,9 +65,8 @@ PARTS: dict[str, tuple[str, bool]] = {
     "batch-speed": ("batch_speed.py", False),
     "mangled-records": ("mangled_records.py --records 100000", False),
 }
-PICTURES = {
-    "plan-rates-2": ("build/plan_rates/seed2.png", "plan-rates.png")
-}  # what a part draws, and its name beside the pages
+# What a part draws, and its name beside the pages.
+PICTURES = {"plan-rates-2": ("build/plan_rates/seed2.png", "plan-rates.png")}
 BLOCK = re.compile(r"(<!-- figures: ([\w-]+) -->\n).*?(<!-- end of figures -->)", re.DOTALL)
 
 

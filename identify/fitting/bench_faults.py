@@ -116,10 +116,8 @@ def corrected(tests: Mapping[str, TestRecord], amounts: Mapping[BenchFault, floa
 
     Faults of a run, a level and a test at once may add up beyond any oil or pump: there the label stays at what is possible.
     """
-    from thermohyd.arguments import (
-        COLDEST,
-        HOTTEST,
-    )  # where a fit asks, and JAX is loaded: the faults of a record need no JAX
+    # A fit asks this, with JAX loaded; the faults of a record need none.
+    from thermohyd.arguments import COLDEST, HOTTEST
 
     found = dict(tests)
     for fault, amount in amounts.items():
