@@ -285,8 +285,14 @@ def opened(problem: Problem, fit: Fit) -> Problem:
     """The problem with its places open to terms, which in static tests are counted at the model's states at a fit."""
     if problem.in_motion:
         return problem
+    return _counted_at(problem, fit)[0]
+
+
+def _counted_at(problem: Problem, fit: Fit) -> tuple[Problem, dict[str, np.ndarray], States]:
+    """Of static tests: the problem `opened`, what a shift of each place does, and the model's states at the fit."""
     problem = problem.with_states({})
-    return problem.with_states(problem.with_places(fit)[1])
+    slopes, states = problem.with_places(fit)
+    return problem.with_states(states), slopes, states
 
 
 def table_of(problem: Problem, fit: Fit) -> tuple[Table, Problem]:
@@ -294,9 +300,7 @@ def table_of(problem: Problem, fit: Fit) -> tuple[Table, Problem]:
     if problem.in_motion:
         found, base = scores_in_motion(problem, fit)
     else:
-        problem = problem.with_states({})
-        slopes, states = problem.with_places(fit)
-        problem = problem.with_states(states)
+        problem, slopes, states = _counted_at(problem, fit)
         found, base = scores_of(problem, fit, slopes, states)
     residual = base(fit.residual * fit.used)
     chi2, rows = float(residual @ residual), int(fit.used.sum()) - base.rank
@@ -317,17 +321,15 @@ def acting_like(problem: Problem, fit: Fit, scale: float) -> dict[str, tuple[tup
     """
     if problem.in_motion or not fit.physics or any(stores(name) for name in fit.effects):
         return {}
-    problem = problem.with_states({})
-    slopes, states = problem.with_places(fit)
-    problem, rows = problem.with_states(states), int(fit.used.sum())
-    found = {}
+    problem, slopes, states = _counted_at(problem, fit)
+    rows, found = int(fit.used.sum()), {}
     for name in fit.physics:
         shown = fit.columns[:, fit.order.index(name)] * fit.values[name]
         scored, base = scores_of(problem, replace(fit, residual=shown, active=fit.active | {name}), slopes, states)
         explained = float(np.sum(base(shown * fit.used) ** 2))
-        left = lambda s, explained=explained: explained - s.gain
-        alike = [s for s in scored if s.rank == 1 and (left(s) < AS_GOOD * scale or s.gain > ALIKE**2 * explained)]
-        alike.sort(key=lambda s: left(s) / scale + s.cost(rows))
+        near = min(explained - AS_GOOD * scale, ALIKE**2 * explained)
+        alike = [s for s in scored if s.rank == 1 and s.gain > near]
+        alike.sort(key=lambda s: -s.merit(scale, rows))
         found[name] = tuple(dict.fromkeys(s.entry.pair for s in alike))
     return found
 

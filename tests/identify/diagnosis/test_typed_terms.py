@@ -204,8 +204,6 @@ def test_an_edge_that_seems_sharper_is_told_as_the_others_wear():
     twin, found = as_wear(problem, base, supply, sharper, tuple(others.values()), np.inf)
     assert twin.entry.place == found.term.place == "edge_radius:return"
     assert found.fit.chi2 <= sharper.fit.chi2
-    for kept in (
-        as_told(1.0),
-        replace(sharper, term=replace(sharper.term, coefficients=(-1.0,))),
-    ):  # wear; no edge is so sharp
+    too_sharp = replace(sharper, term=replace(sharper.term, coefficients=(-1.0,)))
+    for kept in (as_told(1.0), too_sharp):
         assert as_wear(problem, base, supply, kept, tuple(others.values()), np.inf) == (supply, kept)
