@@ -25,6 +25,7 @@ from .stored_oil import RELATIVE_REACH, could_explain, within_reach
 LEVEL = 0.005  # probability of naming anything, at each step of the search, in a record that needs nothing more
 MOST_EFFECTS = 6  # of one record: what is still left then is told as left over
 SINGLES, PAIRS, FAULTS = 10, 6, 4  # refits of each step
+BY_GAIN = 4  # more of them, of those that would close as much as any
 EXPLAINED = 1.1  # reduced chi-square of a refit that leaves nothing to look for elsewhere
 MOST_HOPPING = 3  # refits that go on by basin hopping
 HOPPING_REACH = 2.0  # times the lowest chi-square: hopping moved none of a real valve's refits by a tenth of that
@@ -198,10 +199,26 @@ def _gains_of_refits(
 
 
 def _glances(problem: Problem, current: Fit, chosen: tuple[str, ...], asked: Sequence[Signature]) -> dict[str, Fit]:
-    """Short refits with each of these beside the effects chosen so far, from `current` and its estimate on paper."""
+    """Short refits with each of these beside the effects chosen so far, from `current` and its estimate on paper.
+
+    One that ends worse than without it was led astray, by parameters that were bent to what is missing: it begins again from the nominal
+    valve.
+    """
     estimates = {s.name: s.estimate for s in asked}
-    ask = lambda name: problem.fit((*chosen, name), {**current.values, name: estimates[name]}, most_steps=GLANCE)
+
+    def ask(name: str) -> Fit:
+        fit = problem.fit((*chosen, name), {**current.values, name: estimates[name]}, most_steps=GLANCE)
+        if fit.chi2 <= current.chi2 or is_fault(name):
+            return fit
+        return min(fit, _from_nominal(problem, current, chosen, name), key=merit)
+
     return by_name(ask, estimates)
+
+
+def _from_nominal(problem: Problem, current: Fit, chosen: tuple[str, ...], name: str) -> Fit:
+    """A short refit with `name` from the nominal valve, where the null and the effects chosen so far are those of `current`."""
+    kept = {n: current.values[n] for n in (*chosen, "null_bias") if n in current.values}
+    return problem.fit((*chosen, name), {**kept, name: effect_info(name).scale}, most_steps=GLANCE)
 
 
 def _is_cheap(name: str, chosen: tuple[str, ...]) -> bool:
@@ -253,13 +270,9 @@ def _singles(
     explained = any(fit.chi2 <= EXPLAINED * rows for fit in fits.values())
     if chosen or explained or current.chi2 <= FAR * rows:
         return fits
-    null = {n: current.values[n] for n in ("null_bias",) if n in current.values}
     every = dict.fromkeys([*fits, *problem.library.names])
     others = [n for n in every if not (n in chosen or dear(n) or (stores(n) and n not in fits))]
-    kept = {n: current.values[n] for n in chosen}
-    nominal = lambda name: problem.fit(
-        (*chosen, name), {**kept, **null, name: effect_info(name).scale}, most_steps=GLANCE
-    )
+    nominal = lambda name: _from_nominal(problem, current, chosen, name)
     for name, fit in by_name(nominal, others).items():
         if name not in fits or merit(fit) < merit(fits[name]):
             fits[name] = fit
@@ -278,8 +291,16 @@ def _faults(problem: Problem, current: Fit, chosen: tuple[str, ...], scores: Scr
 
 
 def leading(ranked: list[Signature]) -> list[Signature]:
-    """The candidates worth a refit: linear scores may rank strong effects wrongly, not arbitrarily."""
-    return [s for s in ranked[:SINGLES] if s.strength > max(1.0, 0.2 * ranked[0].strength)] or ranked[:1]
+    """The candidates worth a refit: linear scores may rank strong effects wrongly, not arbitrarily.
+
+    Those that would close as much as any are asked as well: where the noise along them is known from few readings (a channel that the
+    log rounds), the largest gain of all can be the nineteenth by its strength.
+    """
+    strong = [s for s in ranked[:SINGLES] if s.strength > max(1.0, 0.2 * ranked[0].strength)]
+    most = max((s.gain for s in ranked), default=0.0)
+    asked = {s.name for s in strong}
+    close = sorted((s for s in ranked if s.name not in asked and s.gain > 0.5 * most), key=lambda s: -s.gain)
+    return [*strong, *(s for s in close[:BY_GAIN] if s.strength > 1.0)] or ranked[:1]
 
 
 def best_pairs(scores: Screen, ranked: list[Signature]) -> list[tuple[tuple[Signature, Signature], float]]:

@@ -9,7 +9,17 @@ import pytest
 from helpers.linear_fit import LinearProblem, linear_library
 
 from thermohyd.effects.library import EFFECTS
-from thermohyd.identify.diagnosis.search import Selection, implausible, merit, needed_beside, pair_gain, prune, search
+from thermohyd.identify.diagnosis.screening import Signature
+from thermohyd.identify.diagnosis.search import (
+    Selection,
+    implausible,
+    leading,
+    merit,
+    needed_beside,
+    pair_gain,
+    prune,
+    search,
+)
 from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.fitting.problem_fit import Fit
 
@@ -88,6 +98,38 @@ def test_a_refit_may_say_more_than_the_score():
     assert found.effects == ("hysteresis",)
     assert found.p_values["hysteresis"] < 0.005
     assert not found.nearly
+
+
+@dataclass(frozen=True)
+class Astray(LinearProblem):
+    """One whose short refits with hysteresis end nowhere where they begin at parameters that were bent to what is missing."""
+
+    def fit(
+        self,
+        effects: Iterable[str] = (),
+        start: Mapping[str, float] | None = None,
+        *,
+        most_steps: int = 0,
+        **options: Any,
+    ) -> Fit:
+        fit = super().fit(effects, start, **options)
+        astray = most_steps and "hysteresis" in fit.effects and "clearance" in (start or {})
+        return replace(fit, chi2=fit.chi2 + 1e4) if astray else fit
+
+
+def test_a_refit_that_is_led_astray_begins_again_from_the_nominal_valve():
+    problem = bench(np.random.default_rng(15), hysteresis=12.0)
+    assert "clearance" in problem.order
+    assert found_in(Astray(**vars(problem))).effects == ("hysteresis",)
+
+
+def test_what_would_close_most_is_asked_however_little_its_noise_is_known():
+    rows = np.eye(3)[0]
+    known = [Signature(name, rows, 1.0, 30.0 - i, 1.0) for i, name in enumerate(LIBRARY)]
+    few = replace(known[0], name="bushing_leakage", score=40.0, freedom=1.9)
+    assert 1.0 < few.strength < 0.2 * known[0].strength
+    assert [s.name for s in leading([*known, few])] == [*LIBRARY, few.name]
+    assert [s.name for s in leading([*known, replace(few, score=20.0)])] == list(LIBRARY)
 
 
 def test_what_was_nearly_found_is_told_with_what_it_fell_short_by():
