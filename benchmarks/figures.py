@@ -49,6 +49,7 @@ PARTS: dict[str, tuple[str, bool]] = {
     "hidden-dynamic-2": ("hidden_dynamic_table.py --set 2 --processes 2", False),
     "leave-one-out-4": ("leave_one_out.py --set 4 --processes 2", False),
     "leave-one-out-search-8": ("leave_one_out.py --set 8 --search --processes 2", False),
+    "leave-one-out-search-9": ("leave_one_out.py --set 9 --search --processes 2", False),
     "nothing-wrong-6": ("leave_one_out.py --set 6 --search --processes 2", False),
     "leave-one-out-real-9": ("leave_one_out.py --set 9 --real --processes 2", False),
     "leave-one-out-search-real-10": ("leave_one_out.py --set 10 --real --search --processes 2", False),

@@ -253,7 +253,8 @@ def settle_rivals(
     Among equals the data of all rows decide who is named first; that they are equals is said either way.
     """
     hopeless: dict[str, frozenset[str]] = {}
-    enough = budget(problem)
+    # As many evaluations as a search may take; in motion, where each takes long, what that has left.
+    enough = budget(problem) + (0.0 if problem.in_motion else problem.work.cost)
     for _ in range(MOST_SWAPS):
         rivals = all_rivals(problem, final, steps, scale, freedom, hopeless, pairs=True)
         tried: list[Rival] = [r for rival in rivals.values() for r in rival.tried]

@@ -285,13 +285,18 @@ class Problem:
             usual = [nominal.get(name, value) for name, value in zip(order, begin, strict=True)]
             ends = each(lambda other: from_point(np.array(other)), (neutral, usual))
             best = min(best, *ends, key=lambda end: end.cost if np.isfinite(end.cost) else np.inf)
-        for _ in range(PATIENCE if stays else 0):
-            if best.converged or best.exhausted:
-                break
-            best = from_point(best.p)
+
+        def to_its_end(best: LeastSquaresResult) -> LeastSquaresResult:
+            for _ in range(PATIENCE):
+                if best.converged or best.exhausted:
+                    break
+                best = from_point(best.p)
+            return best
+
+        best = to_its_end(best) if stays else best
         if hop_basins:
             near = {} if far else {"moves": MOVES, "places": (), "rounds": ROUNDS_OF_MOVES}
-            best = basin_hopping(best, order, from_point, better=BETTER, usual=nominal, **near)
+            best = to_its_end(basin_hopping(best, order, from_point, better=BETTER, usual=nominal, **near))
             if best.converged and best.relative_offset > self._closeness:
                 again = on_a_kink(from_point(best.p, closeness=self._closeness))
                 best = min(best, again, key=lambda end: end.cost)
