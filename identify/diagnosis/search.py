@@ -202,13 +202,13 @@ def _glances(problem: Problem, current: Fit, chosen: tuple[str, ...], asked: Seq
     """Short refits with each of these beside the effects chosen so far, from `current` and its estimate on paper.
 
     One that ends worse than without it was led astray, by parameters that were bent to what is missing: it begins again from the nominal
-    valve.
+    valve. Not in motion, where a refit takes seconds.
     """
     estimates = {s.name: s.estimate for s in asked}
 
     def ask(name: str) -> Fit:
         fit = problem.fit((*chosen, name), {**current.values, name: estimates[name]}, most_steps=GLANCE)
-        if fit.chi2 <= current.chi2 or is_fault(name):
+        if fit.chi2 <= current.chi2 or is_fault(name) or problem.in_motion:
             return fit
         return min(fit, _from_nominal(problem, current, chosen, name), key=merit)
 
