@@ -23,7 +23,7 @@ from .held_out import Split
 from .left_over import LackOfFit, misfit_left, smooth_block
 from .result import MOST_USUAL, HeldOut, Suspect
 from .rivals import Rival, Rivals, all_rivals, settle_rivals, with_edges_exchanged
-from .search import Selection, fits_without, search, times_usual
+from .search import Selection, believable, fits_without, search, times_usual
 
 
 SEED = 20110913
@@ -226,11 +226,6 @@ def _nearly_found(problem: Problem, fit: Fit, whole: Selection, known: Iterable[
     names = [name for name in whole.nearly if name not in others]
     asked = by_name(lambda name: problem.fit((*fit.effects, name), fit.values), names)
     return tuple(Rival(name, "", more, whole.nearly[name]) for name, more in asked.items() if believable(more))
-
-
-def believable(fit: Fit) -> bool:
-    """Whether no effect has an amount that it cannot have."""
-    return max((times for name, times in times_usual(fit).items() if name in fit.physics), default=0.0) <= MOST_USUAL
 
 
 def scattered(case: Case, fit: Fit) -> bool:

@@ -17,6 +17,7 @@ from thermohyd.identify.fitting.trimmed import FAR
 from thermohyd.side_by_side import by_name, each
 
 from .max_t import NoiseFreedom, normal_score
+from .result import MOST_USUAL
 from .screening import Screen, Signature, screen
 from .screening_faults import p_of_fault, screen_of_faults
 from .stored_oil import RELATIVE_REACH, could_explain, within_reach
@@ -92,6 +93,16 @@ def penalty(fit: Fit) -> float:
     return implausible(fit) + fit.allowance
 
 
+def believable(fit: Fit) -> bool:
+    """Whether no effect has an amount that it cannot have."""
+    return max((times for name, times in times_usual(fit).items() if name in fit.physics), default=0.0) <= MOST_USUAL
+
+
+def gains_enough(current: Fit, fit: Fit, critical: float) -> bool:
+    """Whether `fit` does so much better than `current` that what it adds may be added."""
+    return merit(current) - merit(fit) >= critical**2 * max(0.25, needed_beside(fit))
+
+
 def needed_beside(fit: Fit) -> float:
     """Gain that an effect must bring, in critical values, beside the misfit that `fit` leaves.
 
@@ -162,7 +173,7 @@ def search(
             best = double
         added = tuple(name for name in best.effects if name not in chosen)
         steps.append(Step(scores, singles, added, p_step))
-        if merit(current) - merit(best) < scores.critical**2 * max(0.25, needed_beside(best)):
+        if not gains_enough(current, best, scores.critical):
             steps[-1] = Step(scores, singles, (), p_step)
             break
         chosen += added

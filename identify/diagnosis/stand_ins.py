@@ -8,12 +8,14 @@ names leave a misfit, each has to be of use beside the best term, too; so have f
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import combinations
 
 import numpy as np
 
 from thermohyd.effects.library import effect_info
-from thermohyd.identify.fitting.library import stores
+from thermohyd.identify.fitting.library import expensive_to_compile, stores
 from thermohyd.identify.fitting.problem import Problem
+from thermohyd.identify.fitting.problem_fit import Fit
 from thermohyd.identify.fitting.problem_solution import misfit_scale
 from thermohyd.identify.report.term_words import term_name
 from thermohyd.side_by_side import each
@@ -25,7 +27,8 @@ from .held_out import Split
 from .left_over import misfit_left, smooth_block
 from .result import Suspect
 from .rivals import all_rivals
-from .search import times_usual
+from .screening import Signature, screen
+from .search import LEVEL, believable, gains_enough, merit, pair_gain, times_usual
 from .term_fit import PATIENT, FittedTerm, fitted_inside, straightened, usable
 from .typed_terms import Found, terms_of
 
@@ -61,6 +64,11 @@ def without_stand_ins(
         model = replace(model, terms=next(iter(told.values())))
     if beside is None or set(fit.effects) <= set(beside.names) or not _far_better(model, beside):
         return model
+    instead = None if case.problem.in_motion else _in_names(case, model, beside, critical)
+    if instead is not None:
+        renamed = _ended_with(case, model, instead, split)
+        if len(renamed.fit.effects) == len(instead.effects):  # each of them proves itself
+            return renamed
     return _with_fewer_names(case, model, split, beside, told, say)
 
 
@@ -170,6 +178,65 @@ def _far_better(model: FinalModel, beside: _Beside) -> bool:
     fewer = len(fit.effects) - len(beside.names) - len(beside.fitted.term.coefficients)
     by_bic = gain + (fit.allowance - now.allowance) / model.scale + beside.each * fewer
     return (by_bic if model.disagrees else min(gain, by_bic)) > PROVEN
+
+
+# Share of what a term changes in the readings that names must show by their slopes to be asked, of single ones and of pairs the best so
+# many; cost alone. A refit decides: stored oil acts in another way at every amount (two ports showed 0.67 of a flow that they are).
+AS_THE_TERM, MOST_ASKED = 0.5, 3
+
+
+def _in_names(case: Case, model: FinalModel, beside: _Beside, critical: float) -> Fit | None:
+    """The fit with one or two effects of the library that do what a term does, where they do it as well; None where none do.
+
+    Two may be one place: volumes at both ports are a flow from A to B, and the search takes one name that resembles them before two.
+    """
+    problem, now = case.problem, beside.fitted.fit
+    start = problem.fit(beside.names, now.values, hop_basins=True) if beside.names else model.base
+    names = [n for n in problem.library.names if n not in (*beside.names, *model.fit.effects)]
+    names = [n for n in names if not expensive_to_compile((*beside.names, n))]
+    scores = screen(problem.with_all_columns(start), names, case.steps, level=LEVEL, freedom=case.freedom)
+    shown = scores.projection((now.residual - start.residual)[start.used])
+    if not (whole := float(shown @ shown)) > 0.0:
+        return None
+    share = lambda pair: pair_gain(pair[0], pair[-1], -shown) / whole
+    ranked = scores.ranked
+    of_use = lambda found: sorted((f for f in found if share(f) > AS_THE_TERM), key=share, reverse=True)[:MOST_ASKED]
+    likely = [*of_use([(s,) for s in ranked]), *of_use(combinations(ranked, 2))]
+
+    def ask(found: tuple[Signature, ...]) -> Fit:
+        columns = np.stack([s.direction for s in found], axis=1)
+        lengths = np.linalg.lstsq(columns, shown, rcond=None)[0]
+        amounts = {s.name: float(length) / s.size for s, length in zip(found, lengths, strict=True)}
+        return problem.fit((*beside.names, *amounts), {**start.values, **amounts}, hop_basins=True)
+
+    cost = lambda fit: merit(fit) / model.scale + critical**2 * len(fit.physics)
+    best = min((f for f in each(ask, likely) if believable(f)), key=cost, default=None)
+    if best is None or any(best.values[n] == 0.0 or n in best.active for n in best.physics):
+        return None
+    as_well = merit(best) < merit(now) + PROVEN * model.scale
+    return best if as_well and gains_enough(start, best, critical) else None
+
+
+def _ended_with(case: Case, model: FinalModel, fit: Fit, split: Split) -> FinalModel:
+    """The model that ends with a fit of other names, once they have proven themselves."""
+    problem, scale = case.problem, lambda f: misfit_scale(case.problem, f)
+    rivals = all_rivals(problem, fit, case.steps, scale(fit), case.freedom)
+    fit, rivals, proof, unproven, more = proven(case, fit, rivals, split, scale)
+    left = misfit_left(problem, fit, smooth_block(problem, len(fit.residual)))
+    return replace(
+        model,
+        fit=fit,
+        rivals=rivals,
+        p_values=p_values(fit, rivals, proof),
+        left=left,
+        scale=scale(fit),
+        disagrees=left.p_value < LEVEL_OF_LEFT_OVER or not model.complete,
+        seen_apart=False,
+        proof=proof,
+        suspects=(*model.suspects, *unproven),
+        doubted=(*model.doubted, *more),
+        terms=None,
+    )
 
 
 def _with_fewer_names(

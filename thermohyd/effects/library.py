@@ -214,7 +214,7 @@ _STATIC = (
         upper=1e12,
         typical=(1e9, 2e10),
         scale=2e9,
-        shows=_FLOW,
+        shows=_ALL,  # the leakage draws through that line, too
         sentence="the supply pressure at the valve falls with the flow",
         elsewhere="sources",
     ),
