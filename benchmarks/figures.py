@@ -51,7 +51,6 @@ PARTS: dict[str, tuple[str, bool]] = {
     "leave-one-out-search-8": ("leave_one_out.py --set 8 --search --processes 2", False),
     "nothing-wrong-6": ("leave_one_out.py --set 6 --search --processes 2", False),
     "leave-one-out-real-9": ("leave_one_out.py --set 9 --real --processes 2", False),
-    "leave-one-out-search-real-10": ("leave_one_out.py --set 10 --real --search --processes 2", False),
     "leave-one-out-search-real-13": ("leave_one_out.py --set 13 --real --search --processes 2", False),
     "leave-one-out-motion-4": ("leave_one_out_motion.py --set 4 --processes 2", False),
     "leave-one-out-motion-search-4": ("leave_one_out_motion.py --set 4 --search --processes 2", False),

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.linear_fit import linear_fit, linear_problem
+from helpers.linear_fit import linear_fit, linear_library, linear_problem
 
 from thermohyd.identify.diagnosis import stand_ins
 from thermohyd.identify.diagnosis.case import Case
@@ -226,3 +226,23 @@ def test_what_leaves_a_misfit_without_a_name_is_asked_later(monkeypatch):
     model = replace(model_of((), 830.0), disagrees=True)
     assert asked(monkeypatch, model, 800.0) == (model, [])
     assert model.terms is None
+
+
+@pytest.mark.parametrize("hidden", [("flowmeter_offset",), ("flowmeter_offset", "hysteresis"), ()])
+def test_names_of_the_library_that_do_what_the_term_does(monkeypatch, hidden):
+    """A term that outdoes a name may be others of the library: volumes at both ports are a flow from A to B."""
+    rng, rows = np.random.default_rng(3), 600
+    signatures = {
+        name: rng.normal(size=rows) / np.sqrt(rows) for name in ("land_leakage", "flowmeter_offset", "hysteresis")
+    }
+    beyond = rng.normal(size=rows) / np.sqrt(rows)  # what the library has no name for
+    noise, nuisance = rng.normal(size=rows), rng.normal(size=(rows, 2))
+    missing = sum(9.0 * signatures[name] for name in hidden) if hidden else 14.0 * beyond
+    problem = linear_library(noise - missing, nuisance, signatures)
+    base, left = problem.fit(), linear_library(noise, nuisance, signatures).fit().residual
+    monkeypatch.setattr(Case, "freedom", None)
+    case = Case(Fitted.__new__(Fitted), problem, {}, {}, base, {})
+    model = replace(model_of((), 0.0), base=base, fit=problem.fit(["land_leakage"]))
+    term = FittedTerm(LEAK, problem, replace(base, residual=left, chi2=float(left @ left)), 0.0, np.ones(1), np.eye(1))
+    found = stand_ins._in_names(case, model, stand_ins._Beside((), term), 4.0)
+    assert (() if found is None else found.effects) == hidden
