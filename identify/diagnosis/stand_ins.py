@@ -138,6 +138,11 @@ def _best_beside(
     begun = [_Beside(names, found[0].fitted) for names, found in told.items() if found and found[0].holds]
     scale = min([model.scale, *(misfit_scale(problem, one.fitted.fit) for one in begun)])
     cost = lambda one: one.cost(scale, critical)
+    fewest = min(begun, key=lambda one: len(one.names), default=None)
+    if problem.in_motion and fewest is not None and cost(fewest) <= min(map(cost, begun)) + PROVEN:
+        begun = [
+            fewest
+        ]  # where a round of refits takes ten seconds, the end with more names is not followed down to it
     ended = [_exchanged(problem, one, fit.effects, cost) for one in begun]
     least = min(map(cost, ended), default=0.0)
     as_good = (one for one in ended if cost(one) <= least + PROVEN)  # a name asks for a proof
