@@ -54,7 +54,7 @@ PARTS: dict[str, tuple[str, bool]] = {
     "leave-one-out-search-real-13": ("leave_one_out.py --set 13 --real --search --processes 2", False),
     "leave-one-out-motion-4": ("leave_one_out_motion.py --set 4 --processes 2", False),
     "leave-one-out-motion-search-4": ("leave_one_out_motion.py --set 4 --search --processes 2", False),
-    "same-answer": ("same_answer.py --set 9 --every 2 --processes 2", False),
+    "same-answer": ("same_answer.py --set 9 --every 8 --processes 2", False),
     "raw-logs-fitted": ("hidden_raw_logs.py fit", False),
     "raw-logs-diagnosed": ("hidden_raw_logs.py diagnose", False),
     "petab-select-9": ("petab_select_baseline.py --set 9 --per-kind 1 --no-storage --processes 2", False),
