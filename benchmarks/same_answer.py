@@ -53,7 +53,8 @@ def asked_twice(folder: Path) -> dict[str, Any]:
         factor = 1.0 + SIZE * rng.standard_normal()
         tests[name] = replace(test, channels=tuple(replace(c, value=c.value * factor) for c in test.channels))
     both = (record, replace(record, tests=tests))
-    return {"record": folder.name, "answers": [answer_of(folder.name, diagnose(r)) for r in both]}
+    answers = [answer_of(folder.name, diagnose(r)) for r in both]
+    return {"record": folder.name, "headline": " | ".join(a["verdict"] for a in answers), "answers": answers}
 
 
 def names(answer: dict[str, Any]) -> set[str]:
