@@ -67,12 +67,9 @@ def fault_name(fault: dict[str, Any]) -> str:
 
 
 def change(one: dict[str, Any], other: dict[str, Any]) -> float:
-    """The largest change of a parameter or an amount, in its error bars; NaN where none is known."""
-    moved = []
-    for key in ("parameters", "effects"):
-        pair = [{e["name"]: e for e in a[key]} if key == "effects" else a[key] for a in (one, other)]
-        known = (n for n, own in pair[0].items() if n in pair[1] and own["std"] and pair[1][n]["value"] is not None)
-        moved += [abs(pair[1][n]["value"] - pair[0][n]["value"]) / pair[0][n]["std"] for n in known]
+    """The largest change of a value of the final model, parameter or amount, in its error bars; NaN where none is known."""
+    pairs = [(own, other["parameters"][n]) for n, own in one["parameters"].items() if n in other["parameters"]]
+    moved = [abs(now["value"] - own["value"]) / own["std"] for own, now in pairs if own["std"]]
     return max(moved, default=float("nan"))
 
 

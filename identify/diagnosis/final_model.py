@@ -15,6 +15,7 @@ from thermohyd.effects.library import effect_info
 from thermohyd.identify.fitting.library import asks_for_more, stores
 from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.fitting.problem_fit import Fit
+from thermohyd.identify.fitting.problem_solution import misfit_scale
 from thermohyd.side_by_side import by_name
 
 from .case import LEVEL_OF_ALL_ROWS, Case, Progress
@@ -268,6 +269,25 @@ class FinalModel:
         return float(np.clip(loss / max(self.excess, loss, 1e-300), 0.0, 1.0))
 
 
+def still_disagrees(case: Case, fit: Fit, left: LackOfFit, suspects: Iterable[Suspect], *, complete: bool) -> bool:
+    """Whether a misfit beyond noise remains beside `fit`, or a doubt that counts as one."""
+    count = len(fit.residual) - len(case.problem.plans)
+    scale = misfit_scale(case.problem, fit)
+    known = all(n.known for n in case.noise.values())
+    # A reduced chi-square scatters by chance, and by what the noise itself is known to.
+    scatter = np.sqrt(2.0 / max(count - len(case.base.free), 1) + 2.0 / case.freedom.of_all)
+    rough = known and scale > MISFIT and scale - 1.0 > MISFIT_SCORE * scatter
+    # Beside effects that are proven a suspect is a doubt; alone it is a misfit that nothing explains, unless it is so weak that
+    # neither the size of the misfit nor a smooth curve shows one without it.
+    return bool(
+        left.p_value < LEVEL_OF_LEFT_OVER
+        or rough
+        or (any(not suspect.hint for suspect in suspects) and not fit.physics)
+        or scattered(case, fit)
+        or not complete
+    )
+
+
 def final_model(case: Case, selection: Selection, split: Split, say: Progress = lambda _: None) -> FinalModel:
     """Refit what the search found to all rows, ask all rows for more, settle rivals, test what is left.
 
@@ -309,19 +329,7 @@ def final_model(case: Case, selection: Selection, split: Split, say: Progress = 
     if suspects:
         left = misfit_left(problem, fit, block)
     rivals = with_edges_exchanged(problem, fit, rivals, scale(fit))
-    known = all(n.known for n in case.noise.values())
-    # A reduced chi-square scatters by chance, and by what the noise itself is known to.
-    scatter = np.sqrt(2.0 / degrees_of_freedom + 2.0 / case.freedom.of_all)
-    rough = known and scale(fit) > MISFIT and scale(fit) - 1.0 > MISFIT_SCORE * scatter
-    # Beside effects that are proven a suspect is a doubt; alone it is a misfit that nothing explains, unless it is so weak that
-    # neither the size of the misfit nor a smooth curve shows one without it.
-    disagrees = bool(
-        left.p_value < LEVEL_OF_LEFT_OVER
-        or rough
-        or (any(not suspect.hint for suspect in suspects) and not fit.physics)
-        or scattered(case, fit)
-        or not whole.complete
-    )
+    disagrees = still_disagrees(case, fit, left, suspects, complete=whole.complete)
     if not disagrees:  # beside a misfit nearly everything is nearly found
         doubted += _nearly_found(problem, fit, whole, (r.name for r in doubted))
     return FinalModel(

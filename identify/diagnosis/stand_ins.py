@@ -22,7 +22,7 @@ from thermohyd.side_by_side import each
 
 from .case import Case, Progress
 from .confirmation import PROVEN, strength
-from .final_model import LEVEL_OF_LEFT_OVER, FinalModel, p_values, proven, scattered
+from .final_model import LEVEL_OF_LEFT_OVER, FinalModel, p_values, proven, scattered, still_disagrees
 from .held_out import Split
 from .left_over import misfit_left, smooth_block
 from .result import Suspect
@@ -68,7 +68,8 @@ def without_stand_ins(
     if instead is not None:
         renamed = _ended_with(case, model, instead, split)
         if len(renamed.fit.effects) == len(instead.effects):  # each of them proves itself
-            return renamed
+            left = still_disagrees(case, renamed.fit, renamed.left, renamed.suspects, complete=model.complete)
+            return replace(renamed, disagrees=left, seen_apart=False)
     return _with_fewer_names(case, model, split, beside, told, say)
 
 
@@ -139,10 +140,9 @@ def _best_beside(
     scale = min([model.scale, *(misfit_scale(problem, one.fitted.fit) for one in begun)])
     cost = lambda one: one.cost(scale, critical)
     fewest = min(begun, key=lambda one: len(one.names), default=None)
+    # In motion, where a round of refits takes ten seconds, the end with more names is not followed down to it.
     if problem.in_motion and fewest is not None and cost(fewest) <= min(map(cost, begun)) + PROVEN:
-        begun = [
-            fewest
-        ]  # where a round of refits takes ten seconds, the end with more names is not followed down to it
+        begun = [fewest]
     ended = [_exchanged(problem, one, fit.effects, cost) for one in begun]
     least = min(map(cost, ended), default=0.0)
     as_good = (one for one in ended if cost(one) <= least + PROVEN)  # a name asks for a proof
@@ -222,24 +222,24 @@ def _in_names(case: Case, model: FinalModel, beside: _Beside, critical: float) -
     return best if as_well and gains_enough(start, best, critical) else None
 
 
-def _ended_with(case: Case, model: FinalModel, fit: Fit, split: Split) -> FinalModel:
-    """The model that ends with a fit of other names, once they have proven themselves."""
-    problem, scale = case.problem, lambda f: misfit_scale(case.problem, f)
-    rivals = all_rivals(problem, fit, case.steps, scale(fit), case.freedom)
-    fit, rivals, proof, unproven, more = proven(case, fit, rivals, split, scale)
-    left = misfit_left(problem, fit, smooth_block(problem, len(fit.residual)))
+def _ended_with(case: Case, model: FinalModel, fit: Fit, split: Split, outdone: tuple[Suspect, ...] = ()) -> FinalModel:
+    """The model that ends with a fit of other names, which have to prove themselves again; of its misfit and terms nothing is said yet."""
+    problem, scale, proof = case.problem, lambda f: misfit_scale(case.problem, f), None
+    suspects, doubted = outdone, model.doubted
+    rivals = all_rivals(problem, fit, case.steps, scale(fit), case.freedom) if fit.effects else {}
+    if fit.physics:
+        fit, rivals, proof, unproven, more = proven(case, fit, rivals, split, scale)
+        suspects, doubted = (*suspects, *unproven), (*doubted, *more)
     return replace(
         model,
         fit=fit,
         rivals=rivals,
         p_values=p_values(fit, rivals, proof),
-        left=left,
+        left=misfit_left(problem, fit, smooth_block(problem, len(fit.residual))),
         scale=scale(fit),
-        disagrees=left.p_value < LEVEL_OF_LEFT_OVER or not model.complete,
-        seen_apart=False,
         proof=proof,
-        suspects=(*model.suspects, *unproven),
-        doubted=(*model.doubted, *more),
+        suspects=(*model.suspects, *suspects),
+        doubted=doubted,
         terms=None,
     )
 
@@ -247,29 +247,12 @@ def _ended_with(case: Case, model: FinalModel, fit: Fit, split: Split) -> FinalM
 def _with_fewer_names(
     case: Case, model: FinalModel, split: Split, beside: _Beside, told: _Told, say: Progress
 ) -> FinalModel:
-    """The model with the names that are of use beside the term; those that stay have to prove themselves again."""
-    problem, fit, outdone = case.problem, model.fit, term_name(beside.fitted.term)
-    scale, proof = (lambda f: misfit_scale(problem, f)), None
-    suspects, doubted = _suspects(model, beside.names, outdone), model.doubted
-    kept = problem.fit(beside.names, fit.values, hop_basins=True) if beside.names else model.base
-    rivals = all_rivals(problem, kept, case.steps, scale(kept), case.freedom) if beside.names else {}
-    if kept.physics:
-        kept, rivals, proof, unproven, more = proven(case, kept, rivals, split, scale)
-        suspects, doubted = (*suspects, *unproven), (*doubted, *more)
-    found = told.get(_key(kept.effects))
-    return replace(
-        model,
-        fit=kept,
-        rivals=rivals,
-        p_values=p_values(kept, rivals, proof),
-        left=misfit_left(problem, kept, smooth_block(problem, len(kept.residual))),
-        scale=scale(kept),
-        disagrees=True,
-        proof=proof,
-        suspects=(*model.suspects, *suspects),
-        doubted=doubted,
-        terms=terms_of(problem, kept, split, say) if found is None else found,
-    )
+    """The model with the names that are of use beside the term, and the terms beside these."""
+    kept = case.problem.fit(beside.names, model.fit.values, hop_basins=True) if beside.names else model.base
+    ended = _ended_with(case, model, kept, split, _suspects(model, beside.names, term_name(beside.fitted.term)))
+    found = told.get(_key(ended.fit.effects))
+    terms = terms_of(case.problem, ended.fit, split, say) if found is None else found
+    return replace(ended, disagrees=True, terms=terms)
 
 
 def _suspects(model: FinalModel, kept: tuple[str, ...], outdone: str) -> tuple[Suspect, ...]:
