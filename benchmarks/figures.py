@@ -43,12 +43,12 @@ PARTS: dict[str, tuple[str, bool]] = {
         f"hidden-bench-{n}": (f"hidden_bench_table.py --set {n} --processes 2", False)
         for n in sets_of("real_bench_records")
     },
-    "compare-pairs-3": ("compare_pairs.py --seed 3 --processes 2", False),
+    "compare-pairs-4": ("compare_pairs.py --seed 4 --processes 2", False),
     "plan-rates-2": ("plan_rates.py --records 84 --seed 2 --processes 2", False),
     "hidden-dynamic-1": ("hidden_dynamic_table.py --set 1 --processes 2", False),
     "hidden-dynamic-2": ("hidden_dynamic_table.py --set 2 --processes 2", False),
     "leave-one-out-4": ("leave_one_out.py --set 4 --processes 2", False),
-    "leave-one-out-search-8": ("leave_one_out.py --set 8 --search --processes 2", False),
+    "leave-one-out-search-9": ("leave_one_out.py --set 9 --search --processes 2", False),
     "nothing-wrong-6": ("leave_one_out.py --set 6 --search --processes 2", False),
     "leave-one-out-real-9": ("leave_one_out.py --set 9 --real --processes 2", False),
     "leave-one-out-search-real-13": ("leave_one_out.py --set 13 --real --search --processes 2", False),

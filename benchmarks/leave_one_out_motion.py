@@ -4,7 +4,7 @@
     python benchmarks/leave_one_out_motion.py --search    a whole diagnosis with the hidden effect alone out: minutes per record
 
 Records of hidden_dynamic_table.py, each effect at three strengths, white and correlated noise by turns, and records with nothing wrong;
-from the reference simulator, seeds of their own. Set 1 is for development (2 and 3 were looked at, too), set 4 is looked at once. The right
+from the reference simulator, seeds of their own. Set 1 is for development (2 and 3 were looked at, too), sets 4 and 5 are looked at once. The right
 answers stand in `TRUTH`.
 """
 
@@ -88,7 +88,9 @@ def hidden_in(name: str, effects: dict[str, float], memory: float) -> Hidden:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--set", type=int, choices=(1, 2, 3, 4), default=1, help="1: development; 4: looked at once")
+    parser.add_argument(
+        "--set", type=int, choices=(1, 2, 3, 4, 5), default=1, help="1: development; 4, 5: looked at once"
+    )
     parser.add_argument("--search", action="store_true", help="a whole diagnosis of each record")
     parser.add_argument("--only", nargs="*", default=[], metavar="RECORD")
     parser.add_argument("--out", type=Path, default=ROOT / "build" / "leave_one_out_motion")
