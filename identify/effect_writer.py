@@ -341,7 +341,7 @@ def effect_module(name: str, term: TermRead, source: str) -> str:
 def test_module(name: str, term: TermRead) -> str:
     """The text of a test: the amount 0 changes nothing, an amount changes what the entry says."""
     if term.moving:
-        return test_in_motion(name)
+        return test_in_motion(name, term)
     return f'''"""{class_name(name)}: neutral at 0, and something to see at a usual amount. Run: pytest {f"test_{name}.py"}"""
 
 from pathlib import Path

@@ -1,7 +1,7 @@
 """The stage of a typed term of tests in motion, as text: what `thermohyd effect` writes of it, and its test. No JAX."""
 
 from thermohyd.identify.model.places import OF_READING, place_of
-from thermohyd.identify.model.term_variables import DIRECTION_SPEED, IMPLICIT, REFERENCE_TEMPERATURE, signal_of
+from thermohyd.identify.model.term_variables import DELAYED, DIRECTION_SPEED, IMPLICIT, REFERENCE_TEMPERATURE, signal_of
 from thermohyd.identify.model.typed_terms import GASEOUS
 
 from .written_term import Stage, TermRead, refused
@@ -40,6 +40,8 @@ def stage_in_motion(term: TermRead) -> Stage:
     """The stage of a term's place in motion. Raises BenchInputError where no stage acts there."""
     if term.place.startswith(OF_READING):
         raise refused(term, "no stage of the simulator reads a test in motion")
+    if term.variable == DELAYED:
+        return _delay(term)
     place = place_of(term.place, moving=True)
     parts: dict[str, list[str]] = {}
     for moved, sign in place.moving.items():
@@ -73,8 +75,38 @@ def stage_in_motion(term: TermRead) -> Stage:
     )
 
 
-def test_in_motion(name: str) -> str:
+def _delay(term: TermRead) -> Stage:
+    """A lag of the command with its own rate is a delay, which a field of `Motion` has: exact however fast the command changes."""
+    body = """    def motion(self, so_far: Motion) -> Motion:
+        return so_far.plus("spool_delay", self.amount)"""
+    imports = ("from thermohyd.dynamics.machine import AbstractMotionEffect, Motion",)
+    later = term.coefficients[0] > 0.0
+    return Stage("AbstractMotionEffect", imports, body, (), ("step", "frequency"), lower_is_zero=later)
+
+
+_ADDED_BY_A_DELAY = '''def added(amount):
+    """The time by which the command acts later."""
+    still = Motion(coulomb_friction=jnp.zeros(()), jack_leakage=jnp.zeros(()))
+    return np.ravel(effect(NAME, amount).motion(still).spool_delay)'''
+_ADDED_TO_THE_CIRCUIT = '''def added(amount):
+    """Everything that is added at a few states of an actuator."""
+    sizes = np.array([0.1, 5e-5, 1e-2, 2e-3, 0.05, 2e6, 2e6, 2.0, 2.0])
+    found = []
+    for row in np.random.default_rng(0).uniform(-1.0, 1.0, (20, len(sizes))) * sizes:
+        values = [jnp.asarray(value) for value in row]
+        seen = Seen(
+            time=abs(values[0]), spool=values[1], spool_speed=values[2], position=values[3], velocity=values[4],
+            pressure=10e6 + jnp.stack(values[5:7]), warming=5.0 + jnp.stack(values[7:9]), supply_pressure=jnp.asarray(21e6),
+            return_pressure=jnp.asarray(2e5), temperature=jnp.asarray(323.15), turned=jnp.sign(values[2]),
+        )
+        found += [jnp.ravel(leaf) for leaf in jax.tree.leaves(effect(NAME, amount).added(seen))]
+    return np.concatenate(found)'''
+
+
+def test_in_motion(name: str, term: TermRead) -> str:
     """The text of a test: the amount 0 adds nothing, an amount adds something somewhere."""
+    delays = term.variable == DELAYED
+    needed = "machine import Motion" if delays else "circuit import Seen"
     return f'''"""{name}: neutral at 0, and something to see at a usual amount. Run: pytest {f"test_{name}.py"}"""
 
 from pathlib import Path
@@ -87,7 +119,7 @@ jax.config.update("jax_enable_x64", True)
 
 import jax.numpy as jnp
 
-from thermohyd.dynamics.circuit import Seen
+from thermohyd.dynamics.{needed}
 from thermohyd.effects.library import effect, effect_info
 from thermohyd.identify.users_effects import load_effects
 
@@ -96,19 +128,7 @@ NAME = "{name}"
 load_effects(Path(__file__).parent)
 
 
-def added(amount):
-    """Everything that is added at a few states of an actuator."""
-    sizes = np.array([0.1, 5e-5, 1e-2, 2e-3, 0.05, 2e6, 2e6, 2.0, 2.0])
-    found = []
-    for row in np.random.default_rng(0).uniform(-1.0, 1.0, (20, len(sizes))) * sizes:
-        values = [jnp.asarray(value) for value in row]
-        seen = Seen(
-            time=abs(values[0]), spool=values[1], spool_speed=values[2], position=values[3], velocity=values[4],
-            pressure=10e6 + jnp.stack(values[5:7]), warming=5.0 + jnp.stack(values[7:9]), supply_pressure=jnp.asarray(21e6),
-            return_pressure=jnp.asarray(2e5), temperature=jnp.asarray(323.15), turned=jnp.sign(values[2]),
-        )
-        found += [jnp.ravel(leaf) for leaf in jax.tree.leaves(effect(NAME, amount).added(seen))]
-    return np.concatenate(found)
+{_ADDED_BY_A_DELAY if delays else _ADDED_TO_THE_CIRCUIT}
 
 
 def test_none_of_it_adds_nothing():

@@ -8,6 +8,7 @@ import numpy as np
 
 from thermohyd.identify.model.places import place_of
 from thermohyd.identify.model.term_variables import (
+    DELAYED,
     IMPLICIT,
     REMEMBERED,
     SIGNALS,
@@ -154,7 +155,7 @@ def columns_of_laws(
 
 
 def _ranges(simulator: DynamicSimulator, seen: TermReadings) -> Ranges:
-    """Of all signals, and of how fast the pressures change; both chambers share theirs. Empty without a step test."""
+    """Of all signals, and of how fast the pressures and the command change; both chambers share theirs. Empty without a step test."""
     every = [signals[np.isfinite(signals).all(axis=1)] for signals in seen.signals.values()]
     every = np.concatenate(every) if every else np.zeros((0, len(SIGNALS)))
     if not len(every):
@@ -166,21 +167,23 @@ def _ranges(simulator: DynamicSimulator, seen: TermReadings) -> Ranges:
         found[a] = found[b] = (min(found[a][0], found[b][0]), max(found[a][1], found[b][1]))
     # The run that was seen keeps no memory.
     found[REMEMBERED] = (-1.0, 1.0) if found["rate"][0] < found["rate"][1] else (0.0, 0.0)
-    rates = [0.0]
+    rates: dict[str, list[float]] = {IMPLICIT: [0.0], DELAYED: [0.0]}
     for name, test in simulator.tests.items():
         for run in np.unique(test.run) if name in seen.signals else ():
             rows = np.flatnonzero(test.run == run)
             assert test.time is not None
+            passing = np.diff(test.time[rows])
+            rates[DELAYED] += [*(np.diff(test.command[rows]) / passing)]
             for port in ("pressure_a", "pressure_b"):
-                rates += [*(np.diff(seen.values[name, port][rows]) / np.diff(test.time[rows]))]
-    rates = [rate for rate in rates if np.isfinite(rate)]
-    return {**found, IMPLICIT: (float(min(rates)), float(max(rates)))}
+                rates[IMPLICIT] += [*(np.diff(seen.values[name, port][rows]) / passing)]
+    ends = {name: [rate for rate in own if np.isfinite(rate)] for name, own in rates.items()}
+    return {**found, **{name: (float(min(own)), float(max(own))) for name, own in ends.items()}}
 
 
 def ranges_of(place: str, variable: str, ranges: Ranges) -> tuple[float, float]:
     """Where a variable was: of a place with several parts, over all of them."""
-    if variable == IMPLICIT:
-        return ranges[IMPLICIT]
+    if variable in (IMPLICIT, DELAYED):
+        return ranges[variable]
     where = place_of(place, moving=True)
     ends = [ranges[signal_of(where, moved, variable)] for moved in where.moving or ("",)]
     return min(low for low, _ in ends), max(high for _, high in ends)

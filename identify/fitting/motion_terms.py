@@ -19,8 +19,10 @@ from thermohyd.dynamics.circuit import AbstractCircuitEffect, Added, Seen, seen_
 from thermohyd.dynamics.equilibrium import equilibrium, scaling_of
 from thermohyd.dynamics.flows import softness_of_gas
 from thermohyd.dynamics.integrate import NO_EQUILIBRIUM, integrate
+from thermohyd.effects.motion import SpoolDelay
 from thermohyd.identify.model.places import place_of
 from thermohyd.identify.model.term_variables import (
+    DELAYED,
     DIRECTION_SPEED,
     IMPLICIT,
     MOVED,
@@ -50,7 +52,7 @@ SHAPES = ("proportional", "square", "root", "first", "second", "third")
 STORED = ("flow_a", "flow_b")  # places of what goes with dp/dt
 STORES = ("proportional", GASEOUS)  # its laws
 _PER_RATE = len(STORES) * len(STORED)
-_SIZE = len(MOVED) * len(SIGNALS) * len(SHAPES) + _PER_RATE
+_SIZE = len(MOVED) * len(SIGNALS) * len(SHAPES) + _PER_RATE + 1  # the last: of the command's delay
 ROUNDED = 1e-4  # of the range: a root begins with a slope
 
 
@@ -63,6 +65,10 @@ class AbstractTerms(eqx.Module):
     def effect(self, coefficients: Float[Array, " k"]) -> AbstractCircuitEffect:
         """What they add to the circuit at other coefficients."""
 
+    @abstractmethod
+    def delay(self, coefficients: Float[Array, " k"]) -> SpoolDelay:
+        """By what time the command acts later at other coefficients."""
+
 
 @final
 class Terms(AbstractTerms):
@@ -70,7 +76,8 @@ class Terms(AbstractTerms):
 
     takes (slots, 1 + shapes, k): which coefficients each slot has of a constant and of the shapes of its signal, with their signs; moved
     (places, slots) and signal (slots, signals): 1 where it acts, and at what it follows; low, high (slots,): where that was seen, beyond
-    which it is held. stored (laws, 2, k): of what goes with dp/dt. remembers: whether one goes with which way the command went last.
+    which it is held. stored (laws, 2, k): of what goes with dp/dt; delays (k,): of a lag with the command's rate. remembers: whether one
+    goes with which way the command went last.
     """
 
     coefficients: Float[Array, " k"]
@@ -80,6 +87,7 @@ class Terms(AbstractTerms):
     low: Float[Array, " slots"]
     high: Float[Array, " slots"]
     stored: Float[Array, "laws ports k"]
+    delays: Float[Array, " k"]
     remembers: bool = eqx.field(static=True)
 
     def effect(self, coefficients: Float[Array, " k"]) -> "AbstractFew":
@@ -88,11 +96,14 @@ class Terms(AbstractTerms):
         few = FewThatRemember if self.remembers else Few
         return few(amount, per_rate, self.moved, self.signal, self.low, self.high)
 
+    def delay(self, coefficients: Float[Array, " k"]) -> SpoolDelay:
+        return SpoolDelay(jnp.sum(self.delays * coefficients))
+
 
 @final
 class Directions(AbstractTerms):
-    """A table of laws. acting (k, places x signals x shapes, then what goes with dp/dt): where each coefficient acts; low, high
-    (signals,): where each signal was seen, beyond which it is held."""
+    """A table of laws. acting (k, places x signals x shapes, then what goes with dp/dt, then the delay): where each coefficient acts; low,
+    high (signals,): where each signal was seen, beyond which it is held."""
 
     coefficients: Float[Array, " k"]
     acting: Float[Array, "k places"]
@@ -100,7 +111,10 @@ class Directions(AbstractTerms):
     high: Float[Array, " signals"]
 
     def effect(self, coefficients: Float[Array, " k"]) -> "Bank":
-        return Bank(jnp.sum(coefficients[:, None] * self.acting, axis=0), self.low, self.high)
+        return Bank(jnp.sum(coefficients[:, None] * self.acting[:, :-1], axis=0), self.low, self.high)
+
+    def delay(self, coefficients: Float[Array, " k"]) -> SpoolDelay:
+        return SpoolDelay(jnp.sum(coefficients * self.acting[:, -1]))
 
 
 @final
@@ -113,7 +127,7 @@ class Bank(AbstractCircuitEffect):
     high: Float[Array, " signals"]
 
     def added(self, seen: Seen) -> Added:
-        split = _SIZE - _PER_RATE
+        split = len(self.amount) - _PER_RATE
         shapes = shapes_of(signals_of(seen), self.low, self.high)
         shift = jnp.sum(self.amount[:split].reshape(len(MOVED), *shapes.shape) * shapes, axis=(1, 2))
         return _added(shift, self.amount[split:].reshape(len(STORES), -1), seen)
@@ -225,7 +239,8 @@ def place_number(moved: str, signal: str, shape: str) -> int:
 
 @dataclass(frozen=True)
 class Part:
-    """A part of a law. number: of its coefficient; sign: with which it acts; signal is `IMPLICIT` where it goes with dp/dt."""
+    """A part of a law. number: of its coefficient; sign: with which it acts; signal is `IMPLICIT` where it goes with dp/dt, `DELAYED`
+    where it is a delay."""
 
     number: int
     sign: float
@@ -239,8 +254,8 @@ def parts_of(place: str, variable: str, law: str) -> list[Part]:
     found = []
     where = place_of(place, moving=True)
     for moved, sign in where.moving.items():
-        if variable == IMPLICIT:
-            found.append(Part(0, sign, moved, IMPLICIT, law))
+        if variable in (IMPLICIT, DELAYED):
+            found.append(Part(0, sign, moved, variable, law))
             continue
         signal = signal_of(where, moved, variable)
         if law in ("constant", "smooth"):
@@ -258,12 +273,12 @@ def acting(place: str, variable: str, law: str) -> np.ndarray:
     """(coefficients, places): where each coefficient of a law acts among those of a `Bank`."""
     found = np.zeros((coefficients_of(law), _SIZE))
     for part in parts_of(place, variable, law):
-        stored = part.signal == IMPLICIT
-        where = (
-            _SIZE - _PER_RATE + STORES.index(part.shape) * len(STORED) + STORED.index(part.moved)
-            if stored
-            else place_number(part.moved, part.signal, part.shape)
-        )
+        if part.signal == DELAYED:
+            where = _SIZE - 1
+        elif part.signal == IMPLICIT:
+            where = _SIZE - 1 - _PER_RATE + STORES.index(part.shape) * len(STORED) + STORED.index(part.moved)
+        else:
+            where = place_number(part.moved, part.signal, part.shape)
         found[part.number, where] = part.sign
     return found
 
@@ -277,6 +292,7 @@ def terms_in(terms: tuple[TypedTerm, ...]) -> Terms:
     """Typed terms as the machine takes them, each padded to so many coefficients and slots."""
     coefficients, slots = COEFFICIENTS * len(terms), SLOTS * len(terms)
     values, stored = np.zeros(coefficients), np.zeros((len(STORES), len(STORED), coefficients))
+    delays = np.zeros(coefficients)
     takes = np.zeros((slots, 1 + len(SHAPES), coefficients))
     moved, signal = np.zeros((len(MOVED), slots)), np.zeros((slots, len(SIGNALS)))
     low, high, remembers = np.full(slots, -_ANYWHERE), np.full(slots, _ANYWHERE), False
@@ -289,6 +305,9 @@ def terms_in(terms: tuple[TypedTerm, ...]) -> Terms:
             if part.signal == IMPLICIT:
                 stored[STORES.index(part.shape), STORED.index(part.moved), own] = part.sign
                 continue
+            if part.signal == DELAYED:
+                delays[own] = part.sign
+                continue
             moved[MOVED.index(part.moved), slot] = 1.0
             if part.signal == "constant":
                 takes[slot, 0, own] = part.sign
@@ -297,12 +316,13 @@ def terms_in(terms: tuple[TypedTerm, ...]) -> Terms:
             signal[slot, SIGNALS.index(part.signal)] = 1.0
             remembers |= part.signal == REMEMBERED
             low[slot], high[slot] = term.low, term.high
-    parts = [jnp.asarray(part) for part in (values, takes, moved, signal, low, high, stored)]
+    parts = [jnp.asarray(part) for part in (values, takes, moved, signal, low, high, stored, delays)]
     return Terms(*parts, remembers=remembers)
 
 
 def _given(given: Given, terms: AbstractTerms, coefficients: Array) -> Given:
-    return eqx.tree_at(lambda g: g.valve.effects, given, (*given.valve.effects, terms.effect(coefficients)))
+    added = terms.effect(coefficients), terms.delay(coefficients)
+    return eqx.tree_at(lambda g: g.valve.effects, given, (*given.valve.effects, *added))
 
 
 @quickly

@@ -23,7 +23,8 @@ class Place:
     variables that it may go with from place to place (law "local"), in static tests. prior: chi-square by which it must do better
     than a simpler place: of some edges and not all, of two pressures and not one. warms: its shift is of a temperature [K],
     whose entries are factors on the viscosity.
-    moving: of `term_variables.MOVED`, times these signs, in tests in motion; asked_moving: the variables it is asked with there.
+    moving: of `term_variables.MOVED`, times these signs, or the "command", in tests in motion; asked_moving: the variables it is asked with
+    there.
     """
 
     name: str
@@ -134,6 +135,7 @@ _MOVING = (
     # The spool's mass is not known: its force counts in the travel of the command that balances it.
     Place("force_on_spool", "m", "a force on the spool, as travel of its command,", moving={"force_on_spool": 1.0}, local="a-b",
           asked_moving=("constant", "position", "opening", "rate", "direction", "load", "velocity", "temperature", "time")),
+    Place("command_lag", "m", "a lag of the command", moving={"command": 1.0}, asked_moving=("command_rate",)),
     Place("flow_into_chamber_a", "m3/s", "a flow into chamber A", moving={"flow_a": 1.0}, local="a",
           asked_moving=_OF_A_CHAMBER),
     Place("flow_into_chamber_b", "m3/s", "a flow into chamber B", moving={"flow_b": 1.0}, local="b",

@@ -176,6 +176,8 @@ VARIABLES: dict[str, Variable] = {
         Variable("reading_rate", "1/s", "the rate of what is read", lambda at: at.reading_rate, "time", of_readings=True),
         Variable("velocity", "m/s", "the piston's velocity", _only_in_motion, moving="the piston's velocity", powers=True),
         Variable("piston_position", "m", "the piston's position", _only_in_motion, moving="the piston's position"),
+        # Metres stand for the command's own unit: what lags in proportion to its rate lags by a time.
+        Variable("command_rate", "m/s", "the command's own rate", _only_in_motion, moving="its own rate", laws=("proportional",)),
     )
 }  # fmt: skip
 
@@ -210,6 +212,8 @@ SIGNALS = (
 REMEMBERED = "turned"
 # A variable that is the derivative of a state: it has no signal, and acts on what a chamber stores.
 IMPLICIT = "pressure_rate"
+# A variable whose law is a time by which the command acts later: exact however fast that changes, it shifts the machine's input.
+DELAYED = "command_rate"
 # Speed [m/s] above which the piston, or the spool, counts as going one way.
 DIRECTION_SPEED = 1e-3
 

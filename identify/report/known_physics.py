@@ -54,6 +54,12 @@ KNOWN_IN_MOTION = (
         "repeat at another supply pressure: a flow force goes with the pressure drop, a spring does not",
     ),
     Known(
+        ("command_lag",),
+        ("command_rate",),
+        "what a delay of the command does: sampling, a bus, the first stage's transport",
+        "log the command where the valve receives it, or read the response to a step at many times a millisecond",
+    ),
+    Known(
         ("force_on_spool",),
         ("rate",),
         "what a delay on the command or more damping of the spool does",

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from thermohyd.dynamics.circuit import Seen
+from thermohyd.dynamics.machine import AbstractMotionEffect, Motion
 from thermohyd.effects.library import effect, effect_info, unregister_effect
 from thermohyd.identify.bench.errors import BenchInputError
 from thermohyd.identify.effect_writer import write_effect
@@ -28,6 +29,7 @@ SEEN = Seen(
     supply_pressure=jnp.asarray(21e6), return_pressure=jnp.asarray(2e5), temperature=jnp.asarray(320.0),
     turned=jnp.asarray(-1.0),
 )  # fmt: skip
+STILL = Motion(coulomb_friction=jnp.zeros(()), jack_leakage=jnp.zeros(()))
 # Where each variable was, in these tests.
 ENDS = {"pressure": (5e6, 1.5e7), "pressure_drop": (5e6, 1.5e7), "load": (-5e6, 5e6), "temperature": (0.0, 20.0)}
 
@@ -50,6 +52,8 @@ def diagnosis(folder: Path, term: TypedTerm) -> Path:
 
 
 def added(of) -> dict[str, np.ndarray]:
+    if isinstance(of, AbstractMotionEffect):
+        return {"spool_delay": np.asarray(of.motion(STILL).spool_delay)}
     found = of.added(SEEN)
     return {n: np.asarray(getattr(found, n)) for n in type(found).__dataclass_fields__ if getattr(found, n) is not None}
 
@@ -65,6 +69,7 @@ def added(of) -> dict[str, np.ndarray]:
         ("heat_of_chamber", "temperature", "proportional"),
         ("force_on_piston", "velocity", "smooth"),
         ("force_on_spool", "direction", "proportional"),
+        ("command_lag", "command_rate", "proportional"),
     ],
 )
 def test_the_effect_adds_what_the_term_added(place, variable, law, tmp_path):
@@ -73,11 +78,12 @@ def test_the_effect_adds_what_the_term_added(place, variable, law, tmp_path):
     assert load_effects(tmp_path / "mine") == ("found_there",)
     try:
         info = effect_info("found_there")
-        assert (info.unit, info.stages, info.effect_class.dynamic) == (term.unit, ("circuit",), True)
+        stage = "motion" if place == "command_lag" else "circuit"
+        assert (info.unit, info.stages, info.effect_class.dynamic) == (term.unit, (stage,), True)
         assert info.effect_class.remembers == (variable == "direction")
         own = added(effect("found_there", abs(term.coefficients[0]) if law == "smooth" else term.coefficients[0]))
         given = terms_in((term,))
-        every = added(given.effect(given.coefficients))
+        every = added(given.effect(given.coefficients)) | added(given.delay(given.coefficients))
         for name, value in own.items():
             np.testing.assert_allclose(value, every[name], rtol=1e-6)
         scope = {}
@@ -155,12 +161,14 @@ def test_a_few_terms_add_what_the_table_of_all_adds():
                     continue
                 term = term_of(place.name, variable, law)
                 own_low, own_high = low.copy(), high.copy()
-                for moved in place.moving if variable not in ("constant", "pressure_rate") else ():
+                for moved in place.moving if variable not in ("constant", "pressure_rate", "command_rate") else ():
                     signal = SIGNALS.index(signal_of(place, moved, variable))
                     own_low[signal], own_high[signal] = term.low, term.high
                 given, where = terms_in((term,)), jnp.asarray(acting(place.name, variable, law))
                 every = Directions(jnp.asarray(term.coefficients), where, jnp.asarray(own_low), jnp.asarray(own_high))
-                few, all_ = (added(of.effect(of.coefficients)) for of in (given, every))
+                few, all_ = (
+                    added(of.effect(of.coefficients)) | added(of.delay(of.coefficients)) for of in (given, every)
+                )
                 for name, value in few.items():
                     np.testing.assert_allclose(
                         value, all_[name], rtol=1e-12, atol=1e-25, err_msg=f"{place.name} {variable} {law}"

@@ -80,6 +80,17 @@ def test_a_term_is_the_physics_that_it_stands_for(term, name, amount, within):
     )
 
 
+def test_a_lag_of_the_command_with_its_rate_is_a_delay():
+    term = TypedTerm("command_lag", "command_rate", "proportional", (1.5e-3,), -1.0, 1.0, moving=True)
+    assert term.unit == "s"
+    terms = terms_in((term,))
+    found, expected = machine_with(terms.delay(terms.coefficients)), machine_with(effect("spool_delay", 1.5e-3))
+    np.testing.assert_array_equal(found.inputs.command.knots, expected.inputs.command.knots)
+    assert len(found.inputs.command.knots) > 0
+    assert np.all(found.inputs.command.knots > BARE.inputs.command.knots)
+    np.testing.assert_array_equal(leaves(rates(terms.effect(terms.coefficients))), leaves(rates()))
+
+
 def test_what_goes_with_the_rate_of_the_pressure_is_solved_for():
     around = BARE.surroundings(BARE.inputs.time[0])
     flows = flows_at(BARE, BARE.at(around), around, STATE)
@@ -179,7 +190,9 @@ def test_every_pair_in_motion_has_a_signal_and_a_unit():
     pairs = [(p, v) for p in PLACES.values() for v in VARIABLES.values() if asked_with(p, v, moving=True)]
     assert len(pairs) > 40
     for place, variable in pairs:
-        assert set(place.moving) <= set(MOVED)
+        assert set(place.moving) <= {*MOVED, "command"}
         unit_of(place.name, variable.name, "proportional")
         for moved in place.moving:
-            assert variable.name == "pressure_rate" or signal_of(place, moved, variable.name) in SIGNALS
+            assert (
+                variable.name in ("pressure_rate", "command_rate") or signal_of(place, moved, variable.name) in SIGNALS
+            )

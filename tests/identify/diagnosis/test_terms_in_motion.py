@@ -68,6 +68,20 @@ def test_a_term_of_the_last_turn_is_found_and_has_a_derivative(problem, plain):
     assert np.max(np.abs(difference - columns[:, 0])) < 0.05 * np.max(np.abs(difference))
 
 
+def test_a_lag_of_the_command_has_a_derivative(problem, plain):
+    """Also from 0, where a fit begins, and across the rows where the command bends."""
+    for late in (0.0, 1e-3):
+        term = TypedTerm("command_lag", "command_rate", "proportional", (late,), -1.0, 1.0, moving=True)
+        with_term = problem.with_terms(term).evaluate(plain.values, ())
+        columns, _ = columns_of(problem.with_terms(term), with_term, term)
+        step, found = 1e-5, []
+        for sign in (1.0, -1.0):
+            other = replace(term, coefficients=(late + sign * step,))
+            found.append(problem.with_terms(other).evaluate(plain.values, ()).residual)
+        difference = 0.5 * (found[0] - found[1]) / step
+        assert np.max(np.abs(difference - columns[:, 0])) < 0.05 * np.max(np.abs(difference))
+
+
 def test_the_learned_model_predicts_what_the_fit_did(problem, fitted):
     record, fit, joint = problem.record, fitted.fit, fitted.joint
     assert joint is not None
