@@ -176,8 +176,8 @@ def main() -> None:
 
 def terms(folder: Path) -> None:
     """Typed terms beside the machine without a leak, the steps that do not count held out."""
-    from thermohyd.identify.diagnosis.conclusion import as_term
     from thermohyd.identify.diagnosis.held_out import Split
+    from thermohyd.identify.diagnosis.learned import as_term
     from thermohyd.identify.diagnosis.typed_terms import terms_of
     from thermohyd.identify.fitting.library import NOTHING
     from thermohyd.identify.report.term_words import term_lines

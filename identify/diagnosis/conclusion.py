@@ -14,7 +14,7 @@ from thermohyd.effects.library import effect_info, find_effect
 from thermohyd.identify.bench.test_record import Fault
 from thermohyd.identify.fitting.bench_faults import BenchFault, is_fault
 from thermohyd.identify.fitting.misfit import doubts
-from thermohyd.identify.fitting.model_form import OTHER, evidence, other_law, with_model_form
+from thermohyd.identify.fitting.model_form import evidence, other_law, with_model_form
 from thermohyd.identify.fitting.outcome import Fitted, Key, fit_result
 from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.fitting.problem_fit import Fit
@@ -22,23 +22,19 @@ from thermohyd.identify.fitting.problem_solution import gls_covariance, solution
 from thermohyd.identify.fitting.relative import effect_plans
 from thermohyd.identify.fitting.result import FitResult, beyond_chance
 from thermohyd.identify.fitting.uncertainty import Covariance
-from thermohyd.identify.model.learned_terms import LearnedTerm
-from thermohyd.identify.model.places import place_of
-from thermohyd.identify.model.term_variables import VARIABLES
-from thermohyd.identify.model.typed_terms import TypedTerm, with_covariance
 from thermohyd.identify.noise.level import ChannelNoise
-from thermohyd.identify.report.diagnosis_report import further_sentences, headline, in_a_row, suspect_sentences
-from thermohyd.identify.report.term_words import confirmed_by, term_lines, term_sentence
+from thermohyd.identify.report.diagnosis_report import further_sentences, headline, suspect_sentences
+from thermohyd.identify.report.term_words import term_lines
 
 from .case import Case, Progress
-from .confirmation import fit_of_rows_left
-from .final_model import FinalModel, exchange_fits, held_out_result, scattered
+from .final_model import FinalModel, scattered
 from .found_faults import alternative, with_evidence, with_faults_apart
 from .held_out import Split
-from .left_over import LackOfFit, learn as learn_term, misfit_left, smooth_block, variations_of
+from .learned import held_out_figures, with_learned
+from .left_over import variations_of
 from .model_average import of_either_sign, with_rivals
 from .next_test import check_of, next_test, what_settles, what_shows
-from .other_law import ANOTHER_LAW, OtherLawSays, what_the_other_law_says
+from .other_law import ANOTHER_LAW, OtherLawSays, better_law, of_the_other_law, what_the_other_law_says
 from .record_noise import NoiseEstimate, first_noise
 from .remaining_misfit import Remaining, remaining_misfit
 from .result import (
@@ -46,21 +42,17 @@ from .result import (
     ChannelNoiseFound,
     DiagnosisResult,
     Evidence,
-    HeldOut,
     NamedEffect,
     ParameterShift,
-    Term,
-    Variation,
     Verdict,
 )
 from .rivals import Rival, Rivals, mirrors
 from .rivals_beside_misfit import rivals_beside_misfit, weighed_again
-from .screening import Screen, candidates, screen
+from .screening import candidates, screen
 from .screening_faults import screen_of_faults
 from .search import LEVEL, Selection
-from .term_fit import fitted_inside, with_coefficients
-from .term_table import acting_like, opened
-from .typed_terms import Found, terms_of
+from .term_table import acting_like
+from .typed_terms import terms_of
 from .where import regions
 
 
@@ -169,18 +161,18 @@ def concluded(
         patched = scattered(case, model.fit)
         asked = problem.fit(model.fit.physics, model.fit.values, hop_basins=True) if patched else model.fit
         found = terms_of(problem, asked, split, say)
-    end = _with_learned(problem, model, found, smooth, learn, say)
+    end = with_learned(problem, model, found, smooth, learn, say)
     problem, fit, term, terms, smooth = end.problem, end.fit, end.term, end.terms, end.smooth
     # Error bars know a misfit that remains; a learned term is one.
     remaining = remaining_misfit(problem, fit, say) if model.disagrees and term is None else None
     if remaining is not None:
         say("which rivals the data allow beside the misfit")
         model = replace(model, rivals=rivals_beside_misfit(problem, fit, model.rivals, remaining))
-    held = _held_out(case, split, model, fit, term, smooth, first, remaining, say)
+    held = held_out_figures(case, split, model, fit, term, smooth, first, remaining, say)
     if remaining is not None and remaining.weighed.discrepancy is not None and held.after > held.before:
         # Weights under which runs of some tests are met better may meet the rows held out worse than the ideal valve does.
         by_noise = remaining.by_noise(problem, fit)
-        again = _held_out(case, split, model, fit, term, smooth, first, by_noise, say)
+        again = held_out_figures(case, split, model, fit, term, smooth, first, by_noise, say)
         remaining, held = (by_noise, again) if again.after < held.after else (remaining, held)
     before = result_of(case.problem, base, case.fitted, case.noise, scale=max(base.chi2 / len(base.residual), 1.0))
     kept = fit if remaining is None else remaining.fit
@@ -243,7 +235,7 @@ def concluded(
             smooth,
             judged=after.judged,
             beyond=beyond_chance(after.channels),
-            law=_better_law(after),
+            law=better_law(after),
             faults=tuple(at_fault),
             terms=terms,
             suspects=model.suspects,
@@ -253,7 +245,7 @@ def concluded(
             *suspect_sentences(model.suspects),
             *further_sentences(effects, before, smooth),
             *term_lines(terms),
-            *_of_the_other_law(says),
+            *of_the_other_law(says),
             *doubts(after.channels, after.parameters),
         ),
         where=where,
@@ -327,117 +319,6 @@ def stopped(evaluations: int) -> str:
     )
 
 
-@dataclass(frozen=True)
-class _Learned:
-    """The final model with what was learned at the user's word, if anything. beside: columns of a typed term's coefficients."""
-
-    problem: Problem
-    fit: Fit
-    left: LackOfFit
-    terms: tuple[Term, ...]
-    smooth: tuple[Variation, ...]
-    term: LearnedTerm | TypedTerm | None = None
-    beside: np.ndarray | None = None
-
-
-def _with_learned(
-    problem: Problem,
-    model: FinalModel,
-    found: tuple[Found, ...],
-    smooth: tuple[Variation, ...],
-    learn: bool,
-    say: Progress,
-) -> _Learned:
-    """The leading typed term where one holds, else the leading smooth variation, where the user wants to learn."""
-    terms = tuple(as_term(term) for term in found)
-    if learn and found and found[0].learnable:
-        best = found[0].fitted
-        say(f"learning how {best.term.place} goes with {best.term.variable}")
-        fit, whole = best.fit, with_coefficients(best)
-        beside = whole.columns[:, len(fit.order) :]
-        known = gls_covariance(fit, max(fit.chi2 / len(fit.residual), 1.0), len(problem.parameters), beside)
-        term = with_covariance(best.term, fit.free, known.matrix)
-        problem = best.problem.with_terms(term)
-        left = misfit_left(problem, whole, smooth_block(problem, len(fit.residual)))
-        return _Learned(problem, fit, left, (replace(terms[0], learned=True), *terms[1:]), smooth, term, beside)
-    if learn and smooth:
-        say(f"learning how {smooth[0].quantity} varies with {smooth[0].variable}")
-        problem, fit, term = learn_term(problem, model.fit, smooth[0])
-        left = misfit_left(problem, fit, smooth_block(problem, len(fit.residual)))
-        return _Learned(problem, fit, left, terms, (_learned(smooth[0], term), *smooth[1:]), term)
-    return _Learned(problem, model.fit, model.left, terms, smooth)
-
-
-def _held_out(
-    case: Case,
-    split: Split,
-    model: FinalModel,
-    fit: Fit,
-    term: LearnedTerm | TypedTerm | None,
-    smooth: tuple[Variation, ...],
-    first: Screen,
-    remaining: Remaining | None,
-    say: Progress,
-) -> HeldOut:
-    """The ideal and the final model fitted to the other rows, on the rows held out."""
-    chosen = case.problem.with_rows(~split.held)
-    base = chosen.fit(start=case.base.values)
-    weighed = remaining is not None and remaining.weighed.discrepancy is not None
-    if remaining is not None:
-        chosen = remaining.weighing(chosen)
-    final = fit_of_rows_left(chosen, fit.effects, fit.values) if fit.effects or weighed else base
-    spared = set(fit.effects) | {r.name for rival in model.rivals.values() for r in rival.alike}
-    exchanged = exchange_fits(chosen, final, [s.name for s in first.ranked], spared, say)
-    judge: Problem = case.problem
-    if isinstance(term, TypedTerm):
-        without = fit_of_rows_left(chosen, fit.effects, fit.values)
-        seen = fitted_inside(opened(chosen, without), without, term)
-        final, judge = seen.fit, replace(seen.problem, used=None)
-    elif term is not None:
-        chosen, final, learned = learn_term(chosen, final, smooth[0])
-        judge = case.problem.with_terms(learned)
-    words = f"{split.what} (the choice needed all rows, the values did not)"
-    return held_out_result(
-        case.problem, judge, split, base, final, exchanged, split.what if model.seen_apart else words
-    )
-
-
-def as_term(found: Found) -> Term:
-    """What a reader is told of a term."""
-    term, (value, std) = found.fitted.term, found.size
-    place, (values, curve, band) = place_of(term.place), found.curve
-    return Term(
-        place=term.place,
-        variable=term.variable,
-        law=term.law,
-        value=value,
-        unit=term.unit,
-        std=std if np.isfinite(std) else None,
-        p_value=found.p_value,
-        gap_closed=found.gap_closed,
-        alternatives=found.alternatives,
-        sentence=term_sentence(term, value, std),
-        confirmed_by=confirmed_by(term.place, term.variable, term.law, moving=term.moving),
-        coefficients=tuple(float(c) for c in term.coefficients),
-        low=term.low,
-        high=term.high,
-        place_unit=place.unit,
-        variable_unit=VARIABLES[term.variable].unit,
-        proof=found.proof,
-        holds=found.holds,
-        on_held_out=found.fitted.joint is not None,
-        moving=term.moving,
-        variable_values=values,
-        curve=curve,
-        band=band,
-    )
-
-
-def _learned(variation: Variation, term: LearnedTerm) -> Variation:
-    """The variation with the coefficients that the model now holds."""
-    return replace(variation, coefficients=term.coefficients, learned=True)
-
-
 def _with_both_laws(
     after: FitResult, fit: Fit, says: OtherLawSays, case: Case, remaining: Remaining | None
 ) -> FitResult:
@@ -454,24 +335,6 @@ def _with_both_laws(
     other = result_of(says.problem, beside, there, case.noise, max(says.fit.chi2 / rows, 1.0), remaining)
     speaks = evidence(fit.chi2 / scale, says.fit.chi2 / scale, len(fit.free), len(says.fit.free), rows)
     return with_model_form(after, other_law(after, other, speaks))
-
-
-def _better_law(after: FitResult) -> str:
-    """The other law of an edge where the data prefer it."""
-    asked = after.other_law
-    return "" if asked is None or asked.preferred != asked.law else asked.law
-
-
-def _of_the_other_law(says: OtherLawSays | None) -> tuple[str, ...]:
-    """What stands under the headline where an effect is asked for by one law only."""
-    if says is None or not says.in_place_of:
-        return ()
-    law = says.problem.record.valve.edge_law
-    one = len(says.in_place_of) == 1
-    return (
-        f"With the {law} law of the edge the record is explained as well without {in_a_row(says.in_place_of)}: only the "
-        f"{OTHER[law]} law asks for {'it, so it is' if one else 'them, so they are'} no finding about the valve.",
-    )
 
 
 def _named(

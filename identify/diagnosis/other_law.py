@@ -5,10 +5,12 @@ Not a search of its own: nothing is looked for that only the other law would ask
 
 from dataclasses import dataclass
 
-from thermohyd.identify.fitting.model_form import refit
+from thermohyd.identify.fitting.model_form import OTHER, refit
 from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.fitting.problem_fit import Fit
 from thermohyd.identify.fitting.problem_solution import misfit_scale
+from thermohyd.identify.fitting.result import FitResult
+from thermohyd.identify.report.diagnosis_report import in_a_row
 
 from .rivals import ALIKE
 from .search import fits_without, implausible
@@ -55,3 +57,21 @@ def what_the_other_law_says(problem: Problem, final: Fit, critical: float) -> Ot
         needed = least
     more = (needed.chi2 - final.chi2) / scale + implausible(needed) - implausible(final)
     return OtherLawSays(there, whole, needed, more)
+
+
+def better_law(after: FitResult) -> str:
+    """The other law of an edge where the data prefer it."""
+    asked = after.other_law
+    return "" if asked is None or asked.preferred != asked.law else asked.law
+
+
+def of_the_other_law(says: OtherLawSays | None) -> tuple[str, ...]:
+    """What stands under the headline where an effect is asked for by one law only."""
+    if says is None or not says.in_place_of:
+        return ()
+    law = says.problem.record.valve.edge_law
+    one = len(says.in_place_of) == 1
+    return (
+        f"With the {law} law of the edge the record is explained as well without {in_a_row(says.in_place_of)}: only the "
+        f"{OTHER[law]} law asks for {'it, so it is' if one else 'them, so they are'} no finding about the valve.",
+    )

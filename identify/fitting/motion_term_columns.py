@@ -20,7 +20,8 @@ from thermohyd.identify.model.term_variables import (
 from thermohyd.identify.model.typed_terms import TypedTerm, basis, coefficients_of
 
 from .motion_readings import DynamicSimulator, Weighing, readings_of
-from .motion_terms import COEFFICIENTS, Directions, TermReadings, acting, read_with_terms, terms_in
+from .motion_term_runs import TermReadings, read_with_terms
+from .motion_terms import COEFFICIENTS, Directions, acting, terms_in
 from .uncertainty import Key
 
 

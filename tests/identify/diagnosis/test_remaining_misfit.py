@@ -121,7 +121,7 @@ def test_weights_whose_fit_ends_at_no_optimum_are_not_kept(monkeypatch: pytest.M
 
 
 def test_weights_that_predict_worse_than_the_ideal_valve_are_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    judged, asked = conclusion._held_out, []
+    judged, asked = conclusion.held_out_figures, []
 
     def weighed_beside_the_misfit(problem, fit, *say):
         found = remaining_misfit(problem, fit, *say)
@@ -135,7 +135,7 @@ def test_weights_that_predict_worse_than_the_ideal_valve_are_not_kept(monkeypatc
         return replace(found, after=found.before + 1.0) if beside else found
 
     monkeypatch.setattr(conclusion, "remaining_misfit", weighed_beside_the_misfit)
-    monkeypatch.setattr(conclusion, "_held_out", worse_with_these_weights)
+    monkeypatch.setattr(conclusion, "held_out_figures", worse_with_these_weights)
     result = diagnose_case(small_case("outside"))
     assert result.held_out is not None
     assert result.held_out.after <= result.held_out.before
