@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import jax.numpy as jnp
 import numpy as np
 
+from thermohyd.identify.bench.test_record import DynamicTest
 from thermohyd.identify.model.places import place_of
 from thermohyd.identify.model.term_variables import (
     DELAYED,
@@ -174,11 +175,18 @@ def _ranges(simulator: DynamicSimulator, seen: TermReadings) -> Ranges:
             rows = np.flatnonzero(test.run == run)
             assert test.time is not None
             passing = np.diff(test.time[rows])
-            rates[DELAYED] += [*(np.diff(test.command[rows]) / passing)]
+            rates[DELAYED] += [*(np.diff(_in_metres(simulator, test)[rows]) / passing)]
             for port in ("pressure_a", "pressure_b"):
                 rates[IMPLICIT] += [*(np.diff(seen.values[name, port][rows]) / passing)]
     ends = {name: [rate for rate in own if np.isfinite(rate)] for name, own in rates.items()}
     return {**found, **{name: (float(min(own)), float(max(own))) for name, own in ends.items()}}
+
+
+def _in_metres(simulator: DynamicSimulator, test: DynamicTest) -> np.ndarray:
+    """(rows,): a test's command as a setpoint or a position, a current as the travel that it asks for."""
+    if test.command_kind != "current":
+        return test.command
+    return test.command * float(simulator.valve.stroke) / float(simulator.actuator.rated_current)
 
 
 def ranges_of(place: str, variable: str, ranges: Ranges) -> tuple[float, float]:

@@ -176,7 +176,7 @@ VARIABLES: dict[str, Variable] = {
         Variable("reading_rate", "1/s", "the rate of what is read", lambda at: at.reading_rate, "time", of_readings=True),
         Variable("velocity", "m/s", "the piston's velocity", _only_in_motion, moving="the piston's velocity", powers=True),
         Variable("piston_position", "m", "the piston's position", _only_in_motion, moving="the piston's position"),
-        # Metres stand for the command's own unit: what lags in proportion to its rate lags by a time.
+        # Of a setpoint or a position, or of the travel that a current asks for. What lags in proportion to it lags by a time.
         Variable("command_rate", "m/s", "the command's own rate", _only_in_motion, moving="its own rate", laws=("proportional",)),
     )
 }  # fmt: skip
