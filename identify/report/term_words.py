@@ -23,6 +23,7 @@ SYMBOLS = {"a": "p_A", "b": "p_B", "a-b": "(p_A - p_B)", "supply": "p_S", "retur
            "edges": "each edge's mean pressure", **dict.fromkeys(EDGES, "the edge's mean pressure")}  # fmt: skip
 LAMINAR = " over the oil's viscosity"  # stated at 40 degC
 OF_A_GAS = ", the more the lower the pressure, as a gas gives way"  # stated at gauge zero
+SHORT = 0.1  # s, below which a time is said in milliseconds
 LAW_WORDS = {
     "proportional": "in proportion to",
     "gaseous": "in proportion to",
@@ -63,6 +64,8 @@ def amount_words(value: float, std: float | None, unit: str) -> str:
     shown = display_unit(unit) if unit in ("m", "Pa", "m3/s", "m^3/s") else None
     if shown is not None:
         value, std, unit = value * shown.factor, None if std is None else std * shown.factor, shown.label
+    elif unit == "s" and abs(value) < SHORT:
+        value, std, unit = 1e3 * value, None if std is None else 1e3 * std, "ms"
     unit = "" if unit == "1" else f" {unit}"
     if std is None or not std > 0.0 or not math.isfinite(std):
         return f"{value:.3g}{unit}"

@@ -126,6 +126,14 @@ def test_every_entry_of_the_table_in_motion_is_written_read_and_said(tmp_path):
     assert refused == 5 * 5 + 2
 
 
+def test_a_short_time_is_said_in_milliseconds():
+    lag = term_of("command_lag", "command_rate", "proportional")
+    assert term_sentence(lag, 1.515e-3, 2.3e-5).startswith(
+        "a lag of the command in proportion to its own rate, (1.515 +- 0.023) ms: what a delay of the command does"
+    )
+    assert "(1.20 +- 0.10) s: " in term_sentence(lag, 1.2, 0.1)
+
+
 def test_a_term_in_motion_in_model_json_is_checked():
     fail = lambda sentence: BenchInputError(sentence)
     number = lambda value, words: float(value)
