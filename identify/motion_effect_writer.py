@@ -78,16 +78,16 @@ def stage_in_motion(term: TermRead) -> Stage:
 def _delay(term: TermRead) -> Stage:
     """A lag of the command with its own rate is a delay, which a field of `Motion` has: exact however fast the command changes."""
     body = """    def motion(self, so_far: Motion) -> Motion:
-        return so_far.plus("spool_delay", self.amount)"""
+        return so_far.later(self.amount)"""
     imports = ("from thermohyd.dynamics.machine import AbstractMotionEffect, Motion",)
     later = term.coefficients[0] > 0.0
     return Stage("AbstractMotionEffect", imports, body, (), ("step", "frequency"), lower_is_zero=later)
 
 
 _ADDED_BY_A_DELAY = '''def added(amount):
-    """The time by which the command acts later."""
-    still = Motion(coulomb_friction=jnp.zeros(()), jack_leakage=jnp.zeros(()))
-    return np.ravel(effect(NAME, amount).motion(still).spool_delay)'''
+    """Everything that moves an actuator, of one that has nothing else."""
+    still = Motion(jnp.zeros(()), jnp.zeros(()))
+    return np.stack(jax.tree.leaves(effect(NAME, amount).motion(still)))'''
 _ADDED_TO_THE_CIRCUIT = '''def added(amount):
     """Everything that is added at a few states of an actuator."""
     sizes = np.array([0.1, 5e-5, 1e-2, 2e-3, 0.05, 2e6, 2e6, 2.0, 2.0])

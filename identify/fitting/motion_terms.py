@@ -2,7 +2,8 @@
 
 A table of hundreds of laws is one effect of the machine, `Bank`: a coefficient for each place, signal and shape of a law, nearly all of
 them 0. So it is one program (`motion_term_runs`), whose columns are the variational equations in as many directions. Every term that is
-fitted is another one, `Few`, for all terms alike: which place, signal and shape is data. A delay of the command is the library's own.
+fitted is another one, `Few`, for all terms alike: which place, signal and shape is data. A delay of the command is no part of either: it
+shifts what the machine is given.
 """
 
 from abc import abstractmethod
@@ -16,7 +17,7 @@ from jaxtyping import Array, Float
 
 from thermohyd.dynamics.circuit import AbstractCircuitEffect, Added, Seen
 from thermohyd.dynamics.flows import softness_of_gas
-from thermohyd.effects.motion import SpoolDelay
+from thermohyd.dynamics.machine import AbstractMotionEffect, Motion
 from thermohyd.identify.model.places import place_of
 from thermohyd.identify.model.term_variables import (
     DELAYED,
@@ -49,7 +50,7 @@ class AbstractTerms(eqx.Module):
         """What they add to the circuit at other coefficients."""
 
     @abstractmethod
-    def delay(self, coefficients: Float[Array, " k"]) -> SpoolDelay:
+    def delay(self, coefficients: Float[Array, " k"]) -> "Delay":
         """By what time the command acts later at other coefficients."""
 
 
@@ -79,8 +80,8 @@ class Terms(AbstractTerms):
         few = FewThatRemember if self.remembers else Few
         return few(amount, per_rate, self.moved, self.signal, self.low, self.high)
 
-    def delay(self, coefficients: Float[Array, " k"]) -> SpoolDelay:
-        return SpoolDelay(jnp.sum(self.delays * coefficients))
+    def delay(self, coefficients: Float[Array, " k"]) -> "Delay":
+        return Delay(jnp.sum(self.delays * coefficients))
 
 
 @final
@@ -96,8 +97,18 @@ class Directions(AbstractTerms):
     def effect(self, coefficients: Float[Array, " k"]) -> "Bank":
         return Bank(jnp.sum(coefficients[:, None] * self.acting[:, :-1], axis=0), self.low, self.high)
 
-    def delay(self, coefficients: Float[Array, " k"]) -> SpoolDelay:
-        return SpoolDelay(jnp.sum(coefficients * self.acting[:, -1]))
+    def delay(self, coefficients: Float[Array, " k"]) -> "Delay":
+        return Delay(jnp.sum(coefficients * self.acting[:, -1]))
+
+
+@final
+class Delay(AbstractMotionEffect):
+    """The command acts later by `amount` [s]."""
+
+    amount: Float[Array, ""]
+
+    def motion(self, so_far: Motion) -> Motion:
+        return so_far.later(self.amount)
 
 
 @final

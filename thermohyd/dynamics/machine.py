@@ -96,6 +96,11 @@ class Motion(eqx.Module):
         total = amount if own is None else own + amount
         return eqx.tree_at(lambda m: getattr(m, field), self, total, is_leaf=lambda leaf: leaf is None)
 
+    def later(self, by: Float[Array, "..."]) -> "Motion":
+        """The same with a command that acts later by a time [s]."""
+        total = by if self.spool_delay is None else self.spool_delay + by
+        return eqx.tree_at(lambda m: m.spool_delay, self, total, is_leaf=lambda leaf: leaf is None)
+
 
 class AbstractMotionEffect(AbstractEffect):
     """An effect that only an actuator in motion shows; static tests pass it by."""

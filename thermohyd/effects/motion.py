@@ -25,7 +25,7 @@ class SpoolDelay(AbstractMotionEffect):
     amount: Float[Array, "..."] = eqx.field(converter=as_amount)
 
     def motion(self, so_far: Motion) -> Motion:
-        return so_far.plus("spool_delay", self.amount)
+        return so_far.later(self.amount)
 
 
 @final
