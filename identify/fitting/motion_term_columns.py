@@ -171,11 +171,12 @@ def _ranges(simulator: DynamicSimulator, seen: TermReadings) -> Ranges:
     found[REMEMBERED] = (-1.0, 1.0) if found["rate"][0] < found["rate"][1] else (0.0, 0.0)
     rates: dict[str, list[float]] = {IMPLICIT: [0.0], DELAYED: [0.0]}
     for name, test in simulator.tests.items():
+        travel = _in_metres(simulator, test)
         for run in np.unique(test.run) if name in seen.signals else ():
             rows = np.flatnonzero(test.run == run)
             assert test.time is not None
             passing = np.diff(test.time[rows])
-            rates[DELAYED] += [*(np.diff(_in_metres(simulator, test)[rows]) / passing)]
+            rates[DELAYED] += [*(np.diff(travel[rows]) / passing)]
             for port in ("pressure_a", "pressure_b"):
                 rates[IMPLICIT] += [*(np.diff(seen.values[name, port][rows]) / passing)]
     ends = {name: [rate for rate in own if np.isfinite(rate)] for name, own in rates.items()}
@@ -186,7 +187,7 @@ def _in_metres(simulator: DynamicSimulator, test: DynamicTest) -> np.ndarray:
     """(rows,): a test's command as a setpoint or a position, a current as the travel that it asks for."""
     if test.command_kind != "current":
         return test.command
-    return test.command * float(simulator.valve.stroke) / float(simulator.actuator.rated_current)
+    return simulator.polarity * test.command * float(simulator.valve.stroke) / float(simulator.actuator.rated_current)
 
 
 def ranges_of(place: str, variable: str, ranges: Ranges) -> tuple[float, float]:

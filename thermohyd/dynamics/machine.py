@@ -9,6 +9,7 @@ values, or None where a record has none. Which are None is known while tracing, 
 """
 
 import abc
+from collections.abc import Callable
 from typing import ClassVar
 
 import equinox as eqx
@@ -92,14 +93,15 @@ class Motion(eqx.Module):
 
     def plus(self, field: str, amount: Float[Array, "..."]) -> "Motion":
         """The same with an amount added to a field."""
-        own = getattr(self, field)
-        total = amount if own is None else own + amount
-        return eqx.tree_at(lambda m: getattr(m, field), self, total, is_leaf=lambda leaf: leaf is None)
+        return self._with_more(lambda motion: getattr(motion, field), amount)
 
     def later(self, by: Float[Array, "..."]) -> "Motion":
         """The same with a command that acts later by a time [s]."""
-        total = by if self.spool_delay is None else self.spool_delay + by
-        return eqx.tree_at(lambda m: m.spool_delay, self, total, is_leaf=lambda leaf: leaf is None)
+        return self._with_more(lambda motion: motion.spool_delay, by)
+
+    def _with_more(self, of: Callable[["Motion"], Array | None], amount: Float[Array, "..."]) -> "Motion":
+        own = of(self)
+        return eqx.tree_at(of, self, amount if own is None else own + amount, is_leaf=lambda leaf: leaf is None)
 
 
 class AbstractMotionEffect(AbstractEffect):
