@@ -15,8 +15,8 @@ from pyarrow import dataset, fs
 
 from thermohyd.identify.bench.errors import BenchInputError, one_line
 
-from .schema import FAILURES, RESULTS
-from .store import Store
+from .schema import FAILURES
+from .store import WHOLE, Store, is_of_many
 
 
 if TYPE_CHECKING:
@@ -59,12 +59,15 @@ def connect(store: Store) -> "duckdb.DuckDBPyConnection":
 
 
 def _results(store: Store) -> dataset.Dataset:
-    """With the type and the year that their folders say."""
-    places, said = store.places(), []
-    for type_, year in places.values():
+    """With the type and the year that their folders say. Files of many results are read as far as a question needs them; those of one
+    at once, for of each that it has opened pyarrow keeps 170 kB."""
+    of_many = {path: place for path, place in store.places().items() if is_of_many(path)}
+    said = []
+    for type_, year in of_many.values():
         of_type = dataset.field("type") == type_
         said.append(of_type if year is None else of_type & (dataset.field("year") == year))
-    return _files([*places], pa.schema([*RESULTS, ("type", pa.string()), ("year", pa.int32())]), said)
+    of_one = dataset.dataset(store.rows_of(path for path in store.files() if path not in of_many))
+    return dataset.dataset([of_one, _files([*of_many], WHOLE, said)])
 
 
 def _files(paths: list[Path], schema: pa.Schema, said: list[dataset.Expression] | None = None) -> dataset.Dataset:

@@ -34,6 +34,7 @@ NAME = "store.json"
 UNDATED = "__HIVE_DEFAULT_PARTITION__"  # a year that is null, as Hive, DuckDB and Spark write it
 WRITING = ".writing-"  # what is not whole yet
 TOGETHER_NAME = "together-"
+WHOLE = pa.schema([*RESULTS, ("type", pa.string()), ("year", pa.int32())])  # with what the folders say
 TOGETHER = 64  # results of one type and year that are worth a file of their own
 
 
@@ -119,17 +120,18 @@ class Store:
 
     def results(self, columns: list[str] | None = None) -> pa.Table:
         """All results, sorted by identity, each once; with its type and year in two columns more unless `columns` says which."""
-        wanted = [*RESULTS.names, "type", "year"] if columns is None else columns
-        needed = list(dict.fromkeys([*wanted, "identity", "written"]))
-        tables = [table for path in self.files() if (table := self._read(_with_place, path, needed)) is not None]
-        if not tables:
-            return pa.schema([*RESULTS, ("type", pa.string()), ("year", pa.int32())]).empty_table().select(wanted)
-        return _once(pa.concat_tables(tables)).select(wanted)
+        wanted = WHOLE.names if columns is None else columns
+        return _once(self.rows_of(self.files(), [*dict.fromkeys([*wanted, "identity", "written"])])).select(wanted)
+
+    def rows_of(self, files: Iterable[Path], columns: list[str] = WHOLE.names) -> pa.Table:
+        """Of files of results, as they stand there."""
+        tables = [table for path in files if (table := self._read(_with_place, path, columns)) is not None]
+        return pa.concat_tables([WHOLE.empty_table().select(columns), *(table.select(columns) for table in tables)])
 
     def done(self) -> set[str]:
         """Identities of all results."""
         files = self.files()
-        together = [path for path in files if path.name.startswith(TOGETHER_NAME)]
+        together = [path for path in files if is_of_many(path)]
         found = {path.stem for path in files} - {path.stem for path in together}
         tables = [self._read(_plain, path, ["identity"]) for path in together]
         return found.union(*(table["identity"].to_pylist() for table in tables if table is not None))
@@ -191,7 +193,7 @@ class Store:
                 left.unlink(missing_ok=True)
         went = 0
         for folder in sorted({path.parent for path in self.files()}):
-            small = [path for path in sorted(folder.glob("*.parquet")) if not path.name.startswith(TOGETHER_NAME)]
+            small = [path for path in sorted(folder.glob("*.parquet")) if not is_of_many(path)]
             if len(small) < 2 or (len(small) < TOGETHER and not all_of_them):
                 continue
             tables = {path: table for path in small if (table := self._read(_plain, path)) is not None}
@@ -231,6 +233,11 @@ def partition(type_: object, date: Any) -> str:
     """The folders of a type and year; characters that a file system or a URL would not take are written as %XX."""
     year = UNDATED if date is None else str(date.year)
     return f"type={quote(str(type_ or UNKNOWN_TYPE), safe='')}/year={year}"
+
+
+def is_of_many(path: Path) -> bool:
+    """Whether a file of results holds those that were put together."""
+    return path.name.startswith(TOGETHER_NAME)
 
 
 def _once(table: pa.Table) -> pa.Table:
