@@ -44,24 +44,26 @@ def test_derivatives_at_no_pressure(kind):
     def read(supply, load, position):
         points = replace(at(supply, load), position=position)
         closed = blocked_port_readings(of, points)
-        flows = (closed["leakage_flow"], closed["supply_flow"], control_flow(of, points), load_flow(of, points))
-        return jnp.stack([*flows, closed["pressure_a"], closed["pressure_b"]])
+        # What has effects takes long to compile.
+        more = () if of.effects else (control_flow(of, points), load_flow(of, points))
+        return jnp.stack(
+            [closed["pressure_a"], closed["pressure_b"], closed["leakage_flow"], closed["supply_flow"], *more]
+        )
 
     here, one = (jnp.zeros(ROWS), jnp.asarray(POSITION)), jnp.ones(ROWS)
     value, forward = jax.jvp(lambda supply: read(supply, *here), (still,), (one,))
-    np.testing.assert_array_equal(value[:4], 0.0)
-    np.testing.assert_allclose(value[4:], 2e5)
+    np.testing.assert_allclose(value[:2], 2e5)
+    np.testing.assert_array_equal(value[2:], 0.0)
     _, back = jax.vjp(read, still, *here)
-    by_supply, by_load, by_position = jax.vmap(lambda which: back(jnp.broadcast_to(which[:, None], value.shape)))(
-        jnp.eye(6)
-    )
+    units = jnp.broadcast_to(jnp.eye(len(value))[:, :, None], (len(value), *value.shape))
+    by_supply, by_load, by_position = jax.vmap(back)(units)
     np.testing.assert_allclose(by_supply, forward, rtol=1e-9, atol=1e-24)
     np.testing.assert_array_equal(by_position, 0.0)
     assert jnp.isfinite(by_load).all()
     differences = (read(still + STEP, *here) - read(still - STEP, *here)) / (2.0 * STEP)
     scale = np.abs(np.asarray(differences)).max(axis=1, keepdims=True)
     np.testing.assert_allclose(forward / scale, differences / scale, atol=1e-5)
-    assert float(forward[0].min()) > 0.0
+    assert float(forward[2].min()) > 0.0
 
 
 def test_a_load_at_no_pressure_has_its_gain():
