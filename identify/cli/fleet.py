@@ -329,10 +329,12 @@ def _say_set_aside(store: Any) -> None:
 
 
 def _say_summary(summary: "Summary") -> None:
+    from thermohyd.identify.bench.errors import one_line
+
     if loudness() is not Loudness.QUIET:
         _say_counts(summary)
     for note in summary.notes:
-        typer.echo(f"thermohyd: warning: {note}", err=True)
+        typer.echo(f"thermohyd: warning: {one_line(note)}", err=True)
 
 
 def _say_counts(summary: "Summary") -> None:
