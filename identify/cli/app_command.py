@@ -9,6 +9,8 @@ from typing import Annotated
 
 import typer
 
+from thermohyd.identify.optional_parts import PARTS, install
+
 from .process import fail, plain_failures
 
 
@@ -16,7 +18,6 @@ LOCAL = "127.0.0.1"  # a name could lead to another user's page on the same port
 THIS_MACHINE = (LOCAL, "localhost", "::1")
 FIRST_PORT, PORTS = 8501, 100
 LARGEST_UPLOAD = 400  # MB of one file: what the reader takes of a CSV
-NEEDED = ("streamlit", "tomlkit")
 
 
 def app_command(
@@ -36,15 +37,15 @@ def app_command(
 ) -> None:
     """Serve a page to drop a record's folder on: see its columns, map headers by clicking, fit or diagnose, look at the report.
 
-    Needs Streamlit: pip install "thermohyd[app]". Files stay on this machine. Ctrl-C ends it.
+    Needs Streamlit: pip install -c constraints.txt '.[app]' in the source folder of thermohyd. Files stay on this machine. Ctrl-C ends it.
     """
     with plain_failures():
         from thermohyd.identify.app.command_run import CHILD
         from thermohyd.identify.bench.errors import BenchInputError
         from thermohyd.identify.interruption import first_interrupt_asks, when_interrupted
 
-        if any(find_spec(name) is None for name in NEEDED):
-            raise BenchInputError('the page needs Streamlit: pip install "thermohyd[app]"')
+        if any(find_spec(name) is None for name in PARTS["app"]):
+            raise BenchInputError(f"the page needs Streamlit: {install('app')}")
         chosen = _free_port(address, port)
         command = [*CHILD, "streamlit", "run", str(_script()), *_settings(address, chosen, browser)]
         typer.echo(f"The page: http://{_shown(address)}:{chosen} (Ctrl-C ends it)")

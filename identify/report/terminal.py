@@ -1,15 +1,21 @@
 """How every report looks in a terminal: headings, lines and tables in one place. User text is never read as markup."""
 
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 from rich import box
-from rich.console import RenderableType
+from rich.console import Console, RenderableType
 from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
 
 Cells = Iterable[str | Text]
+
+
+def plain_console(**options: Any) -> Console:
+    """A console that shows every text as it is: `[um]` is no style to it and `:gear:` no picture."""
+    return Console(highlight=False, markup=False, emoji=False, **options)
 
 
 def heading(words: str) -> Text:

@@ -19,7 +19,9 @@ def test_without_streamlit_it_says_what_to_install(monkeypatch):
     monkeypatch.setattr(app_command, "find_spec", lambda name: None if name == "streamlit" else there(name))
     ran = CliRunner().invoke(app, ["app"])
     assert ran.exit_code == 2
-    assert ran.output == 'thermohyd: the page needs Streamlit: pip install "thermohyd[app]"\n'
+    assert ran.output == (
+        "thermohyd: the page needs Streamlit: pip install -c constraints.txt '.[app]' in the source folder of thermohyd\n"
+    )
 
 
 def test_nothing_is_reported_and_only_this_machine_is_served():
