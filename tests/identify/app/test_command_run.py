@@ -136,6 +136,7 @@ def test_no_dropped_name_meets_a_file_of_the_programs_own(name, monkeypatch):
     monkeypatch.setattr(command_run, "PROGRAM", (sys.executable, "-P", "-c", WRITES))
     for _ in range(2):  # what the first wrote goes before the second
         work.start("fit")
+        assert work.run is not None
         assert ended(work.run) == 0, work.run.lines()
         assert work.result("fit.json") == b"{}"
     there = {
@@ -159,6 +160,7 @@ def test_what_a_command_reads_does_not_change_under_it(monkeypatch):
     work.start("fit")
     work.change("file = '/etc/hosts'")
     assert (work.text, (work.record / "bench.toml").read_text()) == (TOML, TOML)
+    assert work.run is not None
     work.run.stop()
     work.change("x = 1")
     assert work.text == "x = 1"
