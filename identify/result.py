@@ -54,7 +54,7 @@ class Result(ABC):
         from thermohyd.identify.report.terminal import PlainConsole
 
         text = StringIO()
-        self.print_on(PlainConsole(file=text, width=width, highlight=False, color_system=None, force_terminal=False))
+        self.print_on(PlainConsole(file=text, width=width, color_system=None, force_terminal=False))
         return text.getvalue()
 
     def _repr_html_(self) -> str:

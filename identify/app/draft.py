@@ -4,6 +4,7 @@ The text is all there is: what a widget shows is read from it, so that a bench.t
 same thing. TOML Kit edits it.
 """
 
+import functools
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -34,8 +35,9 @@ VISCOSITY = [["40 degC", "32 cSt"], ["100 degC", "5.4 cSt"]]  # to be written ov
 Place = tuple[str | int, ...]  # ("valve", "stroke"); ("oil", "viscosity", 0, 1)
 
 
+@functools.lru_cache(maxsize=8)  # a look at the page asks dozens of times
 def parsed(text: str) -> dict[str, Any] | None:
-    """The tables of a text; None where it is not TOML."""
+    """The tables of a text, to be read and not changed; None where it is not TOML."""
     try:
         return tomlkit.parse(text).unwrap()
     except TOMLKitError:

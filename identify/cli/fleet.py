@@ -1,4 +1,4 @@
-"""The `thermohyd fleet` commands: many records on many workers, one store, what becomes of each valve. Needs `thermohyd[fleet]`."""
+"""The `thermohyd fleet` commands: many records on many workers, one store, what becomes of each valve. Needs the part `fleet`."""
 
 import sys
 from collections.abc import Iterator
@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from thermohyd.identify.optional_parts import PARTS, install
 from thermohyd.side_by_side import cores
 
 from .loudness import Commands, Loudness, loudness
@@ -68,8 +69,8 @@ def _extra() -> Iterator[None]:
     try:
         yield
     except ModuleNotFoundError as error:
-        if error.name and error.name.split(".")[0] in ("distributed", "dask", "duckdb", "pyarrow", "psutil"):
-            raise BenchInputError(f'fleets need the package {error.name}: pip install "thermohyd[fleet]"') from None
+        if error.name and error.name.split(".")[0] in (*PARTS["fleet"], "dask"):
+            raise BenchInputError(f"fleets need the package {error.name}: {install('fleet')}") from None
         raise
 
 

@@ -110,7 +110,7 @@ def _console(stderr: bool) -> Console:
     if isinstance(stream, io.TextIOWrapper):
         # rich cuts the cells of a narrow table with an ellipsis, which an ASCII pipe or log cannot hold: better a "?"
         stream.reconfigure(errors="replace")
-    console = PlainConsole(stderr=stderr, highlight=False)
+    console = PlainConsole(stderr=stderr)
     if not console.is_terminal and "COLUMNS" not in os.environ:
         console.width = WIDTH_OF_FILES
     return console

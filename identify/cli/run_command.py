@@ -142,4 +142,4 @@ def print_json(content: dict[str, Any]) -> None:
 def say_where(console: "Console", folder: Path, *names: str) -> None:
     # plain text, unwrapped: a path must survive copy and paste
     for name in names:
-        console.print(f"written: {folder / name}", markup=False, soft_wrap=True)
+        console.print(f"written: {folder / name}", soft_wrap=True)

@@ -17,6 +17,7 @@ from typing import Any
 import pandas as pd
 
 from thermohyd.identify.bench.errors import BenchInputError, one_line, quoted
+from thermohyd.identify.optional_parts import install
 
 
 FORMATS = ("csv", "parquet", "xlsx")
@@ -143,7 +144,7 @@ def _parquet(table: pd.DataFrame) -> bytes:
         import pyarrow  # noqa: F401  # pandas writes by it
     except ImportError:
         raise BenchInputError(
-            'Parquet needs the package pyarrow: pip install "thermohyd[parquet]"; or take --format csv'
+            f"Parquet needs the package pyarrow: {install('parquet')}; or take --format csv"
         ) from None
     packed = io.BytesIO()
     table.to_parquet(packed, index=False)

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 from rich import box
 from rich.console import Console, ConsoleOptions, RenderableType
@@ -18,7 +19,11 @@ OBEYED = re.compile("[\x00-\x09\x0b-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066
 
 
 class PlainConsole(Console):
-    """A console that shows what it is given and obeys nothing of it: only rich's own styles reach the terminal."""
+    """A console that shows what it is given and obeys nothing of it: only rich's own styles reach the terminal, `[um]` is no style to
+    it and `:gear:` no picture."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(highlight=False, markup=False, emoji=False, **options)
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
         for segment in super().render(renderable, options):

@@ -473,7 +473,8 @@ def test_parquet_needs_a_package_and_says_so(tmp_path, monkeypatch):
     (folder / "leakage.parquet").write_bytes(b"")
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     assert message(folder) == (
-        'leakage.parquet: needs the package pyarrow: pip install "thermohyd[parquet]"; or save the log as CSV'
+        "leakage.parquet: needs the package pyarrow: pip install -c constraints.txt '.[parquet]' in the source folder of thermohyd; or "
+        "save the log as CSV"
     )
 
 

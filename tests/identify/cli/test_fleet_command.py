@@ -39,7 +39,7 @@ def test_a_missing_package_is_named(store, monkeypatch):
     found = run("query", store, "FROM records")
     assert (found.exit_code, found.stderr) == (
         2,
-        'thermohyd: fleets need the package duckdb: pip install "thermohyd[fleet]"\n',
+        "thermohyd: fleets need the package duckdb: pip install -c constraints.txt '.[fleet]' in the source folder of thermohyd\n",
     )
 
 
