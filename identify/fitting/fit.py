@@ -209,9 +209,8 @@ def _beside_what_is_usual(fitted: Fitted, problem: "StaticSearch", say: Progress
     starts = [*starts_beside(alone, fitted.free, usual.plans), *usual.first_starts()]
     ends = each(lambda start: usual.solve(args, start), starts)
     best = min(ends, key=lambda end: end.cost if np.isfinite(end.cost) else np.inf)
-    if contradicted(fitted, best.cost - cost, HOPELESS):
-        return fitted
-    best = usual.basin_hopping(best, noise)
+    if not contradicted(fitted, best.cost - cost, HOPELESS):
+        best = usual.basin_hopping(best, noise)
     if contradicted(fitted, best.cost - cost):
         return fitted
     solution, noise = usual.settled(best, noise)
