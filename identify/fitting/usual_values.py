@@ -20,9 +20,8 @@ COEFFICIENT = "discharge_coefficient"
 # deviation either way.
 USUAL = {COEFFICIENT: (0.675, 0.0375), "transition_number": (100.0, 100.0)}
 UNUSUAL = 3.0  # standard deviations of the prior from which on a value of the coefficient is looked at twice, however sharp it is
-CONTRADICTED = (
-    9.0  # rise of chi-square, priors counted in, from which on the readings know better: three standard errors
-)
+# Rise of chi-square, both priors counted in, from which on the readings know better: chance makes it in one record of a thousand.
+CONTRADICTED = 13.8
 HOPELESS = 300.0  # the same of a search that has not been over the kinks yet
 
 
