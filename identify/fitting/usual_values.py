@@ -40,7 +40,13 @@ def usual_is_asked(fitted: Fitted) -> bool:
 def with_usual(plans: Mapping[str, ParameterPlan]) -> dict[str, ParameterPlan]:
     """The plans, with priors on the coefficients that `[start]` says nothing of, and the search beginning there."""
     held = {name: usual for name, usual in USUAL.items() if name in plans and _is_open(plans[name])}
-    return {**plans, **{n: replace(plans[n], start=at, prior=Prior(at, std, _why(n))) for n, (at, std) in held.items()}}
+    near = " and ".join(f"{at - 2.0 * std:.2f} to {at + 2.0 * std:.2f}" if at < 1.0 else f"up to {at + 2.0 * std:.0f}"
+                        for at, std in held.values())  # fmt: skip
+    why = (
+        f"this record does not tell, so held near what is usual, {near}; "
+        f'"{COEFFICIENT} = {{ value = 0.7, std = 0.2 }}" in [start] of bench.toml changes that'
+    )
+    return {**plans, **{n: replace(plans[n], start=at, prior=Prior(at, std, why)) for n, (at, std) in held.items()}}
 
 
 def starts_beside(alone: np.ndarray, free: tuple[str, ...], plans: Mapping[str, ParameterPlan]) -> list[np.ndarray]:
@@ -62,11 +68,3 @@ def contradicted(alone: Fitted, rise: float, most: float = CONTRADICTED) -> bool
 
 def _is_open(plan: ParameterPlan) -> bool:
     return not (plan.fixed or plan.given or plan.absent or plan.prior is not None)
-
-
-def _why(name: str) -> str:
-    mean, std = USUAL[name]
-    return (
-        f"this record tells too little of how the edges' flow turns turbulent, so it is held near what is usual, {mean:g} +/- {std:g}; "
-        f'"{name} = {{ value = {mean:.3g}, std = {2.0 * std:.2g} }}" in [start] of bench.toml would hold it half as firmly'
-    )

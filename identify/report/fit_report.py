@@ -239,7 +239,11 @@ def parameter_remarks(result: FitResult) -> list[str]:
 
 def prior_sentences(result: FitResult) -> list[str]:
     """What the program held near what is usual because the record does not determine it, and the line that changes that."""
-    return [f"{e.name}: {e.prior_because}" for e in result.parameters.values() if e.prior_because]
+    names: dict[str, list[str]] = {}  # {reason: names}
+    for estimate in result.parameters.values():
+        if estimate.prior_because:
+            names.setdefault(estimate.prior_because, []).append(estimate.name)
+    return [f"{' and '.join(own)}: {because}" for because, own in names.items()]
 
 
 def _ends_at_limit(estimate: ParameterEstimate, interval: tuple[float, float]) -> bool:

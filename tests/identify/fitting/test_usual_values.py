@@ -46,8 +46,9 @@ def test_what_the_record_does_not_determine_is_held_near_what_is_usual(cold):
 def test_it_is_said_with_the_line_that_changes_it(cold):
     _, result, _ = cold
     (line,) = [line for line in parameter_remarks(result) if line.startswith("discharge_coefficient")]
-    assert "0.675 +/- 0.0375" in line
-    assert '"discharge_coefficient = { value = 0.675, std = 0.075 }" in [start] of bench.toml' in line
+    assert line.startswith("discharge_coefficient and transition_number: ")
+    assert "0.60 to 0.75 and up to 300" in line
+    assert '"discharge_coefficient = { value = 0.7, std = 0.2 }" in [start] of bench.toml' in line
     assert fit_json(result)["parameters"]["discharge_coefficient"]["prior_because"] in line
 
 
