@@ -32,7 +32,7 @@ from thermohyd.identify.fitting.result import ChannelFit, FitResult
 
 from . import diagnosis_words as words
 from .diagnosis_words import excess, one_of, percent
-from .fit_report import print_known
+from .fit_report import print_known, prior_sentences
 from .model_form_words import model_form_sentences
 from .term_words import term_headline, term_lines
 from .terminal import heading, indented, table
@@ -288,12 +288,13 @@ def _facts(result: DiagnosisResult, rows: int) -> Table:
     labelled = [
         ("meaning", result.sentences[: max(0, rows - 2)]),
         ("gap", [words.gap(result)]),
+        ("next test", [] if result.next_test is None else [result.next_test.sentence]),
         ("held out", [words.held_out(result, short=True)]),
         ("proof", [words.proof(result)]),
         ("rivals", words.rival_sentences(result)[:rows]),
         ("alike", words.alike_sentences(result)[:rows]),
+        ("prior", prior_sentences(result.after)),
         ("edge law", model_form_sentences(result.after)[:rows]),
-        ("next test", [] if result.next_test is None else [result.next_test.sentence]),
         ("left over", [words.left_over(result)]),
         ("known to", [words.discrepancy(result)]),
         ("place", term_lines(result.terms)[: max(1, rows - 2)]),
