@@ -316,10 +316,12 @@ def _with_store(folder: Path, work: Any) -> Any:
 
 
 def _say_summary(summary: "Summary") -> None:
+    from thermohyd.identify.bench.errors import one_line
+
     if loudness() is not Loudness.QUIET:
         _say_counts(summary)
     for note in summary.notes:
-        typer.echo(f"thermohyd: warning: {note}", err=True)
+        typer.echo(f"thermohyd: warning: {one_line(note)}", err=True)
 
 
 def _say_counts(summary: "Summary") -> None:
