@@ -175,13 +175,15 @@ def _unknown(test: StaticTest, source: Source, columns: dict[str, int], unknown:
     places = {standard: place for place, standard in meant.items()}
     first = split_header(source.header[unknown[0]])[0]
     known = suggestion(first, ("run", *test.kinds))
+    left_out: list[str] = []
     if not meant:
         rest = known if len(unknown) == 1 else f"known: {', '.join(('run', *test.kinds))}"
     else:
         others = [source.header[i] for i in unknown if i not in meant]
         units = units_of(source)
         bare = {name: i for name, i in columns.items() if name in test.kinds and units[i] is None}
-        lines = mapping(test, source, bare | places, others if sum(map(len, others)) <= MOST_IGNORED else [])
+        left_out = others if sum(map(len, others)) <= MOST_IGNORED else []
+        lines = mapping(test, source, bare | places, left_out)
         if lacks := lacking(test, {*columns, *places}):
             lines += f"; then still missing: {', '.join(lack.words for lack in lacks)}"
         if len(unknown) > 1:
@@ -190,10 +192,11 @@ def _unknown(test: StaticTest, source: Source, columns: dict[str, int], unknown:
             rest = f"{known} Correct the header, or write {lines}"
         else:
             rest = f"if it is {meant[unknown[0]]}, write {lines}"
-    rest += " (extra columns: start the name with _ or list it in ignore)"
+    if not left_out:
+        rest += " (extra columns: start the name with _ or list it in ignore)"
     if len(unknown) == 1:
         return source.error(f"unknown column {quoted(first)}; {rest}", column=unknown[0])
-    return source.error(f"unknown columns {listed([quoted(source.header[i], 30) for i in unknown], 6)}; {rest}")
+    return source.error(f"unknown columns {listed([quoted(source.header[i], 30) for i in unknown], 12)}; {rest}")
 
 
 def units_of(source: Source) -> list[str | None]:
