@@ -378,7 +378,7 @@ def sensitivity_command(
             from thermohyd.identify.sensitivity.study import sensitivity
 
             subject = given.subject(progress)
-            actuator = actuator_of(subject, given.settings)
+            actuator = actuator_of(given, subject)
             return sensitivity(subject, given.settings, actuator=actuator, evaluations=evaluations, progress=progress)
 
         return study

@@ -192,9 +192,9 @@ def _place(where: tuple[Region, ...]) -> str:
         return ""
     worst = where[0]
     size, side = miss_words(worst.unit, worst.mean, worst.rms)
-    what = worst.channel.replace("_", " ").capitalize()
-    miss = f"{size} {side if side == 'off' else f'too {side}'}"
-    return f"{what} is {miss}{_at(region_words({k: v for k, v in worst.limits.items() if k != 'run'}))} in {worst.test}"
+    port = f"pressure at port {worst.channel[-1].upper()}" if worst.channel in ("pressure_a", "pressure_b") else ""
+    miss = f"The {port or worst.channel.replace('_', ' ')} deviates by {size}{f' ({side} the model)' if side else ''}"
+    return f"{miss}{_at(region_words({k: v for k, v in worst.limits.items() if k != 'run'}))} in {worst.test}"
 
 
 def _at(place: str) -> str:
@@ -314,7 +314,7 @@ def _facts(result: DiagnosisResult, rows: int) -> Table:
 
 def _where(result: DiagnosisResult, rows: int) -> Padding:
     shown = [(r.reading, r.place, r.share, r.excess, r.miss) for r in words.where_rows(result, result.where)[:rows]]
-    made = table(("test", "~where", ">share", ">excess chi2", "~bench"), shown)
+    made = table(("test", "~where", ">share", ">excess chi2", "~bench against model"), shown)
     more = len(result.where) - rows
     if more > 0:
         made.add_row(Text(f"and {more} more", style="dim"))

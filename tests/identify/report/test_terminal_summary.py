@@ -58,7 +58,7 @@ def test_figures_have_units():
     text = words(summary(fake_diagnosis("named")))
     for expected in (
         "0.04510 +/- 0.00061 l/min/sqrt(bar) < 1e-6 97 %",
-        "leakage -203 to 203 um 71 % 9,200 0.64 l/min above the model",
+        "leakage -203 to 203 um 71 % 9,200 0.64 l/min RMS, above",
         "-90 to 85 um, 60 to 71 degC, falling",
         "clearance 2.630 2.031 0.042 um +14.3",
         "Reduced chi-square 12.4 with the ideal valve, 1.17 with the final model",
