@@ -61,13 +61,14 @@ def mean_square(whole: Problem, fit: Fit, split: Split) -> float:
     return float(np.mean(judged.residual[: len(split.held)][split.held] ** 2))
 
 
-def closed(before: float, after: float, rows: int = 0) -> float:
+def closed(before: float, after: float, rows: int = 0, least: float | None = None) -> float:
     """Share of the excess over noise that is gone; 0 where there was none.
 
     rows: of these means. Where they fall beyond chance (as in a proof) to less than 1, what is left is the noise: one that was stated, or
-    estimated, a few per cent too large would hide any small gap.
+    estimated, a few per cent too large would hide any small gap. least: what the model leaves whose part `after` is of, if that is less.
     """
-    noise = min(1.0, after) if (before - after) * rows > PROVEN else 1.0
+    least = after if least is None else least
+    noise = min(1.0, least) if (before - least) * rows > PROVEN else 1.0
     gap = before - noise
     return float(np.clip((before - after) / gap, -1.0, 1.0)) if gap > 0.0 else 0.0
 
@@ -265,7 +266,11 @@ class FinalModel:
 
     def gap_closed(self, without: Fit) -> float:
         """Share of the gap that opens again in the model `without` something."""
-        loss = without.chi2 - self.fit.chi2
+        return self.share(without, self.fit)
+
+    def share(self, without: Fit, fit: Fit) -> float:
+        """Share of the gap that `fit` closes and `without` does not, 0 to 1."""
+        loss = without.chi2 - fit.chi2
         return float(np.clip(loss / max(self.excess, loss, 1e-300), 0.0, 1.0))
 
 
