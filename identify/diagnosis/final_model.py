@@ -5,8 +5,8 @@ in the named one's place (the exchange test). While a misfit of unknown cause re
 are dropped again.
 """
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -246,7 +246,7 @@ class FinalModel:
     any. suspects: what the search found and that did not prove itself, taken out again. doubted: the models with it, and with what
     the search nearly found, for error bars.
     complete: see `Selection`.
-    terms: typed terms, where names were asked beside them (`stand_ins`); None where they were not.
+    terms: typed terms, where names were asked beside them (`stand_ins`); None where they were not. told: the terms beside other names.
     """
 
     base: Fit  # the ideal valve, in the deepest valley that was seen
@@ -263,6 +263,7 @@ class FinalModel:
     doubted: tuple[Rival, ...] = ()
     complete: bool = True
     terms: tuple[Any, ...] | None = None  # `typed_terms.Found`, whose module knows this one
+    told: Mapping[tuple[str, ...], tuple[Any, ...]] = field(default_factory=dict)
 
     def gap_closed(self, without: Fit) -> float:
         """Share of the gap that opens again in the model `without` something."""

@@ -63,8 +63,7 @@ def without_stand_ins(
     if not asked:
         return model
     beside, told = _best_beside(case, model, split, critical, say)
-    if model.disagrees:
-        model = replace(model, terms=next(iter(told.values())))
+    model = replace(model, told=told, terms=next(iter(told.values())) if model.disagrees else model.terms)
     if beside is None or set(fit.effects) <= set(beside.names) or not _far_better(model, beside):
         return model
     instead = None if case.problem.in_motion else _in_names(case, model, beside, critical)
@@ -312,8 +311,9 @@ def without_unearned(case: Case, model: FinalModel, split: Split) -> FinalModel:
         without = fits_without(problem, fit, fit.physics)
     if not gone:
         return model
+    ended = _ended_with(case, model, fit, split, tuple(gone))
     # What proved itself beside others need not do so any more, and what it closed may be another's.
-    return without_unearned(case, _ended_with(case, model, fit, split, tuple(gone)), split)
+    return without_unearned(case, replace(ended, terms=model.told.get(_key(ended.fit.effects))), split)
 
 
 def _is_label(fault: BenchFault) -> bool:
