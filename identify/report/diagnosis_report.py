@@ -135,12 +135,13 @@ def suspect_sentences(suspects: tuple[Suspect, ...]) -> tuple[str, ...]:
         for s in suspects
         if not s.outdone_by and not s.fault
     ]
-    said += [
-        f"Suspected, not called a fault: {s.fault}. While a misfit is left, what the library lacks may look like that"
-        f"{f' (it would close {percent(s.closes[1])} of the gap)' if s.closes else ''}."
-        for s in suspects
-        if s.fault
-    ]
+    labels = sorted((s for s in suspects if s.fault), key=lambda s: s.strength, reverse=True)
+    if labels:
+        wrong = [f"{s.fault}{f' (closes {percent(s.closes[1])} of the gap)' if s.closes else ''}" for s in labels]
+        said.append(
+            f"Suspected, not called {'a fault' if len(labels) == 1 else 'faults'}, as while a misfit is left what the library lacks may "
+            f"look like that: {'; '.join(wrong)}."
+        )
     for term in dict.fromkeys(s.outdone_by for s in suspects if s.outdone_by):
         outdone = [words(s) for s in suspects if s.outdone_by == term]
         one = len(outdone) == 1
