@@ -2,7 +2,7 @@
 
 Groups of what the final model holds are fitted to the other rows in every combination. A group is worth what it closes as the first one in
 and as the last one in; its share is Shapley's (Annals of Mathematics Studies 28, 1953; of explained variance: Lindeman, Merenda and Gold,
-1980), the mean of both where there are two. So no name is given what faults or weights did. docs/diagnosis.md section 11.2.
+1980), the mean of both where there are two. So no name is given what faults or weights did. docs/diagnosis.md section 11.
 """
 
 from collections.abc import Callable, Sequence

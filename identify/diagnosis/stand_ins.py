@@ -282,7 +282,8 @@ def without_unearned(case: Case, model: FinalModel, split: Split) -> FinalModel:
     """While a misfit is left: the model without labels called wrong, and without names that close less than a tenth of the gap alone or as
     the last one in, the weakest first. They are suspects.
 
-    What goes with temperature or supply pressure and is missing from the library looks like an error of their labels, test by test.
+    What goes with temperature or supply pressure and is missing from the library looks like an error of their labels, test by test
+    (docs/diagnosis.md section 12.1).
     """
     problem, fit, base = case.problem, model.fit, model.base
     if not model.disagrees or not fit.effects:
