@@ -43,6 +43,7 @@ class Apart:
     term: LearnedTerm | TypedTerm | None
     smooth: tuple[Variation, ...]
     remaining: Remaining | None
+    _plain: dict[Groups, Fit] = field(default_factory=dict)
     _known: dict[Groups, tuple[Problem, Fit]] = field(default_factory=dict)
 
     @property
@@ -59,12 +60,13 @@ class Apart:
 
     def plain(self, groups: Groups) -> Fit:
         """The fit of these groups, without what was learned."""
-        kept = {"faults": "faults" in groups, "names": "names" in groups}
-        names = [n for n in self.fit.effects if kept["faults" if is_fault(n) else "names"]]
-        if not names:
-            return self.rest(groups).fit(start=self.case.base.values)
-        out = {n: 0.0 for n in self.fit.effects if n not in names}
-        return fit_of_rows_left(self.rest(groups), names, self.fit.values | out)
+        if groups not in self._plain:
+            names = [n for n in self.fit.effects if ("faults" if is_fault(n) else "names") in groups]
+            values = self.fit.values | {n: 0.0 for n in self.fit.effects if n not in names}
+            rest = self.rest(groups)
+            fit = fit_of_rows_left(rest, names, values) if names else rest.fit(start=self.case.base.values)
+            self._plain[groups] = fit
+        return self._plain[groups]
 
     def fitted(self, groups: Groups) -> tuple[Problem, Fit]:
         """The problem that a fit of these groups is judged by, and the fit."""
@@ -86,8 +88,8 @@ class Apart:
         """Mean squared whitened misfit of the rows held out."""
         return mean_square(*self.fitted(groups), self.split)
 
-    def valves(self, *, believed: bool) -> tuple[float, float] | None:
-        """The same of the ideal valve and of the final model without the bench's faults.
+    def valves(self, *, believed: bool) -> tuple[float, float, int] | None:
+        """The same of the ideal valve and of the final model without the bench's faults, and of how many rows.
 
         believed: whether with the faults nothing is left to explain. The rows that they spoil then say nothing of the valve; None where
         no others are held out.
@@ -100,7 +102,7 @@ class Apart:
         problem, fit = self.fitted(frozenset(self.groups))
         values = fit.values | dict.fromkeys(fit.faults, 0.0)
         rows, valve = replace(self.split, held=held), replace(fit, effects=fit.physics, values=values)
-        return mean_square(*self.fitted(frozenset()), rows), mean_square(problem, valve, rows)
+        return mean_square(*self.fitted(frozenset()), rows), mean_square(problem, valve, rows), int(held.sum())
 
 
 def _spoiled(problem: Problem, names: tuple[str, ...], count: int) -> np.ndarray:
@@ -165,5 +167,5 @@ def not_to_be_handed_over(held: HeldOut, *, believed: bool) -> bool:
     """
     if held.valves is None:
         return False
-    ideal, final = held.valves
-    return (final - ideal) * held.rows > (PROVEN if believed else 0.0)
+    ideal, final, rows = held.valves
+    return (final - ideal) * rows > (PROVEN if believed else 0.0)

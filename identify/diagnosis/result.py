@@ -207,7 +207,7 @@ class HeldOut:
     before, after: excess of the reduced chi-square over noise alone (reduced chi-square - 1, not below 0), ideal valve
     and final model. exchange: {effect put in the named one's place: gap closed on the same rows}. credit: of each group of what the
     final model holds. valves: reduced chi-square of the ideal valve and of the final model without the faults of the bench, in the rows
-    that say which of them to hand over; None where no row does.
+    that say which of them to hand over, and how many these are; None where no row does.
     """
 
     rows: int
@@ -219,7 +219,7 @@ class HeldOut:
     gap_closed: float
     exchange: dict[str, float] = field(default_factory=dict)
     credit: tuple[Credit, ...] = ()
-    valves: tuple[float, float] | None = None
+    valves: tuple[float, float, int] | None = None
 
     def credit_of(self, group: str) -> Credit | None:
         """What a group closes; None where the model holds nothing of it, or where there is no gap."""

@@ -221,8 +221,8 @@ def _closes(held: HeldOut | None, gap: tuple[float, float], effects: tuple[Named
         if len(held.credit) < 2:
             it = _verb(effects, "it", "them")
             return f"with {it} {percent(max(held.gap_closed, 0.0))} of the gap closes on rows held out"
-        others = in_a_row([words.GROUPS[c.group] for c in held.credit if c.group != "names"])
-        return f"{_verb(effects, 'it closes', 'they close')} {_closed(held)}, the rest is of {others}"
+        others = [f"{words.GROUPS[c.group]} {percent(c.share)}" for c in held.credit if c.group != "names"]
+        return f"{_verb(effects, 'it closes', 'they close')} {_closed(held)}, {in_a_row(others)}"
     return f"reduced chi-square falls from {excess(gap[0])} to {excess(gap[1])}"
 
 

@@ -280,7 +280,7 @@ def shared_diagnosis(kind: str = "helped", **changes: Any) -> DiagnosisResult:
     return replace(
         result,
         after=replace(result.after, faults=(SUPPLY, ZERO)),
-        held_out=replace(result.held_out, credit=CREDIT, valves=(5.2, 5.6)),
+        held_out=replace(result.held_out, credit=CREDIT, valves=(5.2, 5.6, 480)),
         discrepancy=(ChannelDiscrepancy("leakage", "leakage_flow", 0.05 * LPM, 0.2, 0.15),),
         instead=result.before,
     )
