@@ -279,8 +279,8 @@ EARNED = 0.1  # of the gap: what a name must close, alone and as the last one in
 
 
 def without_unearned(case: Case, model: FinalModel, split: Split) -> FinalModel:
-    """While a misfit is left: the model without labels called wrong, and without names that close less than a tenth of the gap alone or as
-    the last one in, the weakest first. They are suspects.
+    """While a misfit is left: the model without labels called wrong, be they its own or rivals, and without names that close less than a
+    tenth of the gap alone or as the last one in, the weakest first. They are suspects.
 
     What goes with temperature or supply pressure and is missing from the library looks like an error of their labels, test by test
     (docs/diagnosis.md section 12.1).
@@ -311,7 +311,9 @@ def without_unearned(case: Case, model: FinalModel, split: Split) -> FinalModel:
         fit = refitted([name for name in fit.effects if name != weakest])
         without = fits_without(problem, fit, fit.physics)
     if not gone:
-        return model
+        other = lambda rival: rival.name not in problem.faults or not _is_label(problem.faults[rival.name])
+        of_others = lambda own: replace(own, tried=tuple(filter(other, own.tried)))
+        return replace(model, rivals={name: of_others(own) for name, own in model.rivals.items()})
     ended = _ended_with(case, model, fit, split, tuple(gone))
     # What proved itself beside others need not do so any more, and what it closed may be another's.
     return without_unearned(case, replace(ended, terms=model.told.get(_key(ended.fit.effects))), split)

@@ -74,7 +74,10 @@ def test_a_gain_that_falls_with_the_supply_gives_no_invented_label_and_no_unearn
     result: DiagnosisResult = diagnose_case(opened(small_record(valve={"null_bias": gain_that_falls(0.1)}, seed=5)))
     assert result.verdict == "unexplained"
     assert not any(fault.name.startswith("wrong_") for fault in result.after.faults)
+    assert not any(rival.name.startswith("wrong_") for effect in result.effects for rival in effect.alternatives)
     assert all(effect.gap_closed >= 0.1 for effect in result.effects)
+    assert {suspect.name for suspect in result.suspects} == {"wrong_supply", "viscosity_shift"}
+    assert all(suspect.fault or min(suspect.closes or ()) < 0.1 for suspect in result.suspects)
     held = result.held_out
     assert held is not None
     assert held.valves is not None
