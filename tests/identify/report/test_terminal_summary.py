@@ -72,6 +72,12 @@ def test_every_fault_and_the_widened_noise_have_their_line(crowded):
         assert expected in text
 
 
+def test_a_fault_stands_in_the_summary_of_many():
+    out = io.StringIO()
+    print_summary_of_many({"mine": shared_diagnosis("unexplained")}, Console(file=out, width=160, no_color=True))
+    assert "wrong_supply (bench) + position_zero (bench)" in out.getvalue()
+
+
 def test_a_fault_is_said_once():
     said = (f"A fault of the bench, wrong_supply: {SUPPLY.sentence}.", "hysteresis: another matter.")
     result = shared_diagnosis(sentences=said)
