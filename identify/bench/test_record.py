@@ -103,7 +103,8 @@ class Fault:
     name: "outliers" (value: how many), "clipped" or "meter_dead_band" (value: the reading at which it stood, SI). Or what a
     diagnosis found: "position_zero", "reading_zero", "reading_drift", "wrong_temperature", "wrong_supply" (value: by how much
     what was read is too large, SI, with its standard error). test: "" where it is of several. run: the run or condition, "" where
-    it is of a whole test. alternatives: names of effects and faults that would do as well.
+    it is of a whole test. alternatives: names of effects and faults that would do as well. gap_closed: share of the gap that opens again
+    without it.
     """
 
     name: str
@@ -118,6 +119,7 @@ class Fault:
     std: float | None = None
     p_value: float | None = None
     alternatives: tuple[str, ...] = ()
+    gap_closed: float | None = None
 
 
 @dataclass(frozen=True)

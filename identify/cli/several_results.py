@@ -100,9 +100,10 @@ def print_summary_of_many(results: Mapping[str, DiagnosisResult], console: Conso
 
 
 def _added(result: DiagnosisResult) -> str:
-    """Names of what was added, each with the rivals that the data cannot tell from it."""
+    """Names of what was added, each with the rivals that the data cannot tell from it, and faults of the bench."""
     words = [" or ".join([e.name, *(rival.words for rival in e.alternatives)]) for e in result.effects]
     words += [f"learned {v.quantity}({v.variable})" for v in result.variations if v.learned]
+    words += [f"{fault.name} (bench)" for fault in result.after.faults if not fault.rows]
     return " + ".join(words) or "none"
 
 

@@ -24,13 +24,15 @@ from thermohyd.identify.fitting.result import FitResult, beyond_chance
 from thermohyd.identify.fitting.uncertainty import Covariance
 from thermohyd.identify.noise.level import ChannelNoise
 from thermohyd.identify.report.diagnosis_report import further_sentences, headline, suspect_sentences
+from thermohyd.identify.report.diagnosis_words import fault_sentence
 from thermohyd.identify.report.term_words import term_lines
 
 from .case import Case, Progress
+from .credit import held_out_figures, not_to_be_handed_over
 from .final_model import FinalModel, scattered
 from .found_faults import alternative, with_evidence, with_faults_apart
 from .held_out import Split
-from .learned import held_out_figures, with_learned
+from .learned import with_learned
 from .left_over import variations_of
 from .model_average import of_either_sign, with_rivals
 from .next_test import check_of, next_test, what_settles, what_shows
@@ -219,6 +221,9 @@ def concluded(
         )
     shifts = parameter_shifts(before, after) if effects or term else ()
     gaps = (before.reduced_chi2, after.reduced_chi2)
+    instead = None
+    if not_to_be_handed_over(held, believed=not model.disagrees):
+        instead = ideal_valve(case.problem, base, case.fitted, case.noise, say)
     believed = Believed(problem, fit, max(fit.chi2 / len(fit.residual), 1.0))
     if remaining is not None:
         believed = Believed(remaining.believing(problem), remaining.believed.fit, remaining.believed.scale)
@@ -274,8 +279,17 @@ def concluded(
         terms=terms,
         proof=None if model.proof is None else model.proof.together,
         discrepancy=() if remaining is None else remaining.channels,
+        instead=instead,
     )
     return result, believed
+
+
+def ideal_valve(
+    problem: Problem, base: Fit, fitted: Fitted, noise: dict[Key, NoiseEstimate], say: Progress = lambda _: None
+) -> FitResult:
+    """The ideal valve, as it is handed over where the final model predicts worse: its errors hold what it misses."""
+    remaining = remaining_misfit(problem, base, say).by_noise(problem, base)
+    return result_of(problem, base, fitted, noise, max(base.chi2 / len(base.residual), 1.0), remaining)
 
 
 def _verdict(model: FinalModel, effects: tuple[NamedEffect, ...], crowded: list[str], at_fault: list[Fault]) -> Verdict:
@@ -293,7 +307,7 @@ def _of_faults(
 ) -> list[str]:
     """What the bench's faults mean for the names; where they are the whole answer the headline says them."""
     nothing = [f"Nothing is named: {sentence}." for sentence in crowded if effects]
-    beside = [f"A fault of the bench, {fault.name}: {fault.sentence}." for fault in at_fault]
+    beside = [fault_sentence(fault) for fault in at_fault]
     return nothing + (beside if effects or model.disagrees else [])
 
 

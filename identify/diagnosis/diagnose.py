@@ -27,7 +27,15 @@ from thermohyd.kept_programs import begin_work
 from thermohyd.numerics import require_float64
 
 from .case import Case, Progress, choose, open_case
-from .conclusion import Believed, as_channel_noise, concluded, parameter_shifts, result_of, unconverged
+from .conclusion import (
+    Believed,
+    as_channel_noise,
+    concluded,
+    ideal_valve,
+    parameter_shifts,
+    result_of,
+    unconverged,
+)
 from .final_model import FinalModel, final_model
 from .found_faults import with_evidence
 from .model_average import without_rivals
@@ -35,7 +43,7 @@ from .record_noise import NoiseEstimate, first_noise, noise_of, repeats_in
 from .remaining_misfit import Remaining, remaining_misfit
 from .result import DiagnosisResult, NamedEffect, Verdict
 from .screening import finite_steps
-from .stand_ins import without_stand_ins
+from .stand_ins import without_stand_ins, without_unearned
 from .term_table import opened
 
 
@@ -139,10 +147,12 @@ class Answer:
 @dataclass(frozen=True)
 class _Joint:
     """The plain model and the one with everything that both stages named, each fitted to all tests at once. remaining: what remains as
-    a part of the error, where a stage ended with a misfit and nothing was learned of it."""
+    a part of the error, where a stage ended with a misfit and nothing was learned of it. instead: the plain model with widened errors,
+    where a stage hands that over."""
 
     before: FitResult
     after: FitResult
+    instead: FitResult | None
     remaining: Remaining | None
     believed: Believed
     fitted: Fitted
@@ -191,7 +201,9 @@ def fitted_together(record: BenchRecord, static: Stage, motion: Stage, say: Prog
     believed = Believed(full, final, scale(final))
     if remaining is not None:
         believed = Believed(remaining.believing(full), remaining.believed.fit, remaining.believed.scale)
-    return _Joint(before, after, remaining, believed, fitted, noise)
+    worse = static.result.instead is not None or motion.result.instead is not None
+    instead = ideal_valve(problem, plain, fitted, noise, say) if worse else None
+    return _Joint(before, after, instead, remaining, believed, fitted, noise)
 
 
 def in_one(record: BenchRecord, static: Stage, motion: Stage, say: Progress = lambda _: None) -> Answer:
@@ -234,6 +246,7 @@ def in_one(record: BenchRecord, static: Stage, motion: Stage, say: Progress = la
         proof=min((p for p in (s.proof, m.proof) if p is not None), default=None),
         notes=without_rivals(dict.fromkeys((*s.notes, *m.notes))),  # the joint fit's error bars are its model's
         discrepancy=() if remaining is None else remaining.channels,
+        instead=joint.instead,
         # Whether a stage's own last fit converged is of no matter: the joint one began from it.
         warnings=tuple(
             dict.fromkeys((*unconverged(after), *(w for w in (*s.warnings, *m.warnings) if w not in stages)))
@@ -298,6 +311,7 @@ def diagnose_stage(
     case, selection, split = choose(case, say)
     critical = selection.steps[0].screen.critical
     model = without_stand_ins(case, final_model(case, selection, split, say), split, critical, say)
+    model = without_unearned(case, model, split)
     ended = concluded(case, selection, split, model, learn=learn, model_form=model_form, say=say)
     return Stage(case, model, *ended)
 

@@ -5,8 +5,8 @@ in the named one's place (the exchange test). While a misfit of unknown cause re
 are dropped again.
 """
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -61,13 +61,14 @@ def mean_square(whole: Problem, fit: Fit, split: Split) -> float:
     return float(np.mean(judged.residual[: len(split.held)][split.held] ** 2))
 
 
-def closed(before: float, after: float, rows: int = 0) -> float:
+def closed(before: float, after: float, rows: int = 0, least: float | None = None) -> float:
     """Share of the excess over noise that is gone; 0 where there was none.
 
     rows: of these means. Where they fall beyond chance (as in a proof) to less than 1, what is left is the noise: one that was stated, or
-    estimated, a few per cent too large would hide any small gap.
+    estimated, a few per cent too large would hide any small gap. least: what the model leaves whose part `after` is of, if that is less.
     """
-    noise = min(1.0, after) if (before - after) * rows > PROVEN else 1.0
+    least = after if least is None else least
+    noise = min(1.0, least) if (before - least) * rows > PROVEN else 1.0
     gap = before - noise
     return float(np.clip((before - after) / gap, -1.0, 1.0)) if gap > 0.0 else 0.0
 
@@ -245,7 +246,7 @@ class FinalModel:
     any. suspects: what the search found and that did not prove itself, taken out again. doubted: the models with it, and with what
     the search nearly found, for error bars.
     complete: see `Selection`.
-    terms: typed terms, where names were asked beside them (`stand_ins`); None where they were not.
+    terms: typed terms, where names were asked beside them (`stand_ins`); None where they were not. told: the terms beside other names.
     """
 
     base: Fit  # the ideal valve, in the deepest valley that was seen
@@ -262,10 +263,15 @@ class FinalModel:
     doubted: tuple[Rival, ...] = ()
     complete: bool = True
     terms: tuple[Any, ...] | None = None  # `typed_terms.Found`, whose module knows this one
+    told: Mapping[tuple[str, ...], tuple[Any, ...]] = field(default_factory=dict)
 
     def gap_closed(self, without: Fit) -> float:
         """Share of the gap that opens again in the model `without` something."""
-        loss = without.chi2 - self.fit.chi2
+        return self.share(without, self.fit)
+
+    def share(self, without: Fit, fit: Fit) -> float:
+        """Share of the gap that `fit` closes and `without` does not, 0 to 1."""
+        loss = without.chi2 - fit.chi2
         return float(np.clip(loss / max(self.excess, loss, 1e-300), 0.0, 1.0))
 
 

@@ -52,7 +52,8 @@ def with_evidence(result: FitResult, model: FinalModel, faults: Mapping[str, Ben
         if name is not None and not fault.rows:
             alike = [(r.name, alternative(r, faults)) for r in model.rivals[name].alike]
             rivals = tuple(a.words if a.name == fault.name else a.name for _, a in alike)
-            fault = replace(fault, p_value=model.p_values[name], alternatives=rivals)
+            closed = model.gap_closed(model.rivals[name].without)
+            fault = replace(fault, p_value=model.p_values[name], alternatives=rivals, gap_closed=closed)
             elsewhere = " or ".join(a.where for other, a in alike if of_another_test(faults, other, name))
             if elsewhere:
                 words = f"{fault.sentence}, or {elsewhere} as much the other way: these data cannot say which"
@@ -89,9 +90,13 @@ def unit_of(fault: BenchFault) -> DisplayUnit:
 
 
 def _fault(fault: BenchFault, estimate: ParameterEstimate) -> Fault:
-    unit = unit_of(fault)
-    value = estimate.value * fault.size
     std = None if estimate.std is None else estimate.std * fault.size
+    return found(fault, estimate.value * fault.size, std)
+
+
+def found(fault: BenchFault, value: float, std: float | None = None) -> Fault:
+    """A fault of this amount (SI), in words."""
+    unit = unit_of(fault)
     shown_std = None if std is None else std * unit.factor
     size = beside(abs(value) * unit.factor, shown_std)
     size = size if shown_std is None else f"{size} +- {beside(shown_std, shown_std)}"
@@ -101,8 +106,8 @@ def _fault(fault: BenchFault, estimate: ParameterEstimate) -> Fault:
         "position_zero": f"positions read {much} too {'high' if high else 'low'} beside the other tests and runs",
         "reading_zero": f"readings are {much} too {'high' if high else 'low'} throughout, as a zero that is off makes them",
         "reading_drift": f"the reading's zero {'rises' if high else 'falls'} by {much} from the first row to the last",
-        "wrong_temperature": f"the temperature is labelled {much} too {'high' if high else 'low'}",
-        "wrong_supply": f"the supply pressure is labelled {much} too {'high' if high else 'low'}",
+        "wrong_temperature": f"the thermometer, or its label, reads {much} too {'high' if high else 'low'}",
+        "wrong_supply": f"the supply gauge, or its label, reads {much} too {'high' if high else 'low'}",
     }[fault.kind]
     return Fault(
         fault.kind, fault.test, fault.channel, value, unit.si or "1", (), f"{where(fault)}: {sentence}", False, fault.place, std

@@ -1,5 +1,4 @@
-"""What a reader is told of a term, what the final model keeps of terms and smooth curves at the user's word, and what it then does on rows
-held out."""
+"""What a reader is told of a term, and what the final model keeps of terms and smooth curves at the user's word."""
 
 from dataclasses import dataclass, replace
 
@@ -14,16 +13,11 @@ from thermohyd.identify.model.term_variables import VARIABLES
 from thermohyd.identify.model.typed_terms import TypedTerm, with_covariance
 from thermohyd.identify.report.term_words import confirmed_by, term_sentence
 
-from .case import Case, Progress
-from .confirmation import fit_of_rows_left
-from .final_model import FinalModel, exchange_fits, held_out_result
-from .held_out import Split
+from .case import Progress
+from .final_model import FinalModel
 from .left_over import LackOfFit, learn as learn_term, misfit_left, smooth_block
-from .remaining_misfit import Remaining
-from .result import HeldOut, Term, Variation
-from .screening import Screen
-from .term_fit import fitted_inside, with_coefficients
-from .term_table import opened
+from .result import Term, Variation
+from .term_fit import with_coefficients
 from .typed_terms import Found
 
 
@@ -66,40 +60,6 @@ def with_learned(
         left = misfit_left(problem, fit, smooth_block(problem, len(fit.residual)))
         return Learned(problem, fit, left, terms, (_kept(smooth[0], term), *smooth[1:]), term)
     return Learned(problem, model.fit, model.left, terms, smooth)
-
-
-def held_out_figures(
-    case: Case,
-    split: Split,
-    model: FinalModel,
-    fit: Fit,
-    term: LearnedTerm | TypedTerm | None,
-    smooth: tuple[Variation, ...],
-    first: Screen,
-    remaining: Remaining | None,
-    say: Progress,
-) -> HeldOut:
-    """The ideal and the final model fitted to the other rows, on the rows held out."""
-    chosen = case.problem.with_rows(~split.held)
-    base = chosen.fit(start=case.base.values)
-    weighed = remaining is not None and remaining.weighed.discrepancy is not None
-    if remaining is not None:
-        chosen = remaining.weighing(chosen)
-    final = fit_of_rows_left(chosen, fit.effects, fit.values) if fit.effects or weighed else base
-    spared = set(fit.effects) | {r.name for rival in model.rivals.values() for r in rival.alike}
-    exchanged = exchange_fits(chosen, final, [s.name for s in first.ranked], spared, say)
-    judge: Problem = case.problem
-    if isinstance(term, TypedTerm):
-        without = fit_of_rows_left(chosen, fit.effects, fit.values)
-        seen = fitted_inside(opened(chosen, without), without, term)
-        final, judge = seen.fit, replace(seen.problem, used=None)
-    elif term is not None:
-        chosen, final, learned = learn_term(chosen, final, smooth[0])
-        judge = case.problem.with_terms(learned)
-    words = f"{split.what} (the choice needed all rows, the values did not)"
-    return held_out_result(
-        case.problem, judge, split, base, final, exchanged, split.what if model.seen_apart else words
-    )
 
 
 def as_term(found: Found) -> Term:

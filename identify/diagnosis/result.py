@@ -85,7 +85,8 @@ class Suspect:
     """An effect that the search found and that is not named: it does not predict the conditions to which it was not fitted, or its
     amount is beyond `MOST_USUAL`.
 
-    Or it is of no use beside a typed term (`outdone_by`, in words).
+    Or it is of no use beside a typed term (`outdone_by`, in words), or closes too little of the gap while a misfit is left: `closes`, its
+    shares alone and as the last one in. Or it is a label of the bench that would be called wrong, were no misfit left: `fault`, in words.
     value: SI. evidence: 2 ln E on rows left out, of the model with it over the model without it; 10.6 would be a proof.
     times_usual: the amount over the largest that is usual. strength: in standard errors, of the rows that it is fitted to. held_out: of one
     near chance, 2 ln E on the rows that took no part in its choice; None where that was not asked.
@@ -99,6 +100,8 @@ class Suspect:
     strength: float
     outdone_by: str = ""
     held_out: float | None = None
+    closes: tuple[float, float] | None = None
+    fault: str = ""
 
     @property
     def implausible(self) -> bool:
@@ -107,7 +110,8 @@ class Suspect:
     @property
     def hint(self) -> bool:
         """Whether it is too weak to stand for a misfit by itself."""
-        return self.strength < WEAK and not self.implausible and not self.outdone_by
+        apart = self.implausible or self.outdone_by or self.closes or self.fault
+        return self.strength < WEAK and not apart
 
 
 @dataclass(frozen=True)
@@ -182,11 +186,28 @@ class Candidate:
 
 
 @dataclass(frozen=True)
+class Credit:
+    """How much of the gap on rows held out one group of what the final model holds closes.
+
+    group: "names" (effects), "terms" (learned), "faults" (of the bench) or "weights" (readings weighed by what is missed beside their
+    noise). first_in: beside the ideal valve; last_in: beside all other groups. share: Shapley's value, which is the mean of both where
+    there are two groups; shares add up to `HeldOut.gap_closed`.
+    """
+
+    group: str
+    first_in: float
+    last_in: float
+    share: float
+
+
+@dataclass(frozen=True)
 class HeldOut:
     """Rows that took no part in the choice of effects nor in their values.
 
     before, after: excess of the reduced chi-square over noise alone (reduced chi-square - 1, not below 0), ideal valve
-    and final model. exchange: {effect put in the named one's place: gap closed on the same rows}.
+    and final model. exchange: {effect put in the named one's place: gap closed on the same rows}. credit: of each group of what the
+    final model holds. valves: reduced chi-square of the ideal valve and of the final model without the faults of the bench, in the rows
+    that say which of them to hand over, and how many these are; None where no row does.
     """
 
     rows: int
@@ -197,6 +218,12 @@ class HeldOut:
     reduced_chi2_after: float
     gap_closed: float
     exchange: dict[str, float] = field(default_factory=dict)
+    credit: tuple[Credit, ...] = ()
+    valves: tuple[float, float, int] | None = None
+
+    def credit_of(self, group: str) -> Credit | None:
+        """What a group closes; None where the model holds nothing of it, or where there is no gap."""
+        return next((credit for credit in self.credit if credit.group == group), None)
 
 
 @dataclass(frozen=True)
@@ -364,6 +391,8 @@ class DiagnosisResult(Result):
     proof: float | None = None
     # What the final model misses beside the noise, where a misfit remains: error bars hold it.
     discrepancy: tuple[ChannelDiscrepancy, ...] = ()
+    # The ideal valve with widened errors, which is handed over where the final model without the bench's faults predicts worse.
+    instead: FitResult | None = None
 
     @property
     def plain_model(self) -> str:
@@ -388,13 +417,17 @@ class DiagnosisResult(Result):
 
     @property
     def model(self) -> "Model":
-        """The final model as `model.json` holds it: effects and learned terms included."""
+        """What `model.json` holds: the final model, effects and learned terms included, or what is handed over `instead`."""
         from thermohyd.identify.model.model_file import model_of_fit
 
-        return model_of_fit(self.after, self.learned)
+        return model_of_fit(*self._handed_over)
+
+    @property
+    def _handed_over(self) -> tuple[FitResult, tuple[LearnedTerm | TypedTerm, ...]]:
+        return (self.after, self.learned) if self.instead is None else (self.instead, ())
 
     def predict(self, record: BenchRecord) -> "Simulation":
-        """Each row of a record, which needs no readings, predicted with the final model; `identify.predict` says more."""
+        """Each row of a record, which needs no readings, predicted with `model`; `identify.predict` says more."""
         from thermohyd.identify.model.predict import simulate
 
         return simulate(record, self.model)
@@ -437,7 +470,7 @@ class DiagnosisResult(Result):
         from thermohyd.identify.model.model_file import model_json
         from thermohyd.identify.report.diagnosis_page import diagnosis_files
 
-        return diagnosis_files(self, model_json(self.after, self.learned))
+        return diagnosis_files(self, model_json(*self._handed_over))
 
     def _of(self) -> str:
         return self.record.source

@@ -20,7 +20,20 @@ from .fit_json import fields_of, fit_json, plain
 
 NOISE = ("test", "channel", "std", "source", "correlation", "correlation_source", "effective_size", "rows")
 DISCREPANCY = ("test", "channel", "std", "of_each_sweep", "length")
-SUSPECT = ("name", "value", "unit", "evidence", "times_usual", "strength", "hint", "held_out", "outdone_by")
+SUSPECT = (
+    "name",
+    "value",
+    "unit",
+    "evidence",
+    "times_usual",
+    "strength",
+    "hint",
+    "held_out",
+    "outdone_by",
+    "closes",
+    "fault",
+)
+CREDIT = ("group", "first_in", "last_in", "share")
 HELD_OUT = ("before", "after", "gap_closed", "rows", "what", "reduced_chi2_before", "reduced_chi2_after", "exchange")
 
 
@@ -45,6 +58,8 @@ def diagnosis_json(result: DiagnosisResult) -> dict[str, Any]:
         "proof": result.proof,
         **fields_of(result, "absorbed", "gap_before", "gap_after"),
         "held_out": None if result.held_out is None else fields_of(result.held_out, *HELD_OUT),
+        "credit": [] if result.held_out is None else [fields_of(credit, *CREDIT) for credit in result.held_out.credit],
+        "handed_over": "final model" if result.instead is None else result.plain_model,
         "next_test": None if result.next_test is None else result.next_test.sentence,
         "next_tests_considered": []
         if result.next_test is None

@@ -58,7 +58,12 @@ def diagnosis_page(
         version=version,
         verdict=words.verdict_words(result),
         shout=words.shout(result),
-        facts=[words.gap(result), *report_content.prior_sentences(result.after)],
+        sentences=words.meaning_lines(result),
+        facts=list(
+            filter(None, [words.gap(result), words.handed_over(result), *report_content.prior_sentences(result.after)])
+        ),
+        faults=words.fault_lines(result),
+        credit=words.credit_rows(result),
         where=words.where_rows(result, result.where),
         where_after=words.where_rows(result, result.where_after),
         effects=words.effect_rows(result),

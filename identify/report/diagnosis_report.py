@@ -62,12 +62,12 @@ def headline(
     the circuit something is missing, and with what. suspects: found and not proven. beyond: channels that are missed by more than chance.
     """
     place = _place(where)
-    once = _once(faults)
+    at_fault = _at_fault(faults)
     if verdict == "ambiguous" and not effects:
         rivals = one_of(list(dict.fromkeys(rival for fault in faults for rival in fault.alternatives)))
-        return f"Once {once} allowed for, the ideal valve explains this record, but that cannot be told from {rivals} by these data."
+        return f"{at_fault} nothing remains, but that cannot be told from {rivals} by these data."
     if verdict == "consistent":
-        return _consistent(once, judged, suspects, beyond)
+        return _consistent(at_fault, judged, suspects, beyond)
     names = in_a_row([f"{e.name} ({_amount(e)})" for e in effects])
     if verdict == "unexplained":
         first = place or "Model and bench disagree beyond noise"
@@ -80,7 +80,7 @@ def headline(
         fall = f"(reduced chi-square {excess(gap[0])} to {excess(gap[1])})"
         rest = f"but nothing in the library explains the rest{_beyond(terms, smooth)} {fall}"
         return f"{first}: {names} {closes}, {rest}{better}."
-    closes = _closes(held, gap, "it" if len(effects) == 1 else "them")
+    closes = _closes(held, gap, effects)
     lead = f"{place}: " if place else ""
     if verdict == "named":
         return f"{lead}{names} {_verb(effects, 'is', 'are')} missing from the model; {closes}{_bias(shifts)}."
@@ -91,8 +91,8 @@ def headline(
     return f"{lead}{names} would explain it, and {closes}, but {rivals}."
 
 
-def _consistent(once: str, judged: bool, suspects: tuple[Suspect, ...], beyond: tuple[ChannelFit, ...]) -> str:
-    """Where nothing is named: what was found and not proven is a hint."""
+def _consistent(at_fault: str, judged: bool, suspects: tuple[Suspect, ...], beyond: tuple[ChannelFit, ...]) -> str:
+    """Where nothing is named: a fault of the bench that explains everything first; what was found and not proven is a hint."""
     hints = in_a_row([f"{s.name} ({amount(s.name, s.value, s.unit)})" for s in suspects])
     hint = (
         f"{hints} {'is a hint' if len(suspects) == 1 else 'are hints'} that no rows left out confirm"
@@ -100,13 +100,15 @@ def _consistent(once: str, judged: bool, suspects: tuple[Suspect, ...], beyond: 
         else ""
     )
     nothing = (
-        f"{f'Once {once} allowed for, n' if once else 'N'}othing in the library is proven to do better than the ideal valve"
+        f"{f'{at_fault} n' if at_fault else 'N'}othing in the library is proven to do better than the ideal valve"
         f"{f' ({hint})' if hint else ''}"
     )
     if beyond:
         return f"{nothing}, but {more_than_chance(beyond, 'it')}. State that noise (noise in bench.toml) or repeat more of the sweeps."
     if judged:
-        within = f"The ideal valve explains this record within its noise{f' once {once} allowed for' if once else ''}"
+        within = "The ideal valve explains this record within its noise"
+        if at_fault:
+            within = f"{at_fault} nothing remains, and the ideal valve explains this record within its noise"
         return f"{within}, but {hint}." if hint else f"{within}: no effect of the library is needed."
     return (
         f"{nothing}, but whether that explains the record cannot be judged: the noise was estimated from what "
@@ -117,7 +119,10 @@ def _consistent(once: str, judged: bool, suspects: tuple[Suspect, ...], beyond: 
 def suspect_sentences(suspects: tuple[Suspect, ...]) -> tuple[str, ...]:
     """What was found and did not prove itself, or in an amount that it cannot have, or is of no use beside a typed term."""
     but = lambda s: (
-        f"takes {s.times_usual:.0f} times its largest usual amount for that: something else that looks like it is more likely."
+        f"of the gap it closes {percent(s.closes[0])} alone and {percent(s.closes[1])} as the last one in: while a misfit is left, "
+        "less than a tenth makes no name."
+        if s.closes is not None
+        else f"takes {s.times_usual:.0f} times its largest usual amount for that: something else that looks like it is more likely."
         if s.implausible
         else f"makes the rows worse that took no part in its choice (2 ln E = {s.held_out:.1f} there)."
         if s.held_out is not None and s.held_out <= 0.0
@@ -128,8 +133,15 @@ def suspect_sentences(suspects: tuple[Suspect, ...]) -> tuple[str, ...]:
     said = [
         f"Suspected, not named: {words(s)} lowers the misfit of the rows it is fitted to, but {but(s)}{weak(s)}"
         for s in suspects
-        if not s.outdone_by
+        if not s.outdone_by and not s.fault
     ]
+    labels = sorted((s for s in suspects if s.fault), key=lambda s: s.strength, reverse=True)
+    if labels:
+        wrong = [f"{s.fault}{f' (closes {percent(s.closes[1])} of the gap)' if s.closes else ''}" for s in labels]
+        said.append(
+            f"Suspected, not called {'a fault' if len(labels) == 1 else 'faults'}, as while a misfit is left what the library lacks may "
+            f"look like that: {'; '.join(wrong)}."
+        )
     for term in dict.fromkeys(s.outdone_by for s in suspects if s.outdone_by):
         outdone = [words(s) for s in suspects if s.outdone_by == term]
         one = len(outdone) == 1
@@ -144,11 +156,12 @@ def suspect_sentences(suspects: tuple[Suspect, ...]) -> tuple[str, ...]:
     return tuple(said)
 
 
-def _once(faults: tuple[Fault, ...]) -> str:
-    """The faults of the bench, each with its figures, and the verb behind them."""
+def _at_fault(faults: tuple[Fault, ...]) -> str:
+    """The faults of the bench, each with its figures, as what the rest of a sentence stands on."""
     if not faults:
         return ""
-    return f"{in_a_row([f'{f.name} ({f.sentence})' for f in faults])} {'is' if len(faults) == 1 else 'are'}"
+    said = "; ".join(fault.sentence for fault in faults)
+    return f"{said[:1].upper()}{said[1:]}; with {'it' if len(faults) == 1 else 'them'}"
 
 
 def _beyond(terms: tuple[Term, ...], smooth: tuple[Variation, ...]) -> str:
@@ -180,11 +193,13 @@ def _amount(effect: NamedEffect) -> str:
 
 
 def _closed(held: HeldOut | None) -> str:
-    return (
-        f"{percent(max(held.gap_closed, 0.0))} of the gap on rows held out"
-        if held is not None and held.before > 0.0
-        else ""
-    )
+    """The share of the names alone, whatever faults of the bench and weights close beside them; empty where there is no gap."""
+    if held is None or not held.before > 0.0:
+        return ""
+    own = held.credit_of("names")
+    if own is None or len(held.credit) == 1:
+        return f"{percent(max(held.gap_closed, 0.0))} of the gap on rows held out"
+    return words.credited(own)
 
 
 def _place(where: tuple[Region, ...]) -> str:
@@ -201,9 +216,13 @@ def _at(place: str) -> str:
     return f" {place}" if place == "everywhere" else f" at {place}"
 
 
-def _closes(held: HeldOut | None, gap: tuple[float, float], it: str) -> str:
+def _closes(held: HeldOut | None, gap: tuple[float, float], effects: tuple[NamedEffect, ...]) -> str:
     if held is not None and held.before > 0.0:
-        return f"with {it} {percent(max(held.gap_closed, 0.0))} of the gap closes on rows held out"
+        if len(held.credit) < 2:
+            it = _verb(effects, "it", "them")
+            return f"with {it} {percent(max(held.gap_closed, 0.0))} of the gap closes on rows held out"
+        others = [f"{words.GROUPS[c.group]} {percent(c.share)}" for c in held.credit if c.group != "names"]
+        return f"{_verb(effects, 'it closes', 'they close')} {_closed(held)}, {in_a_row(others)}"
     return f"reduced chi-square falls from {excess(gap[0])} to {excess(gap[1])}"
 
 
@@ -286,10 +305,12 @@ def _screen(result: DiagnosisResult, console: Console, rows: int) -> Group:
 def _facts(result: DiagnosisResult, rows: int) -> Table:
     """What fits on a line or two each, with its label before it."""
     labelled = [
-        ("meaning", result.sentences[: max(0, rows - 2)]),
+        ("fault", words.fault_lines(result)),  # every one, whatever else a screen has no room for
+        ("meaning", words.meaning_lines(result)[: max(0, rows - 2)]),
         ("gap", [words.gap(result)]),
         ("next test", [] if result.next_test is None else [result.next_test.sentence]),
         ("held out", [words.held_out(result, short=True)]),
+        ("credit", [words.credit_line(result)]),
         ("proof", [words.proof(result)]),
         ("rivals", words.rival_sentences(result)[:rows]),
         ("alike", words.alike_sentences(result)[:rows]),
@@ -297,6 +318,7 @@ def _facts(result: DiagnosisResult, rows: int) -> Table:
         ("edge law", model_form_sentences(result.after)[:rows]),
         ("left over", [words.left_over(result)]),
         ("known to", [words.discrepancy(result)]),
+        ("handed over", [words.handed_over(result)]),
         ("place", term_lines(result.terms)[: max(1, rows - 2)]),
         ("empirical", [] if result.terms else words.variations(result)[: max(1, rows - 3)]),
         ("absorbed", [words.absorbed(result)]),

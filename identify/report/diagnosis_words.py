@@ -6,8 +6,16 @@ from dataclasses import dataclass
 
 from thermohyd.identify.bench.columns import column_unit
 from thermohyd.identify.bench.shown_units import DisplayUnit, amount, beside, display_unit, effect_unit, significant
-from thermohyd.identify.bench.test_record import is_dynamic, kind_of_test
-from thermohyd.identify.diagnosis.result import Alternative, Candidate, DiagnosisResult, NamedEffect, Region, Variation
+from thermohyd.identify.bench.test_record import Fault, is_dynamic, kind_of_test
+from thermohyd.identify.diagnosis.result import (
+    Alternative,
+    Candidate,
+    Credit,
+    DiagnosisResult,
+    NamedEffect,
+    Region,
+    Variation,
+)
 from thermohyd.identify.diagnosis.where import miss_words, region_words
 
 
@@ -341,6 +349,86 @@ def held_out(result: DiagnosisResult, short: bool = False) -> str:
     return words
 
 
+GROUPS = {
+    "names": "the named effects",
+    "terms": "what was learned",
+    "faults": "faults of the bench",
+    "weights": "the widened noise",
+}
+
+
+def credited(credit: Credit) -> str:
+    """The share of a group, and what it closes as the first and as the last one in, where these differ."""
+    first, last = percent(credit.first_in), percent(credit.last_in)
+    both = "" if first == last else f" ({first} as the first in, {last} as the last in)"
+    return f"{percent(max(credit.share, 0.0))} of the gap on rows held out{both}"
+
+
+@dataclass(frozen=True)
+class CreditRow:
+    """What a group of what the final model holds closes of the gap on rows held out."""
+
+    group: str
+    first: str
+    last: str
+    share: str
+
+
+def credit_rows(result: DiagnosisResult) -> list[CreditRow]:
+    """Who closed the gap, where several could have; else none."""
+    credit = () if result.held_out is None else result.held_out.credit
+    if len(credit) < 2:
+        return []
+    return [CreditRow(GROUPS[c.group], percent(c.first_in), percent(c.last_in), percent(c.share)) for c in credit]
+
+
+def credit_line(result: DiagnosisResult) -> str:
+    """The same in a line; empty where there are no rows."""
+    said = [f"{row.group} {row.share} ({row.first}, {row.last})" for row in credit_rows(result)]
+    return f"Of the gap on rows held out close (as the first in, as the last in): {'; '.join(said)}." if said else ""
+
+
+def fault_lines(result: DiagnosisResult) -> list[str]:
+    """Each fault of the bench that the final model allows for; rows that were left out of both models are told elsewhere."""
+    lines = []
+    for fault in result.after.faults:
+        if not fault.rows:
+            p = "" if fault.p_value is None else p_words(fault.p_value)
+            facts = [f"p {p}" if p.startswith("<") else f"p = {p}"] if p else []
+            if fault.gap_closed is not None:
+                facts.append(f"{percent(fault.gap_closed)} of the gap opens again without it")
+            lines.append(f"{fault.name}: {fault.sentence}{f' ({", ".join(facts)})' if facts else ''}.")
+    return lines
+
+
+def meaning_lines(result: DiagnosisResult) -> list[str]:
+    """The sentences of a diagnosis but those that `fault_lines` say again."""
+    again = {fault_sentence(fault) for fault in result.after.faults}
+    return [sentence for sentence in result.sentences if sentence not in again]
+
+
+def fault_sentence(fault: Fault) -> str:
+    """A fault of the bench as one of a diagnosis's sentences."""
+    return f"A fault of the bench, {fault.name}: {fault.sentence}."
+
+
+def handed_over(result: DiagnosisResult) -> str:
+    """What model.json holds, where that is not the final model; else empty."""
+    if result.instead is None:
+        return ""
+    judged = None if result.held_out is None else result.held_out.valves
+    more = (
+        f" (reduced chi-square {excess(judged[1])} against {excess(judged[0])})"
+        if judged and judged[1] > judged[0]
+        else ""
+    )
+    without = " without the bench's faults" if fault_lines(result) else ""
+    return (
+        f"model.json holds the {result.plain_model}, with error bars that hold what it misses: the final model{without} predicts rows held "
+        f"out worse{more}."
+    )
+
+
 def absorbed(result: DiagnosisResult) -> str:
     """Effects on which the record is silent; empty where there are none."""
     if not result.absorbed:
@@ -402,9 +490,11 @@ def discrepancy(result: DiagnosisResult) -> str:
     ]
     if not known:
         return ""
+    own = None if result.held_out is None else result.held_out.credit_of("weights")
+    share = f" To weigh readings by it closes {credited(own)}." if own is not None else ""
     return (
         f"Beside their noise readings count as known to {', '.join(known)}, which is what the model misses: error bars hold that, and "
-        "values are those that predict runs left out best."
+        f"values are those that predict runs left out best.{share}"
     )
 
 

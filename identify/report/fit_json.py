@@ -114,7 +114,7 @@ def _fault(fault: Fault) -> dict[str, Any]:
     return {
         **fields_of(fault, "name", "test"),
         "run": runs.pop() if len(runs) == 1 else fault.run or None,
-        **fields_of(fault, "channel", "value", "unit", "std", "p_value", "alternatives"),
+        **fields_of(fault, "channel", "value", "unit", "std", "p_value", "alternatives", "gap_closed"),
         "rows": [fields_of(row, "file", "line", "sigma") for row in fault.rows],
         **fields_of(fault, "masked", "sentence"),
     }

@@ -7,10 +7,13 @@ import numpy as np
 
 from helpers.fake_fit import fake_channel, fake_fit
 from thermohyd.effects.library import EFFECTS
+from thermohyd.identify.bench.test_record import Fault
 from thermohyd.identify.diagnosis.result import (
     Alternative,
     Candidate,
+    ChannelDiscrepancy,
     ChannelNoiseFound,
+    Credit,
     DiagnosisResult,
     Evidence,
     HeldOut,
@@ -257,3 +260,27 @@ def fake_diagnosis(kind: str = "named", points: int = 60, **changes: Any) -> Dia
         critical_level=3.1,
     )
     return replace(result, **changes)
+
+
+SUPPLY = Fault(
+    "wrong_supply", "", "", 3.2e5, "Pa", (), "all tests at 158 bar: the supply gauge, or its label, reads 3.20 +- 0.11 bar too high",
+    False, "158 bar", 1.1e4, 1e-30, (), 0.93,
+)  # fmt: skip
+ZERO = Fault(
+    "position_zero", "leakage", "", 1e-6, "m", (), "leakage: positions read 1.00 +- 0.02 um too high beside the other tests and runs",
+    False, "", 2e-8, 0.0004, (), 0.05,
+)  # fmt: skip
+CREDIT = (Credit("names", 0.04, 0.0, 0.02), Credit("faults", 0.95, 0.91, 0.93), Credit("weights", 0.03, 0.01, 0.022))
+
+
+def shared_diagnosis(kind: str = "helped", **changes: Any) -> DiagnosisResult:
+    """One whose gap faults of the bench and widened noise close with its names, which is not what is handed over."""
+    result = fake_diagnosis(kind, **changes)
+    assert result.held_out is not None
+    return replace(
+        result,
+        after=replace(result.after, faults=(SUPPLY, ZERO)),
+        held_out=replace(result.held_out, credit=CREDIT, valves=(5.2, 5.6, 480)),
+        discrepancy=(ChannelDiscrepancy("leakage", "leakage_flow", 0.05 * LPM, 0.2, 0.15),),
+        instead=result.before,
+    )

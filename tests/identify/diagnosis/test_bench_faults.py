@@ -17,6 +17,7 @@ from thermohyd.identify.diagnosis.result import DiagnosisResult
 from thermohyd.identify.diagnosis.screening_faults import fault_columns
 from thermohyd.identify.fitting.bench_faults import corrected, faults_of, is_fault
 from thermohyd.identify.reduction.bad_rows import without_rows
+from thermohyd.identify.report.diagnosis_words import fault_lines
 
 
 def changed(record: BenchRecord, *names: str, by: Callable[[TestRecord], TestRecord]) -> BenchRecord:
@@ -82,8 +83,12 @@ def test_a_fault_is_no_effect_of_the_valve(name):
     assert abs(fault["value"] - amount) < 4.0 * fault["std"]
     assert fault["p_value"] < 1e-4
     assert fault["rows"] == []
-    assert "once" in result.headline
-    assert fault["sentence"] in result.headline
+    assert result.headline.lower().startswith(f"{fault['sentence'].lower()}; with it nothing remains")
+    assert fault["gap_closed"] > 0.5
+    held = result.held_out
+    assert held is not None
+    assert [credit.group for credit in held.credit] in ([], ["faults"])
+    assert result.instead is None
     # What is no property of the valve stays out of it.
     assert not any(map(is_fault, result.after.parameters))
     assert not any(map(is_fault, result.after.free))
@@ -111,6 +116,14 @@ def test_a_fault_and_an_effect_are_both_found():
     assert any(fault.sentence in sentence for sentence in result.sentences)
     assert result.proof is not None
     assert result.proof > 100.0
+    held = result.held_out
+    assert held is not None
+    names, faults = held.credit
+    assert (names.group, faults.group) == ("names", "faults")
+    assert names.share + faults.share == pytest.approx(held.gap_closed)
+    assert 0.0 < names.share < held.gap_closed
+    assert f"{100.0 * names.share:.0f} % of the gap on rows held out" in result.headline
+    assert result.instead is None
 
 
 def test_a_zero_that_is_the_same_curve_as_a_leak_is_its_rival():
@@ -138,6 +151,7 @@ def test_several_runs_with_a_fault_each_are_a_misfit_that_nothing_explains():
     shifts = lambda t: 0.03 / 6e4 * (t.run == 3) - 0.04 / 6e4 * (t.run == 6)
     result = diagnosed(lambda record: changed(record, "leakage", by=lambda t: read_more(t, shifts(t))))
     assert {(fault.name, fault.run) for fault in result.after.faults} == {("reading_zero", "3"), ("reading_zero", "6")}
+    assert all(fault.sentence in line for fault, line in zip(result.after.faults, fault_lines(result), strict=True))
     assert result.effects == ()
     assert result.verdict == "unexplained"
     assert all(any(f.sentence in sentence for sentence in result.sentences) for f in result.after.faults)

@@ -4,11 +4,12 @@ import json
 from dataclasses import replace
 
 import pytest
-from helpers.fake_diagnosis import ABSORBED, KINDS, fake_diagnosis
+from helpers.fake_diagnosis import ABSORBED, KINDS, fake_diagnosis, shared_diagnosis
 from helpers.fake_fit import with_files
 
 from thermohyd.identify.cli.several_records import Outcome
 from thermohyd.identify.cli.several_results import json_of_several
+from thermohyd.identify.diagnosis.result import Suspect
 from thermohyd.identify.report.diagnosis_json import diagnosis_json
 from thermohyd.identify.report.fit_json import json_text
 
@@ -66,6 +67,19 @@ def test_a_rival_is_not_rejected():
     first, *_, last = content["next_tests_considered"]
     assert first == {"test": "leakage at 210 bar", "evidence": 64.0, "rows": 96, "seconds": 240.0}
     assert last["seconds"] is None
+
+
+def test_who_closed_the_gap_and_what_is_handed_over():
+    shared = shared_diagnosis()
+    content = written(replace(shared, suspects=(Suspect("hysteresis", 1e-6, "m", 3.0, 0.2, 4.0, closes=(0.5, 0.02)),)))
+    assert content["credit"][0] == {"group": "names", "first_in": 0.04, "last_in": 0.0, "share": 0.02}
+    assert [credit["group"] for credit in content["credit"]] == ["names", "faults", "weights"]
+    assert [fault["gap_closed"] for fault in content["faults"]] == [0.93, 0.05]
+    assert content["handed_over"] == "ideal valve"
+    assert content["suspects"][0]["closes"] == [0.5, 0.02]
+    plain = written(fake_diagnosis("named", held_out=None))
+    assert plain["credit"] == []
+    assert plain["handed_over"] == "final model"
 
 
 def test_nothing_held_out_and_nothing_known():

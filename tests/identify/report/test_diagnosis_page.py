@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.fake_diagnosis import KINDS, fake_diagnosis
+from helpers.fake_diagnosis import KINDS, SUPPLY, fake_diagnosis, shared_diagnosis
 from helpers.fake_fit import fake_channel
 from helpers.html_page import Tags
 from helpers.pictures import is_drawn
@@ -139,6 +139,19 @@ def test_says_what_the_terminal_says():
         "the first stage takes its own flow",
     ):
         assert expected in shown
+
+
+def test_who_closed_the_gap_is_said():
+    shown = text(shared_diagnosis())
+    for expected in (
+        "the named effects 4 % 0 % 2 %",
+        "faults of the bench 95 % 91 % 93 %",
+        "the widened noise 3 % 1 % 2 %",
+        f"wrong_supply: {SUPPLY.sentence} (p < 1e-6, 93 % of the gap opens again without it).",
+        "model.json holds the ideal valve",
+    ):
+        assert expected in shown
+    assert "closed the gap" not in text(fake_diagnosis("named"))
 
 
 def test_what_is_left_is_said():

@@ -3,13 +3,21 @@
 from dataclasses import replace
 
 import pytest
-from helpers.fake_diagnosis import fake_diagnosis, hysteresis, pilot, regions, variation
+from helpers.fake_diagnosis import NAN, SUPPLY, ZERO, fake_diagnosis, hysteresis, pilot, regions, variation
 from helpers.fake_fit import fake_channel, fake_fit
 
 from thermohyd.effects.library import EFFECTS
-from thermohyd.identify.diagnosis.result import Alternative, HeldOut, NamedEffect, ParameterShift, Region, Suspect
+from thermohyd.identify.diagnosis.result import (
+    Alternative,
+    Credit,
+    HeldOut,
+    NamedEffect,
+    ParameterShift,
+    Region,
+    Suspect,
+)
 from thermohyd.identify.fitting.result import FitResult
-from thermohyd.identify.report.diagnosis_report import further_sentences, headline
+from thermohyd.identify.report.diagnosis_report import further_sentences, headline, suspect_sentences
 from thermohyd.identify.report.diagnosis_words import left_over, shift_rows, where_rows
 
 
@@ -60,6 +68,52 @@ def test_one_effect_with_its_amount_where_it_shows_and_what_it_closes():
     assert "pilot_leakage (0.04510 +/- 0.00061 l/min/sqrt(bar)) is missing from the model" in text
     assert "with it 98 % of the gap closes on rows held out" in text
     assert text.endswith(".")
+
+
+SHARED = replace(HELD, credit=(Credit("names", 0.04, 0.0, 0.02), Credit("faults", 0.98, 0.94, 0.96)))
+
+
+@pytest.mark.parametrize("verdict", ["named", "ambiguous", "unexplained"])
+def test_the_share_is_that_of_the_names_alone(verdict):
+    """Three invented labels had closed what was said of a name of one standard error."""
+    rivals = (RIVAL,) if verdict == "ambiguous" else ()
+    text = said(verdict, (pilot(alternatives=rivals),), held=SHARED)
+    assert "closes 2 % of the gap on rows held out (4 % as the first in, 0 % as the last in)" in text
+    assert "98 %" not in text
+    assert ("in), faults of the bench 96 %" in text) == (verdict != "unexplained")
+
+
+def test_names_alone_have_what_the_model_closes():
+    text = said("named", (pilot(),), held=replace(HELD, credit=(Credit("names", 0.98, 0.98, 0.98),)))
+    assert "with it 98 % of the gap closes on rows held out" in text
+
+
+@pytest.mark.parametrize("judged", [True, False])
+def test_a_fault_that_explains_everything_is_the_headline(judged):
+    text = said("consistent", where=(), judged=judged, faults=(SUPPLY,))
+    assert text.startswith(
+        "All tests at 158 bar: the supply gauge, or its label, reads 3.20 +- 0.11 bar too high; with it nothing"
+    )
+    assert ("nothing remains, and the ideal valve explains this record within its noise" in text) == judged
+    assert "them nothing" in said("consistent", where=(), judged=judged, faults=(SUPPLY, ZERO))
+    rival = replace(SUPPLY, alternatives=("supply_droop",))
+    text = said("ambiguous", faults=(rival,))
+    assert text.endswith("with it nothing remains, but that cannot be told from supply_droop by these data.")
+
+
+def test_what_earns_no_name_while_a_misfit_is_left_is_a_suspect():
+    weak = Suspect("hysteresis", 1e-6, "m", 30.0, 0.2, 12.0, closes=(0.5, 0.02))
+    label = Suspect("wrong_supply", 3.2e5, "Pa", NAN, 0.6, 30.0, closes=(NAN, 0.4), fault=SUPPLY.sentence)
+    name, fault = suspect_sentences((weak, label))
+    assert "hysteresis (1.000 um)" in name
+    assert "of the gap it closes 50 % alone and 2 % as the last one in" in name
+    assert fault.startswith(
+        "Suspected, not called a fault, as while a misfit is left what the library lacks may look like that: "
+    )
+    assert fault.endswith(f": {SUPPLY.sentence} (closes 40 % of the gap).")
+    assert suspect_sentences((label, label))[0].startswith("Suspected, not called faults")
+    assert not weak.hint
+    assert not label.hint
 
 
 def test_two_effects():
