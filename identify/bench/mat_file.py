@@ -4,6 +4,7 @@ A MATLAB name holds no unit: `columns = { spool_position = "xv [um]" }` in bench
 of texts) may be a column, such as the run.
 """
 
+import io
 import struct
 import warnings
 import zlib
@@ -15,13 +16,17 @@ import numpy as np
 import pandas as pd
 
 from .errors import BenchInputError, listed, one_line, quoted
-from .sheets import LARGEST, MOST_CELLS, SheetRows
+from .input_file import Allowance, open_input, read_input
+from .sheets import SheetRows
 
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
 OTHER_WAY = 'or save it in MATLAB as vectors of numbers, with save(..., "-v7")'
 FROM_TABLE = 's = table2struct(T, "ToScalar", true)'
 SHOWN = 8  # names in a message
+BYTES = 8  # of a number in memory
+OF_AN_ARRAY = 200  # bytes, whatever it holds: a file may be made of empty ones
+OF_A_TEXT = 1000  # of a cell array, in HDF5: each is looked up by itself
 
 
 def read_mat(path: Path, variable: str | None) -> SheetRows:
@@ -29,13 +34,8 @@ def read_mat(path: Path, variable: str | None) -> SheetRows:
 
     Rows count from 1, as MATLAB does. Raises BenchInputError.
     """
-    try:
-        with path.open("rb") as file:
-            start = file.read(512 + len(HDF5))
-        if path.stat().st_size > LARGEST:
-            raise BenchInputError(f"is larger than {LARGEST:,} bytes; thin the log before fitting", file=path)
-    except OSError as error:
-        raise BenchInputError(f"cannot be read ({error.strerror or error})", file=path) from None
+    with open_input(path) as file:
+        start = file.read(512 + len(HDF5))
     hdf5 = start.startswith(HDF5) or start[512:] == HDF5
     found = _of_hdf5(path) if hdf5 else _of_scipy(path)
     return _rows(path, _chosen(path, found, variable))
@@ -49,15 +49,14 @@ def _of_scipy(path: Path) -> dict[str, Any]:
             warnings.simplefilter(
                 "ignore"
             )  # about duplicate names and MATLAB's own objects, of which the reader speaks itself
-            _refuse_claims(path)
-            cells = sum(int(np.prod(shape, dtype=float)) for _, shape, _ in whosmat(str(path)))
-            if cells > MOST_CELLS:
-                raise BenchInputError(f"has more than {MOST_CELLS:,} cells; thin the log before fitting", file=path)
-            found = loadmat(str(path), squeeze_me=False, struct_as_record=True, chars_as_strings=True)
+            raw = read_input(path)
+            _refuse_claims(path, raw)
+            allowance = Allowance(path)
+            for _, shape, _ in whosmat(io.BytesIO(raw)):
+                allowance.take(BYTES * float(np.prod(shape, dtype=float)))
+            found = loadmat(io.BytesIO(raw), squeeze_me=False, struct_as_record=True, chars_as_strings=True)
     except BenchInputError:
         raise
-    except MemoryError:
-        raise BenchInputError(f"has more than {MOST_CELLS:,} cells; thin the log before fitting", file=path) from None
     except Exception:  # SciPy raises whatever it trips over in a damaged or hostile file
         raise BenchInputError(f"is no .mat file, or a damaged one; save it again, {OTHER_WAY}", file=path) from None
     return {name: _plain(value) for name, value in found.items() if not name.startswith("__")}
@@ -66,50 +65,53 @@ def _of_scipy(path: Path) -> dict[str, Any]:
 INT32, MATRIX, COMPRESSED = 5, 14, 15  # types of elements of a version 5 file
 SPARSE = 5  # class of a matrix whose size says nothing of what it holds
 DEEPEST = 8  # structs within structs
+LONGEST_CLASS = 64  # bytes of MATLAB's word for what a variable is
 
 
-def _refuse_claims(path: Path) -> None:
-    """Raise BenchInputError where an array at any depth claims more cells than are read: SciPy makes room for them first.
+def _refuse_claims(path: Path, raw: bytes) -> None:
+    """Raise BenchInputError where the arrays at all depths claim more than is read: SciPy makes room for them first.
 
     By the file's own format (MATLAB, MAT-File Format, level 5): elements of a tag and its bytes, a matrix being elements itself, of
     which the second holds its sizes. ValueError or struct.error where that is not kept.
     """
-    raw = path.read_bytes()
+    allowance = Allowance(path)
     if len(raw) < 128 or raw[126:128] not in (b"IM", b"MI"):
         return  # version 4: all its sizes have been seen
     order = "<" if raw[126:128] == b"IM" else ">"
     for kind, start, stop in _elements(raw, 128, len(raw), order):
         if kind == COMPRESSED:
-            unpacked = zlib.decompressobj().decompress(raw[start:stop], LARGEST + 1)
-            if len(unpacked) > LARGEST:
-                raise BenchInputError(f"unpacks to more than {LARGEST:,} bytes; thin the log before fitting", file=path)
-            _refuse_claim(path, unpacked, 0, len(unpacked), order, 0)
+            unpacked = zlib.decompressobj().decompress(raw[start:stop], allowance.left + 1)
+            allowance.take(len(unpacked))
+            _refuse_claim(allowance, unpacked, 0, len(unpacked), order, 0)
         elif kind == MATRIX:
-            _refuse_claim(path, raw, start - 8, stop, order, 0)
+            _refuse_claim(allowance, raw, start - 8, stop, order, 0)
 
 
-def _refuse_claim(path: Path, raw: bytes, start: int, stop: int, order: str, depth: int) -> None:
+def _refuse_claim(allowance: Allowance, raw: bytes, start: int, stop: int, order: str, depth: int) -> None:
     for kind, inner, end in _elements(raw, start, stop, order):
-        if kind != MATRIX or end == inner:
+        if kind != MATRIX:
+            continue
+        allowance.take(OF_AN_ARRAY)
+        if end == inner:
             continue
         if depth > DEEPEST:
             raise ValueError("nested too deeply")
-        parts = list(_elements(raw, inner, end, order))
-        holds_sizes, a, b = parts[1]
-        if holds_sizes != INT32 or raw[parts[0][1] if order == "<" else parts[0][1] + 3] == SPARSE:
-            continue  # an object of MATLAB's own, or sparse
-        cells = 1.0
-        for size in struct.unpack_from(f"{order}{(b - a) // 4}i", raw, a):
-            if size < 0:
-                raise ValueError("a size below zero")
-            cells *= size
-        if cells > MOST_CELLS:
-            raise BenchInputError(f"has more than {MOST_CELLS:,} cells; thin the log before fitting", file=path)
-        if cells > end - inner:
-            raise ValueError("more cells than bytes")
-        for part, first, last in parts[2:]:
+        parts = _elements(raw, inner, end, order)
+        flags, (holds_sizes, a, b) = next(parts)[1], next(parts)
+        if (
+            holds_sizes == INT32 and raw[flags if order == "<" else flags + 3] != SPARSE
+        ):  # else an object of MATLAB's own
+            cells = 1.0
+            for size in struct.unpack_from(f"{order}{(b - a) // 4}i", raw, a):
+                if size < 0:
+                    raise ValueError("a size below zero")
+                cells *= size
+            allowance.take(BYTES * cells)
+            if cells > end - inner:
+                raise ValueError("more cells than bytes")
+        for part, first, last in parts:
             if part == MATRIX:
-                _refuse_claim(path, raw, first - 8, last, order, depth + 1)
+                _refuse_claim(allowance, raw, first - 8, last, order, depth + 1)
 
 
 def _elements(raw: bytes, start: int, stop: int, order: str) -> Iterator[tuple[int, int, int]]:
@@ -151,36 +153,98 @@ def _of_hdf5(path: Path) -> dict[str, Any]:
         ) from None
     try:
         with h5py.File(path, "r") as file:
-            return {name: _of_node(file, node, path) for name, node in file.items() if not name.startswith("#")}
+            return _Hdf5(path, file).variables()
     except BenchInputError:
         raise
     except Exception:  # h5py raises whatever it trips over
         raise BenchInputError(f"is no .mat file, or a damaged one; save it again, {OTHER_WAY}", file=path) from None
 
 
-def _of_node(file: Any, node: Any, path: Path, deep: bool = True) -> Any:
-    """A data set or a group of an HDF5 file as `_plain` gives it; MATLAB stores matrices transposed there."""
-    kind = node.attrs.get("MATLAB_class", b"")
-    kind = kind.decode() if isinstance(kind, bytes) else str(kind)
-    if hasattr(node, "keys"):
-        fields = {name: _of_node(file, child, path, False) for name, child in node.items()} if deep else {}
-        return fields if deep and kind in ("struct", "") else kind or "struct"
-    if node.size > MOST_CELLS:
-        raise BenchInputError(f"has more than {MOST_CELLS:,} cells; thin the log before fitting", file=path)
-    if node.attrs.get("MATLAB_empty", 0):
-        return np.zeros(0)
-    value = np.asarray(node[()])
-    if kind == "char":
-        return np.array(["".join(map(chr, row)) for row in value.T.reshape(value.shape[-1], -1)])
-    if kind == "cell":
-        cells = [file[reference] for reference in value.reshape(-1)]
-        if all(cell.attrs.get("MATLAB_class", b"") == b"char" for cell in cells):
-            texts = [
-                "" if cell.attrs.get("MATLAB_empty", 0) else "".join(map(chr, cell[()].reshape(-1))) for cell in cells
-            ]
-            return np.array(texts, dtype=object)
-        return "cell"
-    return value.T if value.dtype.kind in "biuf" else kind or "object"
+class _Hdf5:
+    """The variables of a file of version 7.3. HDF5 can lead to any other file of the machine, by links, by data kept outside and by
+    virtual data sets: MATLAB writes none of them, and none is followed. Sizes are looked at before anything is read.
+    """
+
+    def __init__(self, path: Path, file: Any) -> None:
+        self.path, self.file = path, file
+        self.allowance = Allowance(path)
+
+    def variables(self) -> dict[str, Any]:
+        return {name: self._node(node) for name, node in self._children(self.file)}
+
+    def _children(self, group: Any) -> Iterator[tuple[str, Any]]:
+        import h5py
+
+        for name in group:
+            self.allowance.take(OF_AN_ARRAY)
+            if name.startswith("#"):
+                continue
+            if not isinstance(group.get(name, getlink=True), h5py.HardLink):
+                raise self._leads_elsewhere(name, "is a link to another place or file")
+            yield name, group[name]
+
+    def _leads_elsewhere(self, name: str, what: str) -> BenchInputError:
+        return BenchInputError(
+            f"variable {quoted(name)} {what}, which is not followed; save it again, {OTHER_WAY}", file=self.path
+        )
+
+    def _node(self, node: Any, deep: bool = True) -> Any:
+        """A data set or a group as `_plain` gives it; MATLAB stores matrices transposed there."""
+        kind = self._attribute(node, "MATLAB_class")
+        kind = kind.decode(errors="replace") if isinstance(kind, bytes) else str(kind or "")
+        if hasattr(node, "keys"):
+            fields = {name: self._node(child, False) for name, child in self._children(node)} if deep else {}
+            return fields if deep and kind in ("struct", "") else kind or "struct"
+        if not hasattr(node, "shape"):
+            return kind or "object"
+        if self._attribute(node, "MATLAB_empty"):
+            return np.zeros(0)
+        if kind == "cell":
+            return self._cell(node)
+        if not self._numbers(node):
+            return kind or "object"
+        value = np.asarray(node[()])
+        if kind == "char":
+            return np.array(["".join(map(chr, row)) for row in value.T.reshape(value.shape[-1], -1)])
+        return value.T
+
+    def _attribute(self, node: Any, name: str) -> Any:
+        """A small one; None where there is none."""
+        if name not in node.attrs:
+            return None
+        about = node.attrs.get_id(name)
+        return node.attrs[name] if about.shape == () and about.dtype.itemsize <= LONGEST_CLASS else None
+
+    def _numbers(self, node: Any, kinds: str = "biuf") -> bool:
+        """Whether a data set holds numbers (or what else `kinds` says). Raises BenchInputError where they are too many or elsewhere."""
+        import h5py
+
+        made = node.id.get_create_plist()
+        if made.get_layout() == h5py.h5d.VIRTUAL or made.get_external_count():
+            raise self._leads_elsewhere(node.name, "keeps its data in another file")
+        filters = {made.get_filter(i)[0] for i in range(made.get_nfilters())}
+        if not filters <= {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32}:
+            raise self._leads_elsewhere(node.name, "is packed in a way that MATLAB does not use")
+        chunk = made.get_chunk() if made.get_layout() == h5py.h5d.CHUNKED else ()
+        size = max(np.prod(node.shape, dtype=float), np.prod(chunk, dtype=float))
+        self.allowance.take(float(size) * max(BYTES, node.dtype.itemsize))
+        return node.dtype.kind in kinds
+
+    def _cell(self, node: Any) -> Any:
+        """The texts of a cell array; "cell" where it holds anything else."""
+        import h5py
+
+        if not self._numbers(node, "O") or h5py.check_ref_dtype(node.dtype) is not h5py.Reference:
+            return "cell"
+        texts = []
+        for reference in node[()].reshape(-1):
+            self.allowance.take(OF_A_TEXT)
+            cell = self.file[reference]
+            if self._attribute(cell, "MATLAB_class") != b"char":
+                return "cell"
+            empty = self._attribute(cell, "MATLAB_empty") or not self._numbers(cell)
+            texts.append("" if empty else "".join(map(chr, cell[()].reshape(-1))))
+        return np.array(texts, dtype=object)
 
 
 def _chosen(path: Path, found: Mapping[str, Any], variable: str | None) -> dict[str, np.ndarray]:
@@ -265,4 +329,4 @@ def _rows(path: Path, columns: Mapping[str, np.ndarray]) -> SheetRows:
             file=path,
         )
     frame = pd.DataFrame({i: column for i, column in enumerate(columns.values())})
-    return SheetRows(path, [one_line(name) for name in columns], 0, list(range(1, len(frame) + 1)), frame)
+    return SheetRows(path, [one_line(name) for name in columns], 0, np.arange(1, len(frame) + 1), frame)
