@@ -268,7 +268,8 @@ class Cells:
         if len(long):
             what, remedy = _too_long(text.iloc[long[0]])
             raise self.error(column, int(long[0]), f"{what}; {remedy}")
-        return text.to_numpy(dtype=object)
+        codes, names = pd.factorize(text)  # of a name that stands in many rows one copy is kept
+        return np.asarray(names, dtype=object)[codes]
 
     def _series(self, column: int) -> pd.Series:
         if column in self._unreadable:

@@ -13,6 +13,7 @@ import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pandas as pd
@@ -23,6 +24,7 @@ from .input_file import LARGEST, TOO_LARGE, cannot_be_read, open_input
 
 
 NO_FIRST_OF_A_ROW = np.isin(np.arange(256), list(b" \t,;\"'#"))  # a line that begins so may be empty, or a comment
+CELLS_AT_ONCE = 1_000_000  # while they are parsed
 LONGEST_HEADER = 100_000  # characters of their line: a thousand columns of long names
 
 
@@ -77,10 +79,8 @@ class CsvLines(Source):
 
     def separators(self) -> np.ndarray:
         """How many each data line has, in quotes too (rows,)."""
-        start, stop = int(self.begins[0]), int(self.ends[-1])
-        found = np.frombuffer(self.text, np.uint8)[start:stop] == ord(self.separator)
-        places = np.column_stack([self.begins, self.ends]).reshape(-1)[:-1] - start
-        return np.add.reduceat(found, places, dtype=np.int64)[::2]
+        places = np.flatnonzero(np.frombuffer(self.text, np.uint8) == ord(self.separator))
+        return np.searchsorted(places, self.ends) - np.searchsorted(places, self.begins)
 
 
 def read_csv_lines(path: Path, skip_rows: int = 0) -> CsvLines:
@@ -206,20 +206,37 @@ def csv_cells(source: CsvLines, texts: tuple[int, ...] = ()) -> Cells:
         rows = (source.cells(row) for row in range(len(source.numbers)))
         frame = pd.DataFrame(rows, columns=range(width), dtype=str)
     else:
-        frame = pd.read_csv(
-            io.BytesIO(body),
-            header=None,
-            names=list(range(width + source.closed)),
-            usecols=list(range(width)),
-            index_col=False,
-            sep=source.separator,
-            quoting=csv.QUOTE_NONE,
-            skipinitialspace=True,
-            na_filter=False,
-            low_memory=False,
-            dtype=str if decimal_comma else dict.fromkeys(texts, str),
-        )
+        frame = _parsed(body, source, "all" if decimal_comma else texts)
     return Cells(source, frame, decimal_comma=decimal_comma, separator=source.separator, bad_rows=bad_rows)
+
+
+def _parsed(body: bytes, source: CsvLines, texts: tuple[int, ...] | Literal["all"]) -> pd.DataFrame:
+    """Rows without quotes as a table, a piece at a time: what a parser keeps of its cells is five times their text.
+
+    A column that is numbers in one piece and text in another is read again, as text throughout.
+    """
+    width = len(source.header)
+    pieces: list[pd.DataFrame] = []
+    for piece in pd.read_csv(
+        io.BytesIO(body),
+        header=None,
+        names=list(range(width + source.closed)),
+        usecols=list(range(width)),
+        index_col=False,
+        sep=source.separator,
+        quoting=csv.QUOTE_NONE,
+        skipinitialspace=True,
+        na_filter=False,
+        low_memory=False,
+        dtype=str if texts == "all" else dict.fromkeys(texts, str),
+        chunksize=max(1, CELLS_AT_ONCE // width),
+    ):
+        pieces.append(piece)
+        kinds = {place: {each[place].dtype.kind for each in (pieces[0], piece)} for place in range(width)}
+        mixed = [place for place, of in kinds.items() if len(of) > 1 and not of <= set("iuf")]
+        if mixed:
+            return _parsed(body, source, (*(texts if texts != "all" else ()), *mixed))
+    return pd.concat(pieces, ignore_index=True)
 
 
 def _even_rows(source: CsvLines) -> tuple[CsvLines, tuple[BadCell, ...]]:
