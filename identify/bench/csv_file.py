@@ -20,10 +20,11 @@ import pandas as pd
 
 from .cells import BadCell, Cells, Source
 from .errors import BenchInputError, quoted
-from .input_file import LARGEST, TOO_LARGE, cannot_be_read, open_input
+from .input_file import Allowance, cannot_be_read, open_input
 
 
 NO_FIRST_OF_A_ROW = np.isin(np.arange(256), list(b" \t,;\"'#"))  # a line that begins so may be empty, or a comment
+BLOCK = 1 << 20  # bytes that are unpacked at once
 CELLS_AT_ONCE = 1_000_000  # while they are parsed
 LONGEST_HEADER = 100_000  # characters of their line: a thousand columns of long names
 
@@ -154,16 +155,21 @@ def read_bytes(path: Path) -> bytes:
             packed = file.read(2) == b"\x1f\x8b"
             file.seek(0)
             if not packed:
-                return file.read(LARGEST)
+                return file.read()
             with gzip.open(file) as unpacked:
-                raw = unpacked.read(LARGEST + 1)
+                raw = b"".join(_blocks(unpacked, path))
         except (gzip.BadGzipFile, EOFError, zlib.error):
             raise BenchInputError("is a damaged gzip file; compress it again", file=path) from None
         except (OSError, ValueError) as error:
             raise cannot_be_read(path, error) from None
-    if len(raw) > LARGEST:
-        raise BenchInputError(f"unpacks to more than the {LARGEST:,} bytes that are read; {TOO_LARGE}", file=path)
     return raw
+
+
+def _blocks(unpacked: gzip.GzipFile, path: Path) -> Iterator[bytes]:
+    allowance = Allowance(path)
+    while block := unpacked.read(BLOCK):
+        allowance.take(len(block))
+        yield block
 
 
 def as_utf8(raw: bytes, path: Path) -> bytes:

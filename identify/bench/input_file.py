@@ -24,32 +24,29 @@ def open_input(path: Path, largest: int = LARGEST, remedy: str = TOO_LARGE) -> i
     """
     try:
         place = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
-        file = os.fdopen(place, "rb")
-        about = os.fstat(place)
-        size = about.st_size
-        wrong = "is a folder" if stat.S_ISDIR(about.st_mode) else "is no plain file, but a device or a pipe"
-        if stat.S_ISREG(about.st_mode):
-            wrong = ""
     except FileNotFoundError:
         raise BenchInputError("no such file", file=path) from None
     except (OSError, ValueError) as error:
         raise cannot_be_read(path, error) from None
-    if size > largest and not wrong:
+    about = os.fstat(place)
+    size, wrong = about.st_size, ""
+    if not stat.S_ISREG(about.st_mode):
+        wrong = "is a folder" if stat.S_ISDIR(about.st_mode) else "is no plain file, but a device or a pipe"
+    elif size > largest:
         wrong = f"has {size:,} bytes, more than the {largest:,} that are read; {remedy}"
-    if wrong:
-        file.close()
-        raise BenchInputError(wrong, file=path)
-    if not size:
-        file.close()
+    if wrong or not size:
+        os.close(place)
+        if wrong:
+            raise BenchInputError(wrong, file=path)
         return io.BytesIO()
-    return file
+    return os.fdopen(place, "rb")
 
 
 def read_input(path: Path, largest: int = LARGEST, remedy: str = TOO_LARGE) -> bytes:
     """The content of a plain file of at most `largest` bytes. Raises BenchInputError."""
     with open_input(path, largest, remedy) as file:
         try:
-            return file.read(largest)
+            return file.read()
         except OSError as error:
             raise cannot_be_read(path, error) from None
 

@@ -14,7 +14,14 @@ from .cells import BadCellsError, BadCellsOfTest
 from .columns import CONDITIONS, READINGS, column_unit
 from .errors import BenchInputError, quoted, suggestion
 from .planned_sweeps import planned_rows
-from .plausibility import check_supply, condition_warnings, rating_warnings, static_warnings
+from .plausibility import (
+    check_supply,
+    condition_warnings,
+    rating_warnings,
+    refuse_next_to_nothing,
+    refuse_zeros,
+    static_warnings,
+)
 from .provenance import provenance_of
 from .read_columns import channels_of, check_sensors, condition, missing, runs
 from .read_dynamic import dynamic_test_of
@@ -199,6 +206,7 @@ def _read_test(test: StaticTest, table: BenchTable, bench: BenchFile, readings_r
         load_pressure = table.values.get("load_pressure")
         if load_pressure is None:
             raise missing(table, test, "load_pressure [bar], the imposed load pressure")
+        refuse_next_to_nothing(table, bench, "load_pressure", load_pressure)
     channels = _channels(table, test, readings_required)
     run, run_names = runs(table)
     time = table.values.get("time")
@@ -270,4 +278,7 @@ def _channels(table: BenchTable, test: StaticTest, required: bool) -> tuple[Chan
         if len(found) == 1 and found[0] in ("pressure_a", "pressure_b"):
             other = {"pressure_a": "pressure_b", "pressure_b": "pressure_a"}[found[0]]
             raise missing(table, test, f"{other} [bar] beside {found[0]}")
-    return channels_of(table, test, tuple(found))
+    channels = channels_of(table, test, tuple(found))
+    if required:
+        refuse_zeros(table, channels)
+    return channels

@@ -179,7 +179,9 @@ def _parquet(path: Path) -> SheetRows:
             schema = file.schema_arrow
             texts = [name for name, kind in zip(schema.names, schema.types, strict=True) if _is_text(kind)]
             unreadable = {
-                name: str(kind) for name, kind in zip(schema.names, schema.types, strict=True) if not _is_plain(kind)
+                name: str(kind).partition("<")[0]
+                for name, kind in zip(schema.names, schema.types, strict=True)
+                if not _is_plain(kind)
             }
             raw.seek(0)
             names = [name for name in schema.names if name not in unreadable]

@@ -89,7 +89,7 @@ def typed_term(
     try:
         matrix = np.asarray(own, dtype=float).reshape(count, count) if own else np.zeros((0, 0))
         known = {name: tuple(float(v) for v in values) for name, values in cross.items()}
-    except (TypeError, ValueError, AttributeError):
+    except (TypeError, ValueError, OverflowError, AttributeError):
         raise fail(
             f'{where} "covariance" must be {count} rows of {count} numbers, "with_parameters" {count} of each'
         ) from None
@@ -110,5 +110,5 @@ def place_named(name: Any, where: str, fail: Callable[[str], Exception], *, movi
     """The place of a name in a file; moving: of a term of tests in motion."""
     try:
         return place_of(name, moving=moving)
-    except (KeyError, AttributeError):
+    except (KeyError, TypeError, AttributeError):
         raise fail(f'{where} "place" must be one of {", ".join(PLACES)}, or reading:<channel>') from None
