@@ -1,13 +1,9 @@
-"""The columns of a MATLAB .mat file: vectors, a struct of vectors or a matrix. Versions 4 to 7 by SciPy, 7.3 (HDF5) by h5py.
+"""The columns of a MATLAB .mat file: vectors, a struct of vectors or a matrix. Version 7.3 (HDF5) by h5py.
 
 A MATLAB name holds no unit: `columns = { spool_position = "xv [um]" }` in bench.toml gives it. Text (a char matrix or a cell array
 of texts) may be a column, such as the run.
 """
 
-import io
-import struct
-import warnings
-import zlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -16,16 +12,19 @@ import numpy as np
 import pandas as pd
 
 from .errors import BenchInputError, listed, one_line, quoted
-from .input_file import Allowance, open_input, read_input
+from .input_file import Allowance, open_input
+from .mat_elements import BYTES, OF_AN_ARRAY, texts_of, variables
 from .sheets import SheetRows
 
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
 OTHER_WAY = 'or save it in MATLAB as vectors of numbers, with save(..., "-v7")'
 FROM_TABLE = 's = table2struct(T, "ToScalar", true)'
+OTHER_KINDS = {"": "an object", "struct": "an array of structs"} | dict.fromkeys(
+    ("table", "object"), "a MATLAB table or another object"
+)
 SHOWN = 8  # names in a message
-BYTES = 8  # of a number in memory
-OF_AN_ARRAY = 200  # bytes, whatever it holds: a file may be made of empty ones
+LONGEST_CLASS = 64  # bytes of MATLAB's word for what a variable is
 OF_A_TEXT = 1000  # of a cell array, in HDF5: each is looked up by itself
 
 
@@ -37,109 +36,17 @@ def read_mat(path: Path, variable: str | None) -> SheetRows:
     with open_input(path) as file:
         start = file.read(512 + len(HDF5))
     hdf5 = start.startswith(HDF5) or start[512:] == HDF5
-    found = _of_hdf5(path) if hdf5 else _of_scipy(path)
+    found = _of_hdf5(path) if hdf5 else _of_elements(path)
     return _rows(path, _chosen(path, found, variable))
 
 
-def _of_scipy(path: Path) -> dict[str, Any]:
-    from scipy.io import loadmat, whosmat
-
+def _of_elements(path: Path) -> dict[str, Any]:
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter(
-                "ignore"
-            )  # about duplicate names and MATLAB's own objects, of which the reader speaks itself
-            raw = read_input(path)
-            _refuse_claims(path, raw)
-            allowance = Allowance(path)
-            for _, shape, _ in whosmat(io.BytesIO(raw)):
-                allowance.take(BYTES * float(np.prod(shape, dtype=float)))
-            found = loadmat(io.BytesIO(raw), squeeze_me=False, struct_as_record=True, chars_as_strings=True)
+        return variables(path)
     except BenchInputError:
         raise
-    except Exception:  # SciPy raises whatever it trips over in a damaged or hostile file
+    except Exception:  # of every part that is not where it should be
         raise BenchInputError(f"is no .mat file, or a damaged one; save it again, {OTHER_WAY}", file=path) from None
-    return {name: _plain(value) for name, value in found.items() if not name.startswith("__")}
-
-
-INT32, MATRIX, COMPRESSED = 5, 14, 15  # types of elements of a version 5 file
-SPARSE = 5  # class of a matrix whose size says nothing of what it holds
-DEEPEST = 8  # structs within structs
-LONGEST_CLASS = 64  # bytes of MATLAB's word for what a variable is
-
-
-def _refuse_claims(path: Path, raw: bytes) -> None:
-    """Raise BenchInputError where the arrays at all depths claim more than is read: SciPy makes room for them first.
-
-    By the file's own format (MATLAB, MAT-File Format, level 5): elements of a tag and its bytes, a matrix being elements itself, of
-    which the second holds its sizes. ValueError or struct.error where that is not kept.
-    """
-    allowance = Allowance(path)
-    if len(raw) < 128 or raw[126:128] not in (b"IM", b"MI"):
-        return  # version 4: all its sizes have been seen
-    order = "<" if raw[126:128] == b"IM" else ">"
-    for kind, start, stop in _elements(raw, 128, len(raw), order):
-        if kind == COMPRESSED:
-            unpacked = zlib.decompressobj().decompress(raw[start:stop], allowance.left + 1)
-            allowance.take(len(unpacked))
-            _refuse_claim(allowance, unpacked, 0, len(unpacked), order, 0)
-        elif kind == MATRIX:
-            _refuse_claim(allowance, raw, start - 8, stop, order, 0)
-
-
-def _refuse_claim(allowance: Allowance, raw: bytes, start: int, stop: int, order: str, depth: int) -> None:
-    for kind, inner, end in _elements(raw, start, stop, order):
-        if kind != MATRIX:
-            continue
-        allowance.take(OF_AN_ARRAY)
-        if end == inner:
-            continue
-        if depth > DEEPEST:
-            raise ValueError("nested too deeply")
-        parts = _elements(raw, inner, end, order)
-        flags, (holds_sizes, a, b) = next(parts)[1], next(parts)
-        if (
-            holds_sizes == INT32 and raw[flags if order == "<" else flags + 3] != SPARSE
-        ):  # else an object of MATLAB's own
-            cells = 1.0
-            for size in struct.unpack_from(f"{order}{(b - a) // 4}i", raw, a):
-                if size < 0:
-                    raise ValueError("a size below zero")
-                cells *= size
-            allowance.take(BYTES * cells)
-            if cells > end - inner:
-                raise ValueError("more cells than bytes")
-        for part, first, last in parts:
-            if part == MATRIX:
-                _refuse_claim(allowance, raw, first - 8, last, order, depth + 1)
-
-
-def _elements(raw: bytes, start: int, stop: int, order: str) -> Iterator[tuple[int, int, int]]:
-    """(type, first byte, end) of each element between two places."""
-    while start + 8 <= stop:
-        kind, size = struct.unpack_from(f"{order}II", raw, start)
-        if kind >> 16:  # a small one: type and size in four bytes, its own in the next four
-            yield kind & 0xFFFF, start + 4, start + 4 + min(kind >> 16, 4)
-            start += 8
-            continue
-        if start + 8 + size > stop:
-            raise ValueError("an element beyond its end")
-        yield kind, start + 8, start + 8 + size
-        start += 8 + size + (-size % 8 if kind != COMPRESSED else 0)
-
-
-def _plain(value: Any) -> Any:
-    """A struct as a dict, a cell array of texts as texts; anything else as SciPy gives it."""
-    if isinstance(value, np.ndarray) and value.dtype.names is not None and type(value).__name__ == "ndarray":
-        if value.size == 1:
-            only = value.reshape(-1)[0]
-            return {name: _plain(only[name]) for name in value.dtype.names}
-        return value
-    if isinstance(value, np.ndarray) and value.dtype == object and value.size:
-        texts = [np.asarray(cell).reshape(-1) for cell in value.reshape(-1)]
-        if all(len(cell) <= 1 and cell.dtype.kind in "US" for cell in texts):
-            return np.array([str(cell[0]) if len(cell) else "" for cell in texts], dtype=object)
-    return value
 
 
 def _of_hdf5(path: Path) -> dict[str, Any]:
@@ -189,7 +96,7 @@ class _Hdf5:
         )
 
     def _node(self, node: Any, deep: bool = True) -> Any:
-        """A data set or a group as `_plain` gives it; MATLAB stores matrices transposed there."""
+        """A data set or a group as `variables` gives it; MATLAB stores matrices transposed there."""
         kind = self._attribute(node, "MATLAB_class")
         kind = kind.decode(errors="replace") if isinstance(kind, bytes) else str(kind or "")
         if hasattr(node, "keys"):
@@ -205,7 +112,7 @@ class _Hdf5:
             return kind or "object"
         value = np.asarray(node[()])
         if kind == "char":
-            return np.array(["".join(map(chr, row)) for row in value.T.reshape(value.shape[-1], -1)])
+            return texts_of("".join(map(chr, value.reshape(-1))), list(value.T.shape))
         return value.T
 
     def _attribute(self, node: Any, name: str) -> Any:
@@ -283,15 +190,9 @@ def _columns(path: Path, name: str, value: Any) -> dict[str, np.ndarray]:
         return {name: _flat(value)}
     if _is_matrix(value):
         return {f"column {i + 1}": value[:, i] for i in range(value.shape[1])}
-    what = {"MatlabOpaque": "a MATLAB table or another object", "MatlabFunction": "a function"}.get(
-        type(value).__name__
-    )
-    if isinstance(value, str):
-        what = {"table": "a MATLAB table or another object", "": "an object"}.get(
-            value, f"of MATLAB's class {one_line(value)}"
-        )
-    elif isinstance(value, np.ndarray) and value.dtype.names is not None:
-        what = "an array of structs"
+    what = OTHER_KINDS.get(value, "") if isinstance(value, str) else ""
+    if isinstance(value, str) and not what:
+        what = f"of MATLAB's class {one_line(value)}"
     raise BenchInputError(
         f"{where} is {what or 'no vector and no matrix'}, of which only MATLAB can read the columns; save a struct of vectors: "
         f"of a table T, {FROM_TABLE}",
@@ -301,13 +202,12 @@ def _columns(path: Path, name: str, value: Any) -> dict[str, np.ndarray]:
 
 def _is_vector(value: Any) -> bool:
     """A column of numbers or texts: more than one value, along one direction."""
-    if not isinstance(value, np.ndarray) or value.dtype.kind not in "biufUSO" or value.dtype.names is not None:
-        return False
-    if type(value).__name__ != "ndarray" or (
-        value.dtype == object and not all(isinstance(v, str) for v in value.reshape(-1))
-    ):
-        return False
-    return value.size > 1 and value.size == max(value.shape)
+    return (
+        isinstance(value, np.ndarray)
+        and value.dtype.kind in "biufUO"
+        and value.size > 1
+        and value.size == max(value.shape)
+    )
 
 
 def _is_matrix(value: Any) -> bool:
@@ -316,7 +216,7 @@ def _is_matrix(value: Any) -> bool:
 
 def _flat(value: np.ndarray) -> np.ndarray:
     flat = value.reshape(-1)
-    return np.array([str(text).strip() for text in flat], dtype=object) if flat.dtype.kind in "US" else flat
+    return np.array([str(text).strip() for text in flat], dtype=object) if flat.dtype.kind == "U" else flat
 
 
 def _rows(path: Path, columns: Mapping[str, np.ndarray]) -> SheetRows:

@@ -174,8 +174,10 @@ def _parquet(path: Path) -> SheetRows:
             'needs the package pyarrow: pip install "thermohyd[parquet]"; or save the log as CSV', file=path
         ) from None
     try:
-        with open_input(path) as raw, parquet.ParquetFile(raw) as file:
-            refuse_large_pages(path, raw, file.metadata)
+        with open_input(path) as raw:
+            refuse_large_pages(path, raw)
+            raw.seek(0)
+            file = parquet.ParquetFile(raw)
             schema = file.schema_arrow
             texts = [name for name, kind in zip(schema.names, schema.types, strict=True) if _is_text(kind)]
             unreadable = {

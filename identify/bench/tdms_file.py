@@ -3,6 +3,7 @@
 A waveform has no column of times: its increment (wf_increment) makes one.
 """
 
+import logging
 import warnings
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,7 @@ def read_tdms(path: Path, group: str | None) -> SheetRows:
     """The channels of a group (None: its only one with channels). Rows count from 1. Raises BenchInputError."""
     try:
         from nptdms import TdmsFile
+        from nptdms.log import log_manager
     except ImportError:
         raise BenchInputError(
             'needs the package npTDMS: pip install "thermohyd[tdms]"; or save the log as CSV', file=path
@@ -31,6 +33,7 @@ def read_tdms(path: Path, group: str | None) -> SheetRows:
     try:
         with open_input(path) as file, warnings.catch_warnings():
             warnings.simplefilter("ignore")
+            log_manager.set_level(logging.CRITICAL)  # it would print the bytes that it cannot read
             about = TdmsFile.open(file)
             channels = _chosen(path, {each.name: list(each.channels()) for each in about.groups()}, group)
             allowance = Allowance(path)
