@@ -103,7 +103,10 @@ class _Elements:
             found = self.numbers(raw, next(parts)) if count else np.zeros(0)
             return name, found[:count].astype(CLASSES[kind]).reshape(sizes, order="F")
         if kind == CHAR:
-            return name, texts_of(self._text(raw, next(parts)) if count else "", sizes)
+            letters = next(parts, (1, 0, 0))
+            if count > letters[2] - letters[1]:
+                raise ValueError("more letters than bytes")
+            return name, texts_of(self._text(raw, letters), sizes)
         if kind == STRUCT:
             longest = int(self.numbers(raw, next(parts))[0])
             _, first, last = next(parts)

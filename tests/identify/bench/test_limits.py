@@ -193,10 +193,9 @@ def test_columns_of_a_parquet_file_that_are_no_numbers(tmp_path, column, word):
     parquet.write_table(pa.table({"xv": X, "ql": Q, "other": column}), folder / "leakage.parquet")
     assert read_record(folder).tests["leakage"].rows == 5  # not read: it harms nobody
     parquet.write_table(pa.table({"xv": X, "ql": column, "other": Q}), folder / "leakage.parquet")
-    expected = (
+    assert message(folder) == (
         f'leakage.parquet, column "ql": holds "{word}" in every cell; expected a column of numbers, times or texts'
     )
-    assert message(folder).replace(" ('element')", "")[:60] == expected[:60]
 
 
 def test_what_a_tdms_file_claims(tmp_path, monkeypatch):
@@ -211,7 +210,7 @@ def test_what_a_tdms_file_claims(tmp_path, monkeypatch):
 
 
 SHEETS = {
-    "elements that are no rows": (b"</sheetData>", b"</sheetData>" + b"<a/>" * 210_000, "holds XML that takes 4,"),
+    "elements that are no rows": (b"</sheetData>", b"</sheetData>" + b"<a/>" * 110_000, "holds XML that takes 4,"),
     "texts that grow": (
         b"<worksheet",
         b'<!DOCTYPE a [<!ENTITY b "c">]><worksheet',
