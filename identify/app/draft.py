@@ -47,7 +47,7 @@ def parsed(text: str) -> dict[str, Any] | None:
     """The tables of a text, to be read and not changed; None where it is not TOML."""
     try:
         return tomlkit.parse(text).unwrap()
-    except TOMLKitError:
+    except (TOMLKitError, RecursionError, ValueError):
         return None
 
 
@@ -66,7 +66,7 @@ def with_value(text: str, place: Place, value: Any) -> str:
     """The text with a value at a place; None, an empty text or table takes it away. A text that is not TOML stays as it is."""
     try:
         document = tomlkit.parse(text)
-    except TOMLKitError:
+    except (TOMLKitError, RecursionError, ValueError):
         return text
     *path, last = place
     at: Any = document

@@ -291,7 +291,7 @@ def _record(bench: BenchFile, frames: Mapping[str, pd.DataFrame], readings_requi
 def _rows(path: Path, frame: pd.DataFrame) -> FrameRows:
     header, numbered = headers_apart(frame, path)
     plain = pd.DataFrame({i: _as_read(numbered[i]) for i in numbered.columns})
-    return FrameRows(path, header, 0, list(range(len(plain))), plain)
+    return FrameRows(path, header, 0, np.arange(len(plain)), plain)
 
 
 def _as_read(column: Any) -> pd.Series:

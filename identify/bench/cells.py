@@ -7,7 +7,7 @@ first row: ISO 8601, 31.12.2026, 12/31/2026, or a time alone. Numbers are checke
 
 import re
 from abc import abstractmethod
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast
@@ -15,7 +15,7 @@ from typing import Any, cast
 import numpy as np
 import pandas as pd
 
-from .errors import LONGEST_QUOTE, BenchInputError, one_line, quoted
+from .errors import LONGEST_QUOTE, LONGEST_TEXT, BenchInputError, one_line, quoted
 
 
 SHOWN = 5  # cells that a message names
@@ -188,8 +188,16 @@ def _day_numbers(year: np.ndarray, month: np.ndarray, day: np.ndarray) -> np.nda
     return days.to_numpy(dtype=float)
 
 
-NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+NUMBER = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"  # each text in one way only: a long one is read once
 THOUSANDS = re.compile(r"[+-]?\d{1,3}(?:,\d{3})+\.\d*|[+-]?\d{1,3}(?:\.\d{3})+,\d*|[+-]?\d{1,3}(?:[ ',]\d{3}){2,}")
+
+
+def _too_long(text: str) -> tuple[str, str]:
+    """(what is wrong with a cell of a column that is read, what would be right)"""
+    return (
+        f"the cell has {len(text):,} characters, more than {LONGEST_TEXT}",
+        "expected a number such as 1.5, or a name",
+    )
 
 
 @dataclass(frozen=True)
@@ -199,7 +207,7 @@ class Source:
     path: Path
     header: list[str]
     header_line: int
-    numbers: list[int]
+    numbers: np.ndarray
 
     word = "line"  # how the place of a row is called
     noun = "file"  # and what holds them
@@ -218,7 +226,7 @@ class Source:
 
     def error(self, message: str, *, number: int | None = None, column: int | None = None) -> BenchInputError:
         """An error about a row (None: that of the headers) and a column."""
-        found = self.header_line if number is None else number
+        found = self.header_line if number is None else int(number)
         line, row = line_or_row(self.word, found) if found else (None, None)  # .parquet: headers stand in no row
         header = None if column is None else self.header[column]
         return BenchInputError(message, file=self.path, line=line, row=row, column=header)
@@ -235,27 +243,38 @@ class Cells:
         decimal_comma: bool = False,
         separator: str = "",
         bad_rows: tuple[BadCell, ...] = (),
+        unreadable: Mapping[int, str] | None = None,
     ) -> None:
-        """bad_rows: rows of the file that are none of the frame's."""
+        """bad_rows: rows of the file that are none of the frame's. unreadable: {column: what it holds, neither number nor text}"""
         self.source = source
         self.frame = frame
         self._decimal_comma = decimal_comma
         self._separator = separator
         self._bad_rows = bad_rows
+        self._unreadable = unreadable or {}
         self._missing: dict[int, np.ndarray] = {}
         self._wrong: dict[int, np.ndarray] = {}
         self._clocks: set[int] = set()
 
     def error(self, column: int, row: int | None, message: str) -> BenchInputError:
         """An error about a column, and one row of it if given."""
-        number = None if row is None else self.source.numbers[row]
+        number = None if row is None else int(self.source.numbers[row])
         return self.source.error(message, number=number, column=column)
 
     def texts(self, column: int) -> np.ndarray:
-        """The column as stripped text."""
-        return self._text(column).to_numpy(dtype=object)
+        """The column as stripped text. Raises BenchInputError where a cell is too long to be a name or a number."""
+        text = self._text(column)
+        long = np.flatnonzero(text.str.len().to_numpy() > LONGEST_TEXT)
+        if len(long):
+            what, remedy = _too_long(text.iloc[long[0]])
+            raise self.error(column, int(long[0]), f"{what}; {remedy}")
+        codes, names = pd.factorize(text)  # of a name that stands in many rows one copy is kept
+        return np.asarray(names, dtype=object)[codes]
 
     def _series(self, column: int) -> pd.Series:
+        if column in self._unreadable:
+            what = quoted(self._unreadable[column], 30)
+            raise self.error(column, None, f"holds {what} in every cell; expected a column of numbers, times or texts")
         return cast(pd.Series, self.frame[column])
 
     def _text(self, column: int) -> pd.Series:
@@ -300,6 +319,7 @@ class Cells:
         text = self._text(column)
         missing = text.str.lower().isin(MISSING).to_numpy(dtype=bool)
         self._clocks.add(column)
+        text = text.where(text.str.len() <= LONGEST_TEXT, "?")
         try:
             return self._noted(column, clock_seconds(self._series(column), text), missing)
         except ValueError as error:
@@ -328,7 +348,7 @@ class Cells:
     def _bad_cell(self, column: int, row: int) -> BadCell:
         what, remedy = self._complaint(column, row)
         source = self.source
-        return BadCell(source.path, source.word, source.numbers[row], source.header[column], what, remedy)
+        return BadCell(source.path, source.word, int(source.numbers[row]), source.header[column], what, remedy)
 
     def _complaint(self, column: int, row: int) -> tuple[str, str | None]:
         """(what is wrong with a cell, what would be right; None: it is missing)"""
@@ -337,6 +357,8 @@ class Cells:
         shown = quoted(text, 30)
         if not text:
             return "the cell is empty", None
+        if len(text) > LONGEST_TEXT:
+            return _too_long(text)
         if text.lower() in MISSING:
             return f"{shown} is not a number", None
         if column in self._clocks:

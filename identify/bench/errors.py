@@ -7,6 +7,8 @@ from pathlib import Path
 
 # Longer text from a file is cut in messages: a message is one line that a terminal can show.
 LONGEST_QUOTE = 60
+# Longer headers, cells and quantities are refused before anything looks into them.
+LONGEST_TEXT = 200
 
 
 class BenchInputError(Exception):

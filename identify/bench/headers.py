@@ -13,14 +13,13 @@ from dataclasses import dataclass
 
 from .cells import MISSING, NUMBER, Source, is_clock_time
 from .columns import READINGS, standard_columns
-from .errors import LONGEST_QUOTE, BenchInputError, listed, one_line, quoted, suggestion
+from .errors import LONGEST_QUOTE, LONGEST_TEXT, BenchInputError, listed, one_line, quoted, suggestion
 from .shown_units import KINDS
 from .test_record import kind_of_test
 from .test_tables import DynamicTestTable, StaticTest
 from .units import UnitError, parse_unit
 
 
-HEADER = re.compile(r"(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*(?:\([^()]*\))?[^()]*)\))")
 LONGEST_NAME = 100  # of a header that a message repeats in full
 LONGEST_UNIT = 40  # longer is a sentence
 FROM_TOP = 100  # lines among which the headers are looked for
@@ -53,10 +52,20 @@ WORDS = {
 
 def split_header(header: str) -> tuple[str, str | None]:
     """("spool_position", "um") of "spool_position [um]" or "spool_position (um)"; the unit None where there is none."""
-    match = HEADER.fullmatch(header)
-    if match is None or not match[1]:
+    last = len(header) - 1
+    if header.endswith("]"):
+        begin = header.rfind("[")
+        sound = begin > header.rfind("]", 0, last)
+    elif header.endswith(")"):  # a unit may have a pair of its own: "(bar (g))"
+        begin, depth = last, 1
+        while depth and begin > 0:
+            begin -= 1
+            depth += {")": 1, "(": -1}.get(header[begin], 0)
+        sound = not depth and header.count("(", begin + 1) <= 1
+    else:
         return header, None
-    return match[1], (match[3] if match[2] is None else match[2]).strip()
+    name = header[: max(begin, 0)].rstrip()
+    return (name, header[begin + 1 : last].strip()) if sound and name else (header, None)
 
 
 def plain_name(name: str) -> str:
@@ -79,6 +88,14 @@ def sorted_headers(test: StaticTest, source: Source) -> tuple[dict[str, int], li
 
     Raises BenchInputError where headers are missing, stand further down, or come twice.
     """
+    for i, header in enumerate(source.header):
+        if len(header) > LONGEST_TEXT:
+            _refuse_preamble(test, source)
+            raise source.error(
+                f"the header has {len(header):,} characters, more than {LONGEST_TEXT}; expected a name and a unit, such as "
+                "spool_position [um]",
+                column=i,
+            )
     names = [split_header(header) for header in source.header]
     columns: dict[str, int] = {}
     for standard, header in test.columns.items():
@@ -165,7 +182,7 @@ def _holds_readings(headers: list[str], row: tuple[int, list[str]]) -> bool:
 
 
 def _is_number(cell: str) -> bool:
-    return re.fullmatch(NUMBER, cell.replace(",", ".")) is not None
+    return len(cell) <= LONGEST_TEXT and re.fullmatch(NUMBER, cell.replace(",", ".")) is not None
 
 
 def _unknown(test: StaticTest, source: Source, columns: dict[str, int], unknown: list[int]) -> BenchInputError:

@@ -60,7 +60,7 @@ def planned_rows(test: StaticTest, valve: ValveData) -> SheetRows:
         blocks.append(pd.DataFrame(block))
     frame = pd.concat(blocks, ignore_index=True)
     header = list(frame.columns)
-    return SheetRows(test.file, header, 0, list(range(1, len(frame) + 1)), frame.set_axis(range(len(header)), axis=1))
+    return SheetRows(test.file, header, 0, np.arange(1, len(frame) + 1), frame.set_axis(range(len(header)), axis=1))
 
 
 def _cycle(reach: float, points: int) -> np.ndarray:

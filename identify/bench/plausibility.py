@@ -4,11 +4,15 @@ import numpy as np
 
 from .columns import column_unit, likely_unit
 from .test_file import BenchTable
-from .test_record import TestRecord
+from .test_record import Channel, TestRecord
 from .valve_tables import BenchFile, equivalent_slot_width
 
 
 LOW_SUPPLY = 10e5  # Pa: below it servovalves are not tested
+LEAST_DROP = (
+    0.1e5  # Pa from supply to return: below it a number was meant in another unit, and the simulator refuses it
+)
+NO_PRESSURE = 100.0  # Pa
 LOWEST_REACH = 0.01  # of the stroke: a sweep within it resolves no edge
 BEYOND_OIL = 40.0  # K that the viscosity may be extrapolated without a word
 FREE_FLOW = 3.0  # times the flow through the open slots without any loss: beyond it no valve
@@ -17,12 +21,15 @@ SATURATED = 1.5  # times the supply: no static load pressure exceeds it
 
 
 def check_supply(table: BenchTable, bench: BenchFile, supply: np.ndarray, back: np.ndarray) -> None:
-    """Raise BenchInputError where the supply pressure [Pa] does not exceed the return pressure: nothing flows then."""
-    low = np.flatnonzero(supply <= back)
+    """Raise BenchInputError where the supply pressure [Pa] does not exceed the return pressure: nothing flows then, or next to it."""
+    low = np.flatnonzero(supply - back < LEAST_DROP)
     if not len(low):
+        refuse_next_to_nothing(table, bench, "return_pressure", back)
         return
     row = int(low[0])
-    what = f"the supply pressure, {supply[row] / 1e5:.4g} bar, does not exceed the return pressure, {back[row] / 1e5:.4g} bar"
+    by = "" if supply[row] <= back[row] else f", by as much as {LEAST_DROP / 1e5:g} bar"
+    over = f"does not exceed the return pressure, {back[row] / 1e5:.4g} bar{by}"
+    what = f"the supply pressure, {supply[row] / 1e5:.4g} bar, {over}"
     if "supply_pressure" not in table.values and "return_pressure" not in table.values:
         conditions = bench.source.root.table("conditions")
         assert conditions is not None  # a supply pressure stands there
@@ -30,6 +37,29 @@ def check_supply(table: BenchTable, bench: BenchFile, supply: np.ndarray, back: 
     name = "supply_pressure" if "supply_pressure" in table.values else "return_pressure"
     more = "" if len(low) == 1 else f" (so in {len(low):,} rows)"
     raise table.error(name, row, f"{what}{more}; is the unit right? Leave out rows without supply")
+
+
+def refuse_next_to_nothing(table: BenchTable, bench: BenchFile, name: str, pressure: np.ndarray) -> None:
+    """Raise BenchInputError where a pressure [Pa] is the same few pascals in every row: the simulator takes those for bars."""
+    size = float(np.abs(pressure).max(initial=0.0))
+    if not 0.0 < size <= NO_PRESSURE or np.ptp(pressure) > 0.0:
+        return
+    words = f"{size / 1e5:.3g} bar in every row is next to nothing; is the unit right? If so, write 0 bar"
+    conditions = bench.source.root.table("conditions")
+    if name in table.values or conditions is None:
+        raise table.error(name, None, words)
+    raise conditions.error(words, name)
+
+
+def refuse_zeros(table: BenchTable, readings: tuple[Channel, ...]) -> None:
+    """Raise BenchInputError where a static test's reading is zero in every row: a sensor that is not connected, or another column."""
+    for channel in readings:
+        if len(channel.value) > 1 and not channel.value.any():
+            raise table.error(
+                channel.name,
+                None,
+                "every reading is 0; is the sensor connected, and this its column? Leave the column out otherwise",
+            )
 
 
 def static_warnings(test: TestRecord, table: BenchTable, bench: BenchFile) -> tuple[str, ...]:

@@ -14,7 +14,14 @@ from .cells import BadCellsError, BadCellsOfTest
 from .columns import CONDITIONS, READINGS, column_unit
 from .errors import BenchInputError, quoted, suggestion
 from .planned_sweeps import planned_rows
-from .plausibility import check_supply, condition_warnings, rating_warnings, static_warnings
+from .plausibility import (
+    check_supply,
+    condition_warnings,
+    rating_warnings,
+    refuse_next_to_nothing,
+    refuse_zeros,
+    static_warnings,
+)
 from .provenance import provenance_of
 from .read_columns import channels_of, check_columns, check_sensors, condition, runs
 from .read_dynamic import dynamic_test_of
@@ -196,7 +203,11 @@ def _read_test(test: StaticTest, table: BenchTable, bench: BenchFile, readings_r
     given = {name: condition(table, bench, name) for name in CONDITIONS}
     check_supply(table, bench, given["supply_pressure"], given["return_pressure"])
     load_pressure = table.values["load_pressure"] if test.name == "load_flow" else None
+    if load_pressure is not None:
+        refuse_next_to_nothing(table, bench, "load_pressure", load_pressure)
     channels = channels_of(table, test, tuple(reading for reading in READINGS[test.name] if reading in table.values))
+    if readings_required:
+        refuse_zeros(table, channels)
     run, run_names = runs(table)
     time = table.values.get("time")
     if time is not None and (back := first_step_back(time, run)) is not None:

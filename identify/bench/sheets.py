@@ -2,22 +2,32 @@
 
 import warnings
 import zipfile
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from io import BufferedIOBase
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from thermohyd.identify.optional_parts import install
 
 from .cells import Cells, Source
 from .errors import BenchInputError, listed, one_line, quoted
+from .input_file import Allowance, open_input
+from .parquet_pages import refuse_large_pages
 
 
-LARGEST = 200_000_000  # bytes after decompression
-MOST_CELLS = 20_000_000
 MOST_ROWS = 1_048_576  # Excel's own limit; a file may claim any number
+# Bytes that a cell, an element of XML or an attribute counts for: in memory it is larger than its text, and slow to read.
+OF_A_MARK = 40
+AS_CSV = "save the log as CSV"
+BLOCK = 1 << 20
+# Of a DTD, in any encoding that a reader of XML takes.
+DEFINITIONS = tuple(
+    word.encode(code) for word in ("<!DOCTYPE", "<!ENTITY") for code in ("ascii", "utf-16-le", "utf-16-be")
+)
 EXCEL = (".xlsx", ".xlsm")
 ENDINGS = (*EXCEL, ".parquet")
 
@@ -27,11 +37,14 @@ class SheetRows(Source):
     """The headers and rows of a sheet. numbers: as the spreadsheet shows them; of a .parquet file from 1 below the headers."""
 
     frame: pd.DataFrame
+    unreadable: Mapping[int, str] = field(
+        default_factory=dict
+    )  # place of a column: what it holds that is neither number nor text
     word = "row"
 
     def top(self, most: int) -> Iterator[tuple[int, list[str]]]:
         yield self.header_line, self.header
-        for number, (_, row) in zip(self.numbers, self.frame.head(most).iterrows(), strict=False):
+        for number, (_, row) in zip(self.numbers.tolist(), self.frame.head(most).iterrows(), strict=False):
             cells = _texts(row)
             filled = [i + 1 for i, cell in enumerate(cells) if cell]
             yield number, cells[: max(filled, default=0)]
@@ -52,8 +65,8 @@ class SheetRows(Source):
             filled = self.frame[column].notna().to_numpy()
             if filled.any():
                 message = f"the row has {column + 1} cells, but there are {width} headers"
-                raise self.error(message, number=self.numbers[int(filled.argmax())])
-        return Cells(self, self.frame.iloc[:, :width].copy())
+                raise self.error(message, number=int(self.numbers[int(filled.argmax())]))
+        return Cells(self, self.frame.iloc[:, :width].copy(), unreadable=self.unreadable)
 
 
 def read_sheet(path: Path, skip_rows: int = 0, sheet: str | None = None) -> SheetRows:
@@ -73,15 +86,12 @@ def _excel(path: Path, skip_rows: int, sheet: str | None) -> SheetRows:
     import openpyxl
 
     try:
-        with path.open("rb") as file:
+        with open_input(path) as file:
             if file.read(4) == b"\xd0\xcf\x11\xe0":
                 raise BenchInputError(
                     "has a password, or the format of Excel before 2007; save it as .xlsx without a password", file=path
                 )
-            with zipfile.ZipFile(file) as archive:
-                unpacked = sum(part.file_size for part in archive.infolist())
-            if unpacked > LARGEST:
-                raise BenchInputError(f"unpacks to more than {LARGEST:,} bytes; save the log as CSV", file=path)
+            _refuse_bombs(path, file)
             file.seek(0)
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # about styles and extensions, which hold no readings
@@ -89,24 +99,43 @@ def _excel(path: Path, skip_rows: int, sheet: str | None) -> SheetRows:
                 rows = _sheet_rows(book, path, skip_rows, sheet)
     except BenchInputError:
         raise
-    except OSError as error:
-        raise BenchInputError(f"cannot be read ({error.strerror or error})", file=path) from None
     except Exception:  # openpyxl raises whatever it trips over in a damaged or hostile archive
         raise BenchInputError("is no .xlsx file, or a damaged one; save it again, or as CSV", file=path) from None
     if not rows:
         raise BenchInputError("is empty; expected a row of headers and at least one row", file=path)
     header_line, first = rows[0]
     width = max(i + 1 for i, cell in enumerate(first) if cell is not None)
-    numbers, cells = [number for number, _ in rows[1:]], [row for _, row in rows[1:]]
+    numbers, cells = np.array([number for number, _ in rows[1:]]), [row for _, row in rows[1:]]
     if not cells:
         raise BenchInputError("has headers but no rows", file=path, row=header_line)
     wide = max(width, *(len(row) for row in cells))
-    if wide * len(cells) > MOST_CELLS:  # one far cell, and every row is as wide
-        raise BenchInputError(f"has more than {MOST_CELLS:,} cells; save the log as CSV", file=path)
+    Allowance(path, AS_CSV).take(
+        wide * len(cells) * OF_A_MARK, "has cells for"
+    )  # one far cell, and every row is as wide
     padded = [[*row, *[None] * (wide - len(row))] for row in cells]
     frame = pd.DataFrame(padded, columns=range(wide), dtype=object).infer_objects()
     header = ["" if cell is None else one_line(str(cell)).strip() for cell in first[:width]]
     return SheetRows(path, header, header_line, numbers, frame)
+
+
+def _refuse_bombs(path: Path, file: BufferedIOBase) -> None:
+    """Raise BenchInputError where a workbook unpacks to more than is read, or its XML defines texts that grow when they are read."""
+    allowance = Allowance(path, AS_CSV)
+    with zipfile.ZipFile(file) as archive:
+        for part in archive.infolist():
+            allowance.take(part.file_size)  # zipfile unpacks no more of it
+            if part.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+                raise ValueError("packed as no workbook is")
+        marks = Allowance(path, AS_CSV)
+        for part in archive.infolist():
+            with archive.open(part) as text:  # of any name: a sheet may have any
+                last = b""
+                while block := text.read(BLOCK):
+                    count = block.count(b"<") - block.count(b"</") + block.count(b"=")
+                    marks.take(OF_A_MARK * count, "holds XML that takes")
+                    if any(word in last + block for word in DEFINITIONS):
+                        raise ValueError("defines texts of its own")
+                    last = block[-32:]
 
 
 def _filled(row: Sequence[Any]) -> bool:
@@ -125,13 +154,11 @@ def _sheet_rows(book: Any, path: Path, skip_rows: int, sheet: str | None) -> lis
         raise BenchInputError(f"has no sheet {quoted(sheet)}; it has {names}", file=path)
     page = next(iter(sheets.values())) if sheet is None else sheets[sheet]
     page.reset_dimensions()  # what the file says of its own size need not be true
-    found, cells = [], 0
+    found, allowance = [], Allowance(path, AS_CSV)
     for number, row in enumerate(page.iter_rows(values_only=True), start=1):
-        cells += len(row) + 1
-        if cells > MOST_CELLS or number > MOST_ROWS:
-            raise BenchInputError(
-                f"has more than {MOST_CELLS:,} cells or {MOST_ROWS:,} rows; save the log as CSV", file=path
-            )
+        allowance.take(OF_A_MARK * (len(row) + 1), "has cells for")
+        if number > MOST_ROWS:
+            raise BenchInputError(f"has more than {MOST_ROWS:,} rows; {AS_CSV}", file=path)
         if row and number > skip_rows and _filled(row):
             found.append((number, row))
     return found
@@ -145,22 +172,48 @@ def _parquet(path: Path) -> SheetRows:
             f"needs the package pyarrow: {install('parquet')}; or save the log as CSV", file=path
         ) from None
     try:
-        with parquet.ParquetFile(path) as file:
-            about = file.metadata
-            size = sum(about.row_group(i).total_byte_size for i in range(about.num_row_groups))
-            if size > LARGEST or about.num_rows * max(1, about.num_columns) > MOST_CELLS:
-                raise BenchInputError(
-                    f"has more than {MOST_CELLS:,} cells or {LARGEST:,} bytes; thin the log before fitting", file=path
-                )
-            frame = file.read().to_pandas()
+        with open_input(path) as raw:
+            refuse_large_pages(path, raw)
+            raw.seek(0)
+            file = parquet.ParquetFile(raw)
+            schema = file.schema_arrow
+            texts = [name for name, kind in zip(schema.names, schema.types, strict=True) if _is_text(kind)]
+            unreadable = {
+                name: str(kind).partition("<")[0]
+                for name, kind in zip(schema.names, schema.types, strict=True)
+                if not _is_plain(kind)
+            }
+            raw.seek(0)
+            names = [name for name in schema.names if name not in unreadable]
+            # Of a text that stands in many rows one copy is kept.
+            table = parquet.ParquetFile(raw, read_dictionary=texts).read(columns=names)
+            allowance = Allowance(path)
+            allowance.take(table.nbytes)
+            frame = table.to_pandas(self_destruct=True)
     except BenchInputError:
         raise
-    except Exception as error:  # pyarrow raises whatever it trips over, OSError for a damaged page
-        if isinstance(error, OSError) and error.errno is not None:
-            raise BenchInputError(f"cannot be read ({error.strerror})", file=path) from None
+    except Exception:  # pyarrow raises whatever it trips over, OSError for a damaged page
         raise BenchInputError("is no .parquet file, or a damaged one; write it again", file=path) from None
+    for name in unreadable:
+        frame[name] = None
     header, frame = headers_apart(frame, path)
-    return SheetRows(path, header, 0, list(range(1, len(frame) + 1)), frame)
+    held = {place: unreadable[name] for place, name in enumerate(header) if name in unreadable}
+    return SheetRows(path, header, 0, np.arange(1, len(frame) + 1), frame, held)
+
+
+def _is_text(kind: Any) -> bool:
+    from pyarrow import types
+
+    return types.is_string(kind) or types.is_large_string(kind)
+
+
+def _is_plain(kind: Any) -> bool:
+    """Whether a column holds numbers, times or texts."""
+    from pyarrow import types
+
+    if types.is_dictionary(kind):
+        return _is_plain(kind.value_type)
+    return types.is_primitive(kind) or types.is_decimal(kind) or types.is_null(kind) or _is_text(kind)
 
 
 def headers_apart(frame: pd.DataFrame, path: Path) -> tuple[list[str], pd.DataFrame]:

@@ -3,6 +3,7 @@
 A waveform has no column of times: its increment (wf_increment) makes one.
 """
 
+import logging
 import warnings
 from pathlib import Path
 from typing import Any
@@ -14,38 +15,41 @@ from thermohyd.identify.optional_parts import install
 
 from .errors import BenchInputError, listed, one_line, quoted
 from .headers import plain_name, split_header
-from .sheets import LARGEST, MOST_CELLS, SheetRows
+from .input_file import Allowance, cannot_be_read, open_input
+from .sheets import SheetRows
 
 
 SHOWN = 8  # names in a message
+LARGEST_NUMBER = 32  # bytes: a complex number of extended precision
 
 
 def read_tdms(path: Path, group: str | None) -> SheetRows:
     """The channels of a group (None: its only one with channels). Rows count from 1. Raises BenchInputError."""
     try:
         from nptdms import TdmsFile
+        from nptdms.log import log_manager
     except ImportError:
         raise BenchInputError(
             f"needs the package npTDMS: {install('tdms')}; or save the log as CSV", file=path
         ) from None
     try:
-        if path.stat().st_size > LARGEST:
-            raise BenchInputError(f"is larger than {LARGEST:,} bytes; thin the log before fitting", file=path)
-        with warnings.catch_warnings():
+        with open_input(path) as file, warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            about = TdmsFile.read_metadata(path)
-            cells = sum(len(channel) for each in about.groups() for channel in each.channels())
-            if cells > MOST_CELLS:
-                raise BenchInputError(f"has more than {MOST_CELLS:,} cells; thin the log before fitting", file=path)
-            found = {each.name: list(each.channels()) for each in TdmsFile.read(path).groups()}
-            channels = _chosen(path, found, group)
+            log_manager.set_level(logging.CRITICAL)  # it would print the bytes that it cannot read
+            about = TdmsFile.open(file)
+            channels = _chosen(path, {each.name: list(each.channels()) for each in about.groups()}, group)
+            allowance = Allowance(path)
+            for channel in channels:
+                if channel.dtype.itemsize > LARGEST_NUMBER:
+                    raise BenchInputError("holds something else than numbers, times and texts", file=path)
+                allowance.take(len(channel) * max(8, channel.dtype.itemsize))
             columns = {_header(channel): np.asarray(channel[:]) for channel in channels}
             pace = {float(channel.properties.get("wf_increment", 0.0)) for channel in channels}
             first = {float(channel.properties.get("wf_start_offset", 0.0)) for channel in channels}
     except BenchInputError:
         raise
     except OSError as error:
-        raise BenchInputError(f"cannot be read ({error.strerror or error})", file=path) from None
+        raise cannot_be_read(path, error) from None
     except Exception:  # npTDMS raises whatever it trips over in a damaged or hostile file
         raise BenchInputError("is no .tdms file, or a damaged one; write it again, or as CSV", file=path) from None
     lengths = {name: len(column) for name, column in columns.items()}
@@ -60,7 +64,7 @@ def read_tdms(path: Path, group: str | None) -> SheetRows:
     if len(pace) == len(first) == 1 and next(iter(pace)) > 0.0 and not any(_is_time(name) for name in columns):
         columns = {"time [s]": first.pop() + pace.pop() * np.arange(rows), **columns}
     frame = pd.DataFrame({i: column for i, column in enumerate(columns.values())})
-    return SheetRows(path, list(columns), 0, list(range(1, rows + 1)), frame)
+    return SheetRows(path, list(columns), 0, np.arange(1, rows + 1), frame)
 
 
 def _chosen(path: Path, found: dict[str, list[Any]], group: str | None) -> list[Any]:

@@ -185,7 +185,7 @@ def _units(
                     )
                 units[name], kinds[name] = unit, kind
         except UnitError as error:
-            number = source.numbers[0] if name in below else None
+            number = int(source.numbers[0]) if name in below else None
             raise source.error(str(error), number=number, column=columns[name]) from None
     return (source.after_first_row() if below else source), units, kinds
 

@@ -10,11 +10,13 @@ from pathlib import Path
 from typing import Any
 
 from .errors import BenchInputError, one_line, quoted, suggestion
+from .input_file import read_input
 from .shown_units import KINDS
 from .units import UnitError, expected, parse_quantity
 
 
 LARGEST = 1_000_000  # bytes; a bench.toml is a page
+LONGEST_LINE = 10_000  # characters; a key of a hundred thousand parts, a.a.a..., would be taken apart for minutes
 HEADER = re.compile(r"\s*\[\[?([^\]]*)\]")
 KEY = re.compile(r"""\s*((?:[\w-]+|"[^"]*"|'[^']*')(?:\s*\.\s*(?:[\w-]+|"[^"]*"|'[^']*'))*)\s*=""")
 
@@ -50,19 +52,17 @@ class TomlSource(TableSource):
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        try:
-            raw = path.read_bytes()
-        except (OSError, ValueError) as error:
-            reason = getattr(error, "strerror", None) or str(error)
-            raise BenchInputError(f"cannot be read ({reason})", file=path) from None
-        if len(raw) > LARGEST:
-            raise BenchInputError(f"is larger than {LARGEST:,} bytes: not a bench.toml", file=path)
+        raw = read_input(path, LARGEST, "a bench.toml is a page")
         try:
             text = raw.decode("utf-8-sig")
         except UnicodeDecodeError as error:
             line = raw[: error.start].count(b"\n") + 1
             raise BenchInputError("is not UTF-8 text; save the file as UTF-8", file=path, line=line) from None
         self._lines = text.replace("\r\n", "\n").split("\n")
+        for number, line in enumerate(self._lines, start=1):
+            if len(line) > LONGEST_LINE:
+                words = f"the line has {len(line):,} characters, more than {LONGEST_LINE:,}; write it as several"
+                raise BenchInputError(words, file=path, line=number)
         try:
             super().__init__(tomllib.loads("\n".join(self._lines)))
         except RecursionError:

@@ -9,7 +9,7 @@ from typing import Any, overload
 
 import numpy as np
 
-from .errors import quoted, suggestion
+from .errors import LONGEST_TEXT, quoted, suggestion
 from .shown_units import KINDS
 
 
@@ -48,11 +48,13 @@ COMMON = (
     "um", "mm", "inch", "thou", "l/min", "gal/min", "m^3/s", "bar", "psi", "MPa", "degC", "degF", "K", "mA", "A", "s",
     "cSt", "%",
 )  # fmt: skip
-# Names, single-digit powers, products, quotients. Anything else, towers of powers first of all, never reaches pint.
+# Names, single-digit powers, products, quotients. Anything else, towers of powers first of all, never reaches pint. A name is taken
+# whole (*+): tried in pieces, "aaa...a!" has as many readings as subsets.
 SAFE = re.compile(
-    r"(?:1(?=\s*/)|[^\W\d]\w*|[°%]|(?:\^|\*\*)\s*-?\d(?!\s*(?:[\d.^]|\*\*))|(?<=[\w)%])\*(?=[\s\w(])|[/()]|\s)+"
+    r"(?:1(?=\s*/)|[^\W\d]\w*+|[°%]|(?:\^|\*\*)\s*-?\d(?!\s*(?:[\d.^]|\*\*))|(?<=[\w)%])\*(?=[\s\w(])|[/()]|\s)+"
 )
-NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)(?![\d.,])\s*(.*)", re.DOTALL)
+NUMBER = re.compile(r"\s*([+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?)(?![\d.,])\s*(.*)", re.DOTALL)
+LONGEST_UNIT = 40  # characters
 SIGNS = {"²": "^2", "³": "^3", "⁻¹": "^-1", "·": "*", "⋅": "*", "×": "*", "º": "°", "℃": "°C", "℉": "°F"}
 
 
@@ -95,6 +97,8 @@ def _registry() -> Any:
 def _linear(text: str) -> tuple[float, float, frozenset]:
     """(scale, offset, dimension) of a unit against coherent SI."""
     plain = text.strip()
+    if len(plain) > LONGEST_UNIT:
+        raise UnitError(f"{quoted(text)} is not a unit")
     for sign, meaning in SIGNS.items():
         plain = plain.replace(sign, meaning)
     plain = re.sub(r"\s*(\*\*|[*/^])\s*", r"\1", plain)
@@ -103,7 +107,7 @@ def _linear(text: str) -> tuple[float, float, frozenset]:
         raise UnitError(f"{quoted(text)} is an absolute pressure, but the pressures of a record are gauge")
     if plain in ("1", "-"):
         return 1.0, 0.0, frozenset()
-    if len(plain) > 40 or not SAFE.fullmatch(plain) or re.search(r"\)\s*(?:\^|\*\*)", plain):
+    if not SAFE.fullmatch(plain) or re.search(r"\)\s*(?:\^|\*\*)", plain):
         raise UnitError(f"{quoted(text)} is not a unit")
     registry = _registry()
     try:
@@ -137,7 +141,7 @@ def parse_unit(text: str, kind: str, full_scale: float | None = None) -> Unit:
     except UnitError as error:
         if written := _as_written(text, kind):
             return Unit(text, *_linear(written)[:2])
-        close = suggestion(text, COMMON)
+        close = suggestion(text[:LONGEST_UNIT], COMMON)
         raise UnitError(f"{error}; {close if close.endswith('?') else f'expected {expected(kind)}'}") from None
     if dimension != _linear(KINDS[kind].label)[2]:
         same = (_article(name) for name, shown in KINDS.items() if _linear(shown.label)[2] == dimension)
@@ -152,7 +156,7 @@ def _spellings(kind: str) -> dict[str, str]:
 
 def _as_written(text: str, kind: str) -> str | None:
     """The unit that a text means in a column of this kind, whatever its letter case and blanks; None if it is none."""
-    plain = text
+    plain = text[: LONGEST_UNIT + 1]
     for sign, meaning in SIGNS.items():
         plain = plain.replace(sign, meaning)
     plain = re.sub(r"\s+", "", plain).replace("**", "^").casefold()
@@ -162,7 +166,7 @@ def _as_written(text: str, kind: str) -> str | None:
 
 def parse_quantity(text: str, kind: str, full_scale: float | None = None) -> float:
     """ "213 um" as a number in SI. Raises UnitError."""
-    match = NUMBER.match(text)
+    match = NUMBER.match(text) if len(text) <= LONGEST_TEXT else None
     if match is None:
         example = f"1.5 {KINDS[kind].label}"
         raise UnitError(f'{quoted(text)} is not a quantity; expected a number with a unit, such as "{example}"')

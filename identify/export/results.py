@@ -9,7 +9,6 @@ record       the files, with their hashes
 """
 
 import io
-import json
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ from typing import Any
 import pandas as pd
 
 from thermohyd.identify.bench.errors import BenchInputError, one_line, quoted
+from thermohyd.identify.bench.input_file import read_json
 from thermohyd.identify.optional_parts import install
 
 
@@ -27,14 +27,7 @@ LONGEST_SHEET = 31  # letters of a sheet's name, as spreadsheets have it
 
 def load_result(path: Path) -> dict[str, Any]:
     """A fit.json or a diagnosis.json. Raises BenchInputError."""
-    try:
-        if path.stat().st_size > LARGEST:
-            raise BenchInputError(f"is larger than {LARGEST:,} bytes: not a fit.json", file=path)
-        content = _in_one_line(json.loads(path.read_text(encoding="utf-8")))
-    except OSError as error:
-        raise BenchInputError(f"cannot be read ({error.strerror or error})", file=path) from None
-    except (ValueError, RecursionError):
-        raise BenchInputError("is not JSON; give the fit.json or diagnosis.json of a result", file=path) from None
+    content = _in_one_line(read_json(path, "the fit.json or diagnosis.json of a result", LARGEST))
     fit = content.get("fit", content) if isinstance(content, dict) else None
     if not isinstance(fit, dict) or not isinstance(fit.get("parameters"), dict):
         raise BenchInputError("holds no parameters; give the fit.json or diagnosis.json of a result", file=path)

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from thermohyd.identify.bench.errors import BenchInputError
+from thermohyd.identify.bench.input_file import open_input, read_input
 from thermohyd.identify.bench.read import NAME, record_folder
 from thermohyd.identify.bench.toml_file import LARGEST
 from thermohyd.identify.fitting.row_sizes import padded_size
@@ -102,10 +103,9 @@ def look_at(folder: Path) -> Found:
 def named_files(folder: Path) -> list[tuple[str, Path]]:
     """(name, path) of the files that a record's bench.toml names, sorted; empty where it cannot be read."""
     try:
-        with (folder / NAME).open("rb") as file:
-            tables = tomllib.loads(file.read(LARGEST).decode("utf-8-sig")).get("tests", {})
+        tables = tomllib.loads(read_input(folder / NAME, LARGEST).decode("utf-8-sig")).get("tests", {})
         names = [table.get("file") for table in tables.values() if isinstance(table, dict)]
-    except (OSError, ValueError, RecursionError, AttributeError):
+    except (BenchInputError, ValueError, RecursionError, AttributeError):
         return []
     return [(name, folder / name) for name in sorted({n for n in names if isinstance(n, str) and "\0" not in n})]
 
@@ -116,12 +116,12 @@ def _hash(path: Path) -> tuple[str, int]:
     try:
         if not path.is_file():
             return "missing", 0
-        with path.open("rb") as file:
+        with open_input(path) as file:
             while block := file.read(BLOCK):
                 digest.update(block)
                 lines += block.count(b"\n")
         if path.suffix.lower() in (".gz", ".xlsx", ".xlsm", ".parquet", ".mat", ".tdms"):
             lines = path.stat().st_size // 12
-    except (OSError, ValueError):
+    except (BenchInputError, OSError, ValueError):
         return "unreadable", 0
     return digest.hexdigest(), lines

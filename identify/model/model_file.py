@@ -15,6 +15,7 @@ import numpy as np
 
 from thermohyd.effects.library import whole_library
 from thermohyd.identify.bench.errors import BenchInputError, one_line, quoted, suggestion
+from thermohyd.identify.bench.input_file import read_json
 from thermohyd.identify.bench.record import EDGE_LAWS, ActuatorData, BenchRecord, ValveData, at_first_row, misgiven_side
 from thermohyd.identify.bench.test_record import DYNAMIC_TESTS, STATIC_TESTS, is_dynamic
 from thermohyd.identify.fitting.parameters import IN_MOTION, heat_retention, identified_by_default, identified_in_motion
@@ -260,7 +261,7 @@ class ModelReader:
             raise self.fail('"covariance" "of" must list names of "parameters" and "effects", each once')
         try:
             matrix = np.asarray(table.get("matrix"), dtype=float).reshape(len(names), len(names))
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             raise self.fail(f'"covariance" "matrix" must be {len(names)} rows of {len(names)} numbers') from None
         if not np.all(np.isfinite(matrix)) or np.any(np.diag(matrix) < 0.0):
             raise self.fail('"covariance" "matrix" must be finite with a diagonal that is not negative')
@@ -386,16 +387,4 @@ def _parameter_names(result: FitResult) -> set[str]:
 def load_model(path: Path | str) -> Model:
     """Read and check a `model.json`; raises BenchInputError with one line that says what is wrong and where."""
     path = Path(path)
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise BenchInputError(f"cannot be read ({error.strerror})", file=path) from None
-    except UnicodeDecodeError:
-        raise BenchInputError("is not UTF-8 text; expected a model.json written by thermohyd fit", file=path) from None
-    except json.JSONDecodeError as error:
-        raise BenchInputError(f"is not valid JSON: {error.msg}", file=path, line=error.lineno) from None
-    except ValueError:
-        raise BenchInputError("holds a number of thousands of digits", file=path) from None
-    except RecursionError:
-        raise BenchInputError("is nested too deeply to be a model.json", file=path) from None
-    return ModelReader(path).model(content)
+    return ModelReader(path).model(read_json(path, "a model.json written by thermohyd fit"))

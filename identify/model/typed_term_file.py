@@ -89,7 +89,7 @@ def typed_term(
     try:
         matrix = np.asarray(own, dtype=float).reshape(count, count) if own else np.zeros((0, 0))
         known = {name: tuple(float(v) for v in values) for name, values in cross.items()}
-    except (TypeError, ValueError, AttributeError):
+    except (TypeError, ValueError, OverflowError, AttributeError):
         raise fail(
             f'{where} "covariance" must be {count} rows of {count} numbers, "with_parameters" {count} of each'
         ) from None

@@ -319,7 +319,10 @@ WHOLE = {
     ),
     "huge integer": (TOML.replace("= -1", "= " + "9" * 5000), "bench.toml: holds a number of thousands of digits"),
     "deep nesting": (TOML + "a=" + "[" * 5000, "bench.toml: is nested too deeply to be a bench.toml"),
-    "too large": ("#" * 1_000_001, "bench.toml: is larger than 1,000,000 bytes: not a bench.toml"),
+    "too large": (
+        "#" * 1_000_001,
+        "bench.toml: has 1,000,001 bytes, more than the 1,000,000 that are read; a bench.toml is a page",
+    ),
 }
 
 

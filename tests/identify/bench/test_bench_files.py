@@ -474,13 +474,14 @@ def test_sheets_that_are_refused(tmp_path):
 def test_an_archive_that_unpacks_without_end_is_not_unpacked(tmp_path):
     folder = write_sheet(tmp_path, [HEADERS.split(","), *ROWS])
     with zipfile.ZipFile(folder / "leakage.xlsx", "a", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("xl/worksheets/sheet9.xml", b" " * 201_000_000)
-    assert message(folder) == "leakage.xlsx: unpacks to more than 200,000,000 bytes; save the log as CSV"
+        archive.writestr("xl/worksheets/sheet9.xml", b" " * 400_000_000)
+    assert message(folder).endswith("or more, which is more than the 400,000,000 that are read; save the log as CSV")
+    assert message(folder).startswith("leakage.xlsx: unpacks to 400,0")
 
 
 FAR = {
-    "a row that Excel does not have": (b'<row r="3"', b'<row r="999999999"', "20,000,000 cells or 1,048,576 rows"),
-    "far columns in many rows": (b"</sheetData>", b'<row><c r="ZZZ9"><v>1</v></c></row>' * 1200 + b"</sheetData>", "20,000,000 cells or 1,048,576 rows"),
+    "a row that Excel does not have": (b'<row r="3"', b'<row r="999999999"', "has more than 1,048,576 rows"),
+    "far columns in many rows": (b"</sheetData>", b'<row><c r="ZZZ9"><v>1</v></c></row>' * 1200 + b"</sheetData>", "has cells for 400,"),
 }  # fmt: skip
 
 
@@ -495,7 +496,8 @@ def test_a_small_sheet_that_claims_to_be_huge(tmp_path, name):
     with zipfile.ZipFile(folder / "leakage.xlsx", "w", zipfile.ZIP_DEFLATED) as spoiled:
         for part, content in parts.items():
             spoiled.writestr(part, content)
-    assert message(folder) == f"leakage.xlsx: has more than {expected}; save the log as CSV"
+    assert message(folder).startswith(f"leakage.xlsx: {expected}")
+    assert message(folder).endswith("; save the log as CSV")
 
 
 def test_a_sheet_under_the_name_of_a_csv(tmp_path):

@@ -2,7 +2,7 @@
 # ruff: noqa: E501 (the messages stand whole, as they are printed)
 
 import pytest
-from helpers.bench_folder import TOML, write_record
+from helpers.bench_folder import LEAKAGE, TOML, write_record
 
 from thermohyd.identify.bench.errors import BenchInputError
 from thermohyd.identify.bench.read import read_record
@@ -52,6 +52,14 @@ IMPOSSIBLE = {
         'supply_pressure = "70 bar"', 'supply_pressure = "0 bar"',
         "bench.toml, line 12, [conditions] supply_pressure: the supply pressure, 0 bar, does not exceed the return pressure, 0 bar; is the unit right?",
     ),
+    "next to no supply": (
+        'supply_pressure = "70 bar"', 'supply_pressure = "0.001 bar"',
+        "bench.toml, line 12, [conditions] supply_pressure: the supply pressure, 0.001 bar, does not exceed the return pressure, 0 bar, by as much as 0.1 bar; is the unit right?",
+    ),
+    "next to no return pressure": (
+        'supply_pressure = "70 bar"', 'supply_pressure = "70 bar"\nreturn_pressure = "0.001 bar"',
+        "bench.toml, line 13, [conditions] return_pressure: 0.001 bar in every row is next to nothing; is the unit right? If so, write 0 bar",
+    ),
     "return above supply": (
         'supply_pressure = "70 bar"', 'supply_pressure = "70 bar"\nreturn_pressure = "90 bar"',
         "bench.toml, line 12, [conditions] supply_pressure: the supply pressure, 70 bar, does not exceed the return pressure, 90 bar; is the unit right?",
@@ -64,6 +72,16 @@ def test_impossible_values_in_bench_toml(tmp_path, name):
     old, new, expected = IMPOSSIBLE[name]
     assert TOML.count(old) == 1
     assert message(write_record(tmp_path, TOML.replace(old, new))) == expected
+
+
+@pytest.mark.parametrize("required", [True, False])
+def test_a_reading_that_is_zero_in_every_row(tmp_path, required):
+    folder = write_record(tmp_path, leakage=LEAKAGE.replace(",0.1\n", ",0\n").replace(",0.3\n", ",0.0\n"))
+    if not required:  # predictions need none
+        assert read_record(folder, readings_required=False).tests["leakage"].rows == 5
+        return
+    expected = "every reading is 0; is the sensor connected, and this its column? Leave the column out otherwise"
+    assert message(folder) == f'leakage.csv, line 2, column "leakage_flow [l/min]": {expected}'
 
 
 IMPOSSIBLE_COLUMNS = {

@@ -139,6 +139,27 @@ def test_covariance_of_an_effect_that_is_not_there(content, tmp_path):
     assert '"covariance" "of" must list names of "parameters" and "effects", each once' in said(content, tmp_path)
 
 
+@pytest.mark.parametrize("number", [10**400, float("inf")], ids=["hundreds of digits", "infinite"])
+@pytest.mark.parametrize("key", ["covariance", "valve", "parameters", "effects"])
+def test_numbers_beyond_all_bounds(content, tmp_path, key, number):
+    if key == "covariance":
+        content[key]["matrix"][0][0] = number
+    else:
+        content[key]["stroke" if key == "valve" else next(iter(content[key]))] = number
+    assert "finite" in said(content, tmp_path) or "rows of" in said(content, tmp_path)
+
+
+def test_a_file_that_is_far_too_large_or_no_file(tmp_path):
+    (tmp_path / "model.json").write_bytes(b" " * 10_000_001)
+    with pytest.raises(BenchInputError, match="has 10,000,001 bytes, more than the 10,000,000 that are read"):
+        load_model(tmp_path / "model.json")
+    with pytest.raises(BenchInputError, match="is a folder"):
+        load_model(tmp_path)
+    (tmp_path / "model.json").write_text("[" * 100_000)
+    with pytest.raises(BenchInputError, match="is nested too deeply"):
+        load_model(tmp_path / "model.json")
+
+
 def test_a_number_of_thousands_of_digits(tmp_path):
     path = tmp_path / "model.json"
     path.write_text('{"schema": ' + "9" * 5000 + "}")
