@@ -112,7 +112,7 @@ def test_quiet_says_nothing_of_what_went_well(store, tmp_path):
             '--cluster takes "local", the address',
         ),
         (("watch", "{new}", "--records", "nowhere"), "nowhere: no such folder"),
-        (("life", "{store}", "--limits", "nowhere"), "nowhere: cannot be read"),
+        (("life", "{store}", "--limits", "nowhere"), "nowhere: no such file"),
     ],
 )
 def test_refusals(store, tmp_path, arguments, words):

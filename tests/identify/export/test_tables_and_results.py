@@ -208,10 +208,10 @@ def test_named_effects_of_a_diagnosis(tmp_path):
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        ("{", "is not JSON"),
+        ("{", "is not valid JSON"),
         ("[]", "holds no parameters"),
         ('{"fit": {}}', "holds no parameters"),
-        (None, "cannot be read"),
+        (None, "no such file"),
     ],
 )
 def test_what_is_no_result_is_refused(content, words, tmp_path):

@@ -109,7 +109,7 @@ def test_record_is_fitted_first(run, tmp_path):
     [
         (["nowhere"], "nowhere"),
         (["nowhere.json"], "there is no such file"),
-        (["--settings", "nowhere.toml"], "cannot be read"),
+        (["--settings", "nowhere.toml"], "no such file"),
         (["--settings", "wrong.toml"], 'wrong.toml, line 2, [tolerances] clearence: unknown factor "clearence"'),
         (["broken.json"], "is not valid JSON"),
         (["broken.json", "--model", "broken.json"], "is a model already"),

@@ -82,7 +82,7 @@ def test_lists_of_temperatures(text):
         (["nowhere"], "nowhere"),
         (["nowhere.json"], "there is no such file"),
         (["broken.json"], "is not valid JSON"),
-        (["--settings", "nowhere.toml"], "cannot be read"),
+        (["--settings", "nowhere.toml"], "no such file"),
         (["--temperatures", "cold"], "is not a list of numbers and a unit"),
         (["--temperatures", "10 20"], "is not a list of numbers and a unit"),
         (["--temperatures", "10 20 bar"], "expected a temperature"),
