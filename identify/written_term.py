@@ -3,11 +3,11 @@
 The file is a stranger's. Of it come numbers, and the names of entries of our own tables: no text of it is ever written into code.
 """
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
 from thermohyd.identify.bench.errors import BenchInputError
+from thermohyd.identify.bench.input_file import read_json
 from thermohyd.identify.model.model_file import ModelReader
 from thermohyd.identify.model.typed_term_file import typed_term
 from thermohyd.identify.model.typed_terms import TypedTerm
@@ -32,16 +32,7 @@ def read_term(path: Path, number: int = 1) -> TermRead:
     """The term `number` of a diagnosis.json, counted from 1. Raises BenchInputError with the file and what would be right."""
     reader = ModelReader(path)
     fail = reader.fail
-    try:
-        if path.exists() and not path.is_file():
-            raise fail("is no file; expected a diagnosis.json written by thermohyd diagnose")
-        if path.stat().st_size > LARGEST:
-            raise fail(f"is larger than {LARGEST:,} bytes: not a diagnosis.json")
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise fail(f"cannot be read ({error.strerror})") from None
-    except (ValueError, RecursionError):
-        raise fail("is not JSON; expected a diagnosis.json written by thermohyd diagnose") from None
+    content = read_json(path, "a diagnosis.json written by thermohyd diagnose", LARGEST)
     terms = content.get("terms") if isinstance(content, dict) else None
     if not isinstance(terms, list) or "verdict" not in content:
         raise fail('has no "terms"; expected a diagnosis.json written by thermohyd diagnose')
