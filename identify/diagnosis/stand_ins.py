@@ -63,7 +63,8 @@ def without_stand_ins(
     if not asked:
         return model
     beside, told = _best_beside(case, model, split, critical, say)
-    model = replace(model, told=told, terms=next(iter(told.values())) if model.disagrees else model.terms)
+    if model.disagrees:
+        model = replace(model, terms=next(iter(told.values())), told=told)
     if beside is None or set(fit.effects) <= set(beside.names) or not _far_better(model, beside):
         return model
     instead = None if case.problem.in_motion else _in_names(case, model, beside, critical)
@@ -254,7 +255,7 @@ def _with_fewer_names(
     ended = _ended_with(case, model, kept, split, _suspects(model, beside.names, term_name(beside.fitted.term)))
     found = told.get(_key(ended.fit.effects))
     terms = terms_of(case.problem, ended.fit, split, say) if found is None else found
-    return replace(ended, disagrees=True, terms=terms)
+    return replace(ended, disagrees=True, terms=terms, told=told)
 
 
 def _suspects(model: FinalModel, kept: tuple[str, ...], outdone: str) -> tuple[Suspect, ...]:
