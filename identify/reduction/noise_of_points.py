@@ -24,6 +24,7 @@ class Points:
     value: mean of the bin's rows; std: standard error of it; degrees_of_freedom: what that was estimated from (infinite: stated).
     step: rounding step of the log; correlation: of the log's rows; row_std: typical scatter of one row; floored:
     where the rounding counts for more than the noise; sharing: how many neighbouring bins stand on one rounded reading.
+    position_part: what the position's error adds to `std`, by the slope from bin to bin.
     """
 
     value: np.ndarray
@@ -34,6 +35,13 @@ class Points:
     row_std: float
     floored: np.ndarray
     sharing: np.ndarray
+    position_part: np.ndarray
+
+
+def error_of_means(abscissa: Abscissa, starts: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Standard error of the mean position of each bin (bins,), in the abscissa's unit; rows: of each bin."""
+    mean = lambda values: np.add.reduceat(values, starts) / rows
+    return np.sqrt(mean(abscissa.scatter**2) / rows + mean(abscissa.rounding**2))
 
 
 def points_of(channel: Channel, starts: np.ndarray, pieces: np.ndarray, abscissa: Abscissa) -> Points:
@@ -61,19 +69,20 @@ def points_of(channel: Channel, starts: np.ndarray, pieces: np.ndarray, abscissa
         square = mean(channel.std**2) / correlation.effective_rows(rows)
     sharing = np.where(coarse, _sharing(y, starts), 1.0)
     rounding = rounding_error(step, before, ramp) * np.sqrt(sharing)
-    square_x = slope**2 * (mean(abscissa.scatter**2) / rows + mean(abscissa.rounding**2))
+    part = np.abs(slope) * error_of_means(abscissa, starts, rows)
     least = 1e-6 * max(float(np.ptp(y)), float(np.max(np.abs(y), initial=0.0)))
-    total = square + rounding**2 + square_x
+    own = square + rounding**2
     typical = seen[~coarse] * np.sqrt(correlation.row_variance)
     return Points(
         value=value,
-        std=np.maximum(np.sqrt(total), least),
+        std=np.maximum(np.sqrt(own), least),
         degrees_of_freedom=np.inf if channel.std is not None else scatter.degrees_of_freedom,
         step=step,
         correlation=correlation,
         row_std=float(np.median(typical)) if len(typical) else 0.0,
-        floored=coarse & (step > 0) & (step**2 / 12.0 > 0.1 * total),
+        floored=coarse & (step > 0) & (step**2 / 12.0 > 0.1 * (own + part**2)),
         sharing=sharing,
+        position_part=part,
     )
 
 

@@ -19,7 +19,8 @@ from thermohyd.identify.bench.test_record import Channel, Nodes, TestRecord
 
 from .bad_rows import without_outliers_in_log
 from .monotone_pieces import monotone_pieces, piece_bounds, sweep_axis
-from .noise_of_points import Points, points_of
+from .noise_of_points import Points, error_of_means, points_of
+from .smooth_conditions import with_smooth_conditions
 from .sweep_position import STEPS_ACROSS, Abscissa, local_line, smooth_abscissa
 from .table_positions import as_measured
 
@@ -174,6 +175,7 @@ def reduce_test(test: TestRecord, *, max_points: int = 600, log_rows: int = LOG_
     `rows_of_log` counts these, `Channel.std` is the standard error of each point and `std_source`, `notes` say how it
     was found.
     """
+    test = with_smooth_conditions(test)
     if not is_raw_log(test, max_points=max_points, log_rows=log_rows):
         return as_measured(test, along_curve=True)
     test = without_outliers_in_log(test)
@@ -205,7 +207,11 @@ def reduce_test(test: TestRecord, *, max_points: int = 600, log_rows: int = LOG_
         declared = channel.std is not None
         source = "declared noise of a row, averaged over its bin" if declared else "scatter of the log's rows"
         freedom, sensor = points.degrees_of_freedom, channel.sensor
-        channels.append(Channel(channel.name, points.value, points.std, source, points.step, freedom, sensor=sensor))
+        channels.append(
+            Channel(
+                channel.name, points.value, points.std, source, points.step, freedom, points.position_part, sensor=sensor
+            )
+        )
     return replace(
         test,
         spool_position=mean(test.spool_position) if held else position,
@@ -224,6 +230,8 @@ def reduce_test(test: TestRecord, *, max_points: int = 600, log_rows: int = LOG_
         rows_of_log=rows,
         table=None,
         notes=(*test.notes, *notes),
+        input_error={name: mean(error) for name, error in test.input_error.items()}
+        | ({} if held else {"spool_position": error_of_means(abscissa, starts, rows)}),
         nodes=nodes_of(abscissa.position, test.time, starts, "load_pressure" if held else "spool_position"),
     )
 
@@ -343,6 +351,7 @@ def smooth_sweep(test: TestRecord) -> TestRecord:
 
     A held position (load_flow with a load that sweeps) stays as logged; its load pressure is smoothed instead.
     """
+    test = with_smooth_conditions(test)
     if test.in_motion or not is_raw_log(test):
         return as_measured(test)
     pieces, direction = monotone_pieces(test)
