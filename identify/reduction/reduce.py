@@ -19,9 +19,9 @@ from thermohyd.identify.bench.test_record import Channel, Nodes, TestRecord
 
 from .bad_rows import without_outliers_in_log
 from .monotone_pieces import monotone_pieces, piece_bounds, sweep_axis
-from .noise_of_points import Points, error_of_means, points_of
+from .noise_of_points import Points, points_of
 from .smooth_conditions import with_smooth_conditions
-from .sweep_position import STEPS_ACROSS, Abscissa, local_line, smooth_abscissa
+from .sweep_position import STEPS_ACROSS, Abscissa, curve_slopes, local_line, smooth_abscissa
 from .table_positions import as_measured
 
 
@@ -183,11 +183,25 @@ def reduce_test(test: TestRecord, *, max_points: int = 600, log_rows: int = LOG_
     axis = sweep_axis(test)
     readings = [channel.value for channel in test.channels]
     abscissa = smooth_abscissa(axis, pieces, readings)
+    slopes = [curve_slopes(abscissa.position, channel.value, pieces) for channel in test.channels]
+    away = np.where(abscissa.staircase, 0.0, abscissa.position - axis)
+    # Readings are taken along their curve from where the position was read to the smooth sweep. A spool that shakes takes its readings
+    # along, and that goes out; what a transducer scatters by comes in, row by row, and is seen in the readings' own scatter: no error of
+    # the smooth sweep is shared by neighbouring bins.
+    test = replace(
+        test,
+        channels=tuple(
+            replace(c, value=c.value + slope * away, moved=slope * away if away.any() else None)
+            for c, slope in zip(test.channels, slopes, strict=True)
+        ),
+    )
+    carried = [np.abs(slope) * np.where(abscissa.staircase, 0.0, abscissa.scatter) for slope in slopes]
     # Errors from the bins' finite width, where an edge closes within one, must not outgrow the noise of longer logs.
     max_points = round(max_points * max(test.rows / FULL_LOG, LEAST_SHARE) ** (1.0 / 3.0))
     starts = bin_starts(abscissa, readings, pieces, max_points)
-    first = [points_of(channel, starts, pieces, abscissa) for channel in test.channels]
-    remembered = max((p.correlation.rows_per_reading() for p in first if p.correlation.white < 1.0), default=0.0)
+    both = list(zip(test.channels, carried, strict=True))
+    first = [points_of(channel, starts, pieces, abscissa, own) for channel, own in both]
+    remembered = max((p.correlation.rows_per_reading() for p in first if not p.correlation.white), default=0.0)
     if remembered > 0.0:
         # Of a row, were rows independent and their means as uncertain as these are.
         scatter = [p.row_std * np.sqrt(max(p.correlation.rows_per_reading(), 1.0)) for p in first]
@@ -197,8 +211,8 @@ def reduce_test(test: TestRecord, *, max_points: int = 600, log_rows: int = LOG_
     position = mean(abscissa.position)
     held = axis is not test.spool_position
     channels, notes = [], [_what_was_done(test, pieces, starts)]
-    for channel in test.channels:
-        points = points_of(channel, starts, pieces, abscissa)
+    for channel, own in both:
+        points = points_of(channel, starts, pieces, abscissa, own)
         if channel.std is None and np.ptp(channel.value) == 0:
             notes.append(f"{test.name}, {channel.name}: the reading never changes, so nothing is known of its noise")
             channels.append(Channel(channel.name, points.value, sensor=channel.sensor))
@@ -230,8 +244,7 @@ def reduce_test(test: TestRecord, *, max_points: int = 600, log_rows: int = LOG_
         rows_of_log=rows,
         table=None,
         notes=(*test.notes, *notes),
-        input_error={name: mean(error) for name, error in test.input_error.items()}
-        | ({} if held else {"spool_position": error_of_means(abscissa, starts, rows)}),
+        input_error={name: mean(error) for name, error in test.input_error.items()},
         nodes=nodes_of(abscissa.position, test.time, starts, "load_pressure" if held else "spool_position"),
     )
 
@@ -309,7 +322,7 @@ def _noise_note(test: TestRecord, channel: Channel, points: Points, rows: np.nda
             if channel.std is not None
             else f"scatter of {shown(points.row_std)} of the rows kept as noise"
         )
-        if points.correlation.white == 1.0:
+        if points.correlation.white:
             parts.append(f"{kept}; rows are independent of each other ({n:.0f} in a typical bin)")
         else:
             parts.append(
@@ -335,7 +348,7 @@ def _noise_note(test: TestRecord, channel: Channel, points: Points, rows: np.nda
 
 
 def _memory(test: TestRecord, points: Points) -> str:
-    if points.correlation.white > 0.9:
+    if points.correlation.share < 0.1:
         return ""
     rows = points.correlation.memory
     if test.time is not None and (pace := float(np.median(np.diff(test.time)))) > 0:
