@@ -16,16 +16,15 @@ from .monotone_pieces import piece_bounds
 
 Values = Any  # a number, or an array of them
 
-PENALTY = 6.0  # in chi-square: white noise, unless the scales say clearly otherwise
+PENALTY = 9.0  # in chi-square: white noise, unless the scales say clearly otherwise
 MEDIAN_OF_CHI2 = 0.4549  # one degree of freedom
 REDUNDANT = 2.31  # neighbouring third differences that are worth one independent one: 1 + 2 sum of squared correlations
 STRETCH, FEW = 48, 12  # third differences that are judged together
 AROUND = 5  # stretches whose median is local
 UNEQUAL = 1e-4  # probability of stretches as unequal as this by chance, below which the noise varies along the log
 ALTERNATES = 0.62  # share of neighbouring third differences of opposite sign: 0.77 in noise, however long its memory
-ROWS_ALTERNATE = 0.7  # the same of single rows, where no bend of a curve shows
-CLEARLY = 4.0  # standard errors
-RESOLVED = 150  # means per sweep between which a valve's curve hardly bends
+MOSTLY = 0.6  # of the stretches must show noise alone for a lag to say anything
+RESOLVED = 75  # parts of a sweep within which a valve's curve hardly bends
 
 
 @dataclass(frozen=True)
@@ -129,8 +128,8 @@ def _median_of_mean(degrees_of_freedom: float) -> float:
     return (1.0 - 2.0 / (9.0 * degrees_of_freedom)) ** 3
 
 
-LAGS = np.array([1, 2, 3, 5, 8, 13, 21])  # rows between the readings of a third difference
-SHARES, PHIS = np.linspace(0.0, 1.0, 41)[1:], np.concatenate([np.arange(0.1, 0.9, 0.02), np.arange(0.9, 0.99, 0.01)])
+LAGS = (1, 2, 3, 5, 8, 13, 21, 34, 55)  # rows between the readings of a third difference
+SHARES, PHIS = np.linspace(0.0, 1.0, 41)[1:], np.concatenate([np.arange(0.1, 0.9, 0.02), np.arange(0.9, 0.995, 0.005)])
 TRUSTED = 0.03  # relative error to which any lag's ratio is trusted at best
 
 
@@ -142,8 +141,9 @@ def log_correlation(value: np.ndarray, pieces: np.ndarray, scatter: np.ndarray) 
     bends and jumps of the curve out, and a lag at which its bends show says nothing: third differences of noise alternate in
     sign, however long its memory, those of the curve do not.
     """
-    found = [_at_lag(value, pieces, scatter, int(lag)) for lag in LAGS]
-    kept = [(lag, *of_lag) for lag, of_lag in zip(LAGS, found, strict=True) if of_lag is not None]
+    longest = np.median(np.bincount(pieces - pieces.min())) / RESOLVED
+    found = {lag: _at_lag(value, pieces, scatter, lag) for lag in LAGS if lag <= max(longest, LAGS[2])}
+    kept = [(lag, *of_lag) for lag, of_lag in found.items() if of_lag is not None]
     if len(kept) < 3 or kept[0][0] != 1:
         return None
     lags, ratio, error = (np.array(each, float) for each in zip(*kept, strict=True))
@@ -159,8 +159,11 @@ def log_correlation(value: np.ndarray, pieces: np.ndarray, scatter: np.ndarray) 
 
 
 def _at_lag(value: np.ndarray, pieces: np.ndarray, scatter: np.ndarray, lag: int) -> tuple[float, float] | None:
-    """Variance that third differences between rows `lag` apart show, beside `scatter`, and its relative error; None: it says nothing."""
-    ratios, alternating, length = [], [], STRETCH + 3 * lag
+    """Variance that third differences between rows `lag` apart show, beside `scatter`, and its relative error; None: it says nothing.
+
+    By stretches, without those where the curve's bends show: there differences do not alternate in sign.
+    """
+    ratios, asked, length = [], 0, STRETCH + 3 * lag
     for start, stop in piece_bounds(pieces):
         y, s = value[start:stop], scatter[start:stop]
         if stop - start < 4 * lag + FEW:
@@ -168,17 +171,21 @@ def _at_lag(value: np.ndarray, pieces: np.ndarray, scatter: np.ndarray, lag: int
         third = y[: -3 * lag] - 3.0 * y[lag : -2 * lag] + 3.0 * y[2 * lag : -lag] - y[3 * lag :]
         least = np.minimum(np.minimum(s[: -3 * lag], s[lag : -2 * lag]), np.minimum(s[2 * lag : -lag], s[3 * lag :]))
         level = (s[: -3 * lag] + s[lag : -2 * lag] + s[2 * lag : -lag] + s[3 * lag :]) / 4.0
-        square = np.divide(third**2 / 20.0, level, out=np.full(len(third), np.nan), where=least > 0.0)
-        asked = np.flatnonzero(np.isfinite(square))
-        for part in np.split(asked, np.flatnonzero(np.diff(asked) > 1) + 1):
-            count = len(part) // length
-            ratios += square[part[: count * length]].reshape(count, length).mean(axis=1).tolist() if count else []
-        both = (least[lag:] > 0.0) & (least[:-lag] > 0.0)
-        alternating.append((third[lag:] * third[:-lag] < 0.0)[both])
-    if len(ratios) < 6 or float(np.mean(np.concatenate(alternating))) <= ALTERNATES:
+        square = np.divide(third**2 / 20.0, level, out=np.zeros(len(third)), where=least > 0.0)
+        turns = np.append(third[lag:] * third[:-lag] < 0.0, np.zeros(lag, dtype=bool))
+        rows = np.flatnonzero(least > 0.0)
+        for part in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
+            for first in range(0, len(part) - length - lag + 1, length):
+                own = part[first : first + length]
+                asked += 1
+                if np.mean(turns[own]) > ALTERNATES:
+                    ratios.append(float(np.mean(square[own])))
+    if len(ratios) < max(6, MOSTLY * asked):
         return None
-    spread = float(np.std(np.log(np.maximum(ratios, 1e-12)))) * np.sqrt(np.pi / 2.0 / len(ratios))
-    return float(np.median(ratios)), spread
+    spread = float(np.var(np.log(np.maximum(ratios, 1e-12))))
+    # The further apart, the fewer independent differences a stretch holds: from how far the logarithms of stretches scatter.
+    freedom = 2.0 * (1.0 + 0.5 * spread) / max(spread, 1e-12)
+    return float(np.median(ratios)) / _median_of_mean(max(freedom, 1.0)), np.sqrt(np.pi / 2.0 * spread / len(ratios))
 
 
 def _seen_at(lag: Values, share: Values, phi: Values) -> Any:

@@ -161,7 +161,7 @@ def _share(density: np.ndarray) -> np.ndarray:
 LOG_ROWS = 2000
 # Rows of a log that gets all its points; fewer and more by the third root of the rows.
 FULL_LOG, LEAST_SHARE = 20_000, 0.3
-MEMORIES = 1.5  # rows of a bin, at least, in independent readings' worth
+MEMORIES = 3.0  # rows of a bin, at least, in independent readings' worth
 # Fewer rows per piece, and they are readings that somebody took one by one; or, where the sweep goes forward from row to row, so
 # far apart that the curve's bends and a noise with a memory look alike in them: rows are then fitted one by one, up to so many.
 ROWS_PER_PIECE, FORWARD_PER_PIECE, ONE_BY_ONE = 200, 600, 6000
