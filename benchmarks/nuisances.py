@@ -49,7 +49,10 @@ def judged(folder: Path, effects: tuple[str, ...]) -> dict:
     for (name, channel), rows in problem.rows().items():
         test, used = problem.tests[name], fit.used[rows]
         square = fit.residual[rows] ** 2 / np.maximum(leverage[rows], 0.1)
-        for what, along in (("reading", np.abs(test.channel(channel).value)), ("position", np.abs(test.spool_position))):
+        for what, along in (
+            ("reading", np.abs(test.channel(channel).value)),
+            ("position", np.abs(test.spool_position)),
+        ):
             order = np.argsort(along[used], kind="stable")
             squares[name, channel, what] = [float(np.mean(p)) for p in np.array_split(square[used][order], SIXTHS)]
         for other, own in problem.rows().items():

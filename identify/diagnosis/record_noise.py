@@ -29,7 +29,13 @@ EXCESS, CHANCE = 1.2, 0.01
 # Share of a channel's variance that errors of its positions may make for its size to say how long its noise remembers.
 FEW_OF_POSITIONS = 0.1
 # Of what is logged beside the readings, for a slope by differences: far below what bends a curve, far above rounding.
-STEPS = {"spool_position": 1e-8, "supply_pressure": 1e4, "return_pressure": 1e4, "temperature": 0.1, "load_pressure": 1e4}
+STEPS = {
+    "spool_position": 1e-8,
+    "supply_pressure": 1e4,
+    "return_pressure": 1e4,
+    "temperature": 0.1,
+    "load_pressure": 1e4,
+}
 
 
 @dataclass(frozen=True)
@@ -154,7 +160,9 @@ def beside_inputs(problem: Problem, fit: Fit, noise: dict[Key, ChannelNoise]) ->
     for key, rows in problem.rows().items():
         errors = {} if tests[key[0]].in_motion else tests[key[0]].input_error
         parts = [noise[key].std * slopes[name][rows] * error for name, error in errors.items() if name in slopes]
-        if noise[key].position_part is not None and "spool_position" not in errors:  # of a log, by the slope of its curve
+        if (
+            noise[key].position_part is not None and "spool_position" not in errors
+        ):  # of a log, by the slope of its curve
             parts.append(noise[key].position_part)
         if parts and np.isfinite(parts).all():
             found[key] = noise[key].beside_inputs(np.sqrt(np.sum(np.square(parts), axis=0)))

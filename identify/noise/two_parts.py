@@ -32,7 +32,9 @@ class TwoParts:
         return TwoParts(factor * self.own, factor * self.share)
 
 
-def two_parts(square: np.ndarray, level: np.ndarray, known: np.ndarray | None = None, left: np.ndarray | None = None) -> TwoParts:
+def two_parts(
+    square: np.ndarray, level: np.ndarray, known: np.ndarray | None = None, left: np.ndarray | None = None
+) -> TwoParts:
     """The parts behind squared residuals by restricted likelihood; one alone where the second is not worth it.
 
     square (rows,): residuals squared, each over the share of it that a fit has left. level (rows,): size of each reading, SI. known
@@ -64,7 +66,9 @@ def two_parts(square: np.ndarray, level: np.ndarray, known: np.ndarray | None = 
     flat = np.ones(len(square))
     one, alone = best([flat], [0.0])
     if len(square) >= FEWEST and np.ptp(relative) > 0.0:
-        both, parts = min((best([flat, relative], start) for start in ([-0.7, -0.7], [-4.0, 0.0])), key=lambda end: end[0])
+        both, parts = min(
+            (best([flat, relative], start) for start in ([-0.7, -0.7], [-4.0, 0.0])), key=lambda end: end[0]
+        )
         if total * (one - both) > WORTH and parts[1] > 2.0 * LEAST:
             return TwoParts(float(parts[0]) * np.sqrt(size), float(parts[1]) * np.sqrt(size) / height)
     return TwoParts(float(alone[0]) * np.sqrt(size), 0.0)

@@ -134,12 +134,11 @@ TRUSTED = 0.03  # relative error to which any lag's ratio is trusted at best
 
 
 def log_correlation(value: np.ndarray, pieces: np.ndarray, scatter: np.ndarray) -> LogCorrelation | None:
-    """How a log's noise forgets: third differences between rows 1, 2, ... apart beside the variance that those of neighbours show; None: too few rows say
-    anything.
+    """How a log's noise forgets: third differences between rows 1, 2, ... apart beside the variance that those of neighbours show.
 
-    value, pieces (n,); scatter (n,): that variance (`row_scatter`), 0 for rows that are not to be asked. Medians over stretches keep
-    bends and jumps of the curve out, and a lag at which its bends show says nothing: third differences of noise alternate in
-    sign, however long its memory, those of the curve do not.
+    value, pieces (n,); scatter (n,): that variance (`row_scatter`), 0 for rows that are not to be asked. None: too few rows say
+    anything. Medians over stretches keep bends and jumps of the curve out, and a lag at which its bends show says nothing: third
+    differences of noise alternate in sign, however long its memory, those of the curve do not.
     """
     longest = np.median(np.bincount(pieces - pieces.min())) / RESOLVED
     found = {lag: _at_lag(value, pieces, scatter, lag) for lag in LAGS if lag <= max(longest, LAGS[2])}

@@ -223,7 +223,14 @@ def reduce_test(test: TestRecord, *, max_points: int = 600, log_rows: int = LOG_
         freedom, sensor = points.degrees_of_freedom, channel.sensor
         channels.append(
             Channel(
-                channel.name, points.value, points.std, source, points.step, freedom, points.position_part, sensor=sensor
+                channel.name,
+                points.value,
+                points.std,
+                source,
+                points.step,
+                freedom,
+                points.position_part,
+                sensor=sensor,
             )
         )
     return replace(

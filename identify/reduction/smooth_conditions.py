@@ -53,14 +53,16 @@ def with_smooth_conditions(test: TestRecord) -> TestRecord:
         if scatter <= SMALLEST * max(float(np.max(np.abs(column))), 1e-300):
             continue
         if not test.in_motion and _readings_follow(test, away):
-            notes.append(f"{test.name}: the readings follow the scatter of the {SHOWN.get(name, name)}, which is kept as logged")
+            notes.append(
+                f"{test.name}: the readings follow the scatter of the {SHOWN.get(name, name)}, which is kept as logged"
+            )
             continue
         changed[name], errors[name] = smooth, error
         unit = column_unit(name)
-        label = "K" if name == "temperature" else unit.label
+        size = f"{significant(scatter * unit.factor, 2)} {'K' if name == 'temperature' else unit.label}"
         notes.append(
-            f"{test.name}: {SHOWN.get(name, name)} scatters by {significant(scatter * unit.factor, 2)} {label} about a smooth course, and the "
-            "readings do not follow: taken for the gauge's noise"
+            f"{test.name}: {SHOWN.get(name, name)} scatters by {size} about a smooth course, and the readings do not follow: taken "
+            "for the gauge's noise"
         )
     return replace(test, **changed, input_error=errors, notes=tuple(notes)) if len(notes) > len(test.notes) else test
 
@@ -147,7 +149,9 @@ def _readings_follow(test: TestRecord, away: np.ndarray) -> bool:
         driven = [d for d, s in zip(moved, size, strict=True) if s > 0.0]
         rho = _autocorrelation(alike)
         for e, d in zip(alike, driven, strict=True):
-            spread = sum((2.0 if lag else 1.0) * rho[lag] * float(d[lag:] @ d[: len(d) - lag]) for lag in range(LAGS + 1))
+            spread = sum(
+                (2.0 if lag else 1.0) * rho[lag] * float(d[lag:] @ d[: len(d) - lag]) for lag in range(LAGS + 1)
+            )
             if spread > 0.0:
                 total, count = total + float(e @ d) ** 2 / spread / max(float(np.mean(e**2)), 1e-300), count + 1
     return count > 0 and float(chdtrc(count, total)) < FOLLOWED

@@ -223,7 +223,14 @@ def _remembered(white: np.ndarray, phi: float, run: np.ndarray) -> np.ndarray:
 
 
 def _bench_toml(log: Log, name: str) -> str:
-    lines = [LABEL, "", "[valve]", f'name = "{name}"', 'stroke = "213 um"', f'rated_current = "{RATED_CURRENT * 1e3:g} mA"']
+    lines = [
+        LABEL,
+        "",
+        "[valve]",
+        f'name = "{name}"',
+        'stroke = "213 um"',
+        f'rated_current = "{RATED_CURRENT * 1e3:g} mA"',
+    ]
     lines += [f'slot_width = "{log.valve.slot_width * 1e3:g} mm"', 'rated_flow = "9.8 l/min"']
     lines += ['rated_pressure_drop = "70 bar"', "", "[oil]", OILS[log.oil_name][0], ""]
     lines += ["[conditions]", 'return_pressure = "0 bar"']
