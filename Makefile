@@ -131,6 +131,7 @@ hidden-dynamic: $(VENV)/.installed-dev
 
 hidden-logs: $(VENV)/.installed-dev
 	$(BIN)/python benchmarks/hidden_raw_logs.py fit
+	$(BIN)/python benchmarks/hidden_raw_logs.py leakage
 	$(BIN)/python benchmarks/hidden_raw_logs.py diagnose
 
 petab-select: $(VENV)/.installed-dev

@@ -2,40 +2,55 @@
 
 The class inherits from the stage of the circuit where the term's place lies; its amount times the law of the variable is what shifts
 the place. What has no stage (a flow that an edge cannot know, say) is refused with the reason.
+
+The module is run by whoever loads it, and the diagnosis may be a stranger's: what is written into code is a finite number, a checked
+name, or the `repr` of words from our own tables. Only the file's own name is its owner's, and `_spoken` lets it end nothing.
 """
 
-import json
 import keyword
+import re
 from pathlib import Path
 
-from thermohyd.identify.bench.errors import BenchInputError
+from thermohyd.identify.bench.errors import BenchInputError, quoted
 from thermohyd.identify.model.places import OF_READING, SEVERAL
 from thermohyd.identify.model.term_variables import REFERENCE_TEMPERATURE
-from thermohyd.identify.model.typed_terms import CURVES
+from thermohyd.identify.model.typed_terms import CURVES, TypedTerm
+from thermohyd.identify.report.term_words import confirmed_by, term_name
 
 from .motion_effect_writer import stage_in_motion, test_in_motion
 from .written_term import Stage, TermRead, read_term, refused
+
+
+LONGEST_NAME = 60  # of an effect, and of the file that it was read from
 
 
 def check_name(name: str) -> None:
     """Raise BenchInputError unless an effect may have this name."""
     from thermohyd.effects.library import find_effect
 
-    if not name.isidentifier() or keyword.iskeyword(name) or name != name.lower():
+    plain = re.fullmatch(r"[a-z][a-z0-9_]*", name) is not None and len(name) <= LONGEST_NAME
+    if not plain or name.startswith("test_") or keyword.iskeyword(name) or keyword.iskeyword(class_name(name)):
         raise BenchInputError(
-            f'an effect\'s name must be a Python identifier in small letters, such as port_hose, not "{name}"'
+            f"an effect's name must be a Python identifier in small letters (a to z, 0 to 9, _; not test_), such as port_hose,"
+            f" of at most {LONGEST_NAME}, not {quoted(name)}"
+        )
+    if class_name(name) in _IMPORTED:
+        raise BenchInputError(
+            f'the class of an effect "{name}" would hide another of its module; give yours another name'
         )
     if find_effect(name) is not None:
         raise BenchInputError(f'the library has an effect "{name}" already; give yours another name')
 
 
+# What a module may import, which a class of the same name would hide.
+_IMPORTED = frozenset({"Added", "Array", "Conditions", "Edges", "EffectInfo", "Float", "Motion", "Oil", "Seen"})
 BASE = "from thermohyd.effects.effect import {}"
 CONDITIONS, OIL = "from thermohyd.conditions import Conditions", "from thermohyd.oil import Oil"
 _CHANNELS_OF = {"leakage_flow": "leakage", "flow": "flow_gain", "load_pressure": "pressure_gain",
                 "pressure_a": "pressure_gain", "pressure_b": "pressure_gain"}  # fmt: skip
 
 
-def stage_of(term: TermRead) -> Stage:
+def stage_of(term: TypedTerm) -> Stage:
     """The stage of a term's place and its methods. Raises BenchInputError where no stage can know the variable."""
     place = term.place
     if term.moving:
@@ -71,7 +86,7 @@ _OF_CONDITIONS = {
 _NEEDS = {"direction": ("both_directions",), "rate": ("rate",), "time": ("time",)}
 
 
-def _variable(term: TermRead, own: dict[str, str] | None = None) -> tuple[str, tuple[str, ...]]:
+def _variable(term: TypedTerm, own: dict[str, str] | None = None) -> tuple[str, tuple[str, ...]]:
     """(an expression of conditions `c`, what it needs)."""
     known = _OF_CONDITIONS | (own or {})
     if term.variable not in known or (term.variable == "load" and "load" not in (own or {})):
@@ -79,8 +94,8 @@ def _variable(term: TermRead, own: dict[str, str] | None = None) -> tuple[str, t
     return known[term.variable], _NEEDS.get(term.variable, ())
 
 
-def law_code(term: TermRead) -> str:
-    """The function `law(v)` of the module: what the place is shifted by per unit of the amount."""
+def law_code(term: TypedTerm, value: float) -> str:
+    """The function `law(v)` of the module: what the place is shifted by per unit of the amount, which was `value` of a curve."""
     lines = ['def law(v: Float[Array, "..."]) -> Float[Array, "..."]:']
     held = f"jnp.clip(v, {term.low!r}, {term.high!r})"
     if term.law == "constant":
@@ -89,13 +104,14 @@ def law_code(term: TermRead) -> str:
     if term.law == "smooth":
         from numpy.polynomial import legendre, polynomial
 
-        centre, reach = 0.5 * (term.low + term.high), 0.5 * (term.high - term.low)
-        powers = legendre.leg2poly([c / term.value for c in term.coefficients])
+        powers = legendre.leg2poly([c / value for c in term.coefficients])
         powers = [float(c) for c in polynomial.polytrim(powers)]
         horner = " + s * (".join(repr(c) for c in powers) + ")" * (len(powers) - 1)
-        return "\n".join([*lines, f"    s = ({held} - {centre!r}) / {reach!r}", f"    return {horner} + 0.0 * s"])
+        return "\n".join(
+            [*lines, f"    s = ({held} - {term.centre!r}) / {term.reach!r}", f"    return {horner} + 0.0 * s"]
+        )
     if term.law == "local":
-        at_knots = [c / term.value for c in term.coefficients]
+        at_knots = [c / value for c in term.coefficients]
         return "\n".join(
             [
                 *lines,
@@ -120,7 +136,7 @@ def law_code(term: TermRead) -> str:
     )
 
 
-def _reading(term: TermRead) -> Stage:
+def _reading(term: TypedTerm) -> Stage:
     name = "leakage_flow" if term.place == "flow_into_return" else term.place.removeprefix(OF_READING)
     channels = SEVERAL.get(name, (name,))
     own = {"flow": "value", "pressure": "value"} if term.place.startswith(OF_READING) else {}
@@ -139,14 +155,14 @@ def _reading(term: TermRead) -> Stage:
     return Stage("AbstractReadingEffect", (CONDITIONS, OIL, *imports), body, needs, shows)
 
 
-def _thinned(term: TermRead, temperature: str) -> tuple[str, tuple[str, ...]]:
+def _thinned(term: TypedTerm, temperature: str) -> tuple[str, tuple[str, ...]]:
     """(the factor of a laminar law as code, what it imports); nothing of any other law."""
     if term.law != "laminar":
         return "", ()
     return f" * thinning(oil, {temperature})", ("from thermohyd.effects.edges import thinning",)
 
 
-def _port(term: TermRead) -> Stage:
+def _port(term: TypedTerm) -> Stage:
     port = {"flow_into_a": 0, "flow_into_b": 1}.get(term.place)
     if term.variable == "pressure_rate":
         if port is None or term.law != "proportional" or term.coefficients[0] > 0.0:
@@ -179,7 +195,7 @@ def _port(term: TermRead) -> Stage:
     return Stage("AbstractInflowEffect", (CONDITIONS, OIL, *imports), body, needs)
 
 
-def _line(term: TermRead) -> Stage:
+def _line(term: TypedTerm) -> Stage:
     losses = {
         "supply_pressure": "-self.amount * law(supply_flow), jnp.zeros_like(return_flow)",
         "return_pressure": "jnp.zeros_like(supply_flow), self.amount * law(return_flow)",
@@ -192,7 +208,7 @@ def _line(term: TermRead) -> Stage:
     return Stage("AbstractLineEffect", (), body, (), ("flow_gain", "load_flow"))
 
 
-def _condition(term: TermRead) -> Stage:
+def _condition(term: TypedTerm) -> Stage:
     v, needs = _variable(term)
     fields = {"position": {"position": 1}, "supply_pressure": {"supply_pressure": 1}, "return_pressure": {"return_pressure": 1},
               "pressure_in_passages": {"supply_pressure": -1, "return_pressure": 1},
@@ -207,7 +223,7 @@ def _condition(term: TermRead) -> Stage:
     return Stage("AbstractConditionEffect", (CONDITIONS,), body, needs)
 
 
-def _oil(term: TermRead) -> Stage:
+def _oil(term: TypedTerm) -> Stage:
     v, needs = _variable(term)
     body = f"""    def oil(self, nominal: Oil) -> Oil:
         return nominal  # where no operating points are known, as in motion, the term is not either
@@ -230,7 +246,7 @@ _OF_AN_EDGE = {
 }
 
 
-def _edge(term: TermRead) -> Stage:
+def _edge(term: TypedTerm) -> Stage:
     quantity, _, part = term.place.partition(":")
     if quantity == "clearance" and term.variable in ("pressure", "pressure_drop"):
         if (term.variable, term.law) != ("pressure", "proportional"):
@@ -264,14 +280,21 @@ def class_name(name: str) -> str:
     return "".join(part.capitalize() for part in name.split("_"))
 
 
-def effect_module(name: str, term: TermRead, source: str) -> str:
-    """The text of the module: law, class, entry."""
+def _spoken(text: str) -> str:
+    """A stranger's text in a docstring: what is neither a letter, a figure nor one of " ._-+()" becomes "?"."""
+    return "".join(c if c.isalnum() or c in " ._-+()" else "?" for c in text[:LONGEST_NAME])
+
+
+def effect_module(name: str, read: TermRead, source: str) -> str:
+    """The text of the module: law, class, entry. source: the name of the file that the term was read from."""
+    term = read.term
     stage = stage_of(term)
     linear_of_its_own = "law(" not in stage.body
-    amount = abs(term.value) if term.law in CURVES else stage.sign * term.coefficients[0]
+    amount = abs(read.value) if term.law in CURVES else stage.sign * term.coefficients[0]
     size = abs(amount)
     lower = 0.0 if stage.lower_is_zero else -30.0 * size
-    head = term.sentence.split(":")[0]
+    head = term_name(term)
+    confirm = confirmed_by(term.place, term.variable, term.law, moving=term.moving)
     base_and_amount = "as_amount" if term.moving else f"{stage.base}, as_amount"
     imports = sorted(
         {
@@ -283,14 +306,14 @@ def effect_module(name: str, term: TermRead, source: str) -> str:
     body_uses_np = "np." in stage.body
     closed = (
         ""
-        if term.gap_closed is None
-        else f" It closed {100.0 * term.gap_closed:.0f} % of what was left there on rows held out."
+        if read.gap_closed is None
+        else f" It closed {100.0 * read.gap_closed:.0f} % of what was left there on rows held out."
     )
     lines = [
         f'"""{class_name(name)}: {head}.',
         "",
-        f"Written by thermohyd effect from {source}: a place and a variable that a record asked for, not yet a cause.{closed}",
-        f"What would confirm it: {term.confirmed_by}.",
+        f"Written by thermohyd effect from {_spoken(source)}: a place and a variable that a record asked for, not yet a cause.{closed}",
+        f"What would confirm it: {confirm}.",
         '"""',
         "",
         f"from typing import {'ClassVar, ' * stage.remembers}final",
@@ -305,7 +328,7 @@ def effect_module(name: str, term: TermRead, source: str) -> str:
         "",
     ]
     if not linear_of_its_own:
-        lines += [law_code(term), "", ""]
+        lines += [law_code(term, read.value), "", ""]
     base = stage.base.split(",")[0]
     lines += [
         "@final",
@@ -322,15 +345,15 @@ def effect_module(name: str, term: TermRead, source: str) -> str:
         "",
         "",
         "ENTRY = EffectInfo(",
-        f'    name="{name}",',
+        f"    name={name!r},",
         f"    effect={class_name(name)},",
-        f'    unit="{term.unit}",',
+        f"    unit={term.unit!r},",
         f"    lower={lower!r},",
         f"    upper={30.0 * size!r},",
         f"    typical=({0.1 * size!r}, {3.0 * size!r}),",
         f"    scale={0.5 * size!r},",
         f"    shows={stage.shows!r},",
-        f"    sentence={json.dumps(head)},",
+        f"    sentence={head!r},",
         *([f"    needs={stage.needs!r},"] if stage.needs else []),
         ")",
         "",
@@ -338,7 +361,7 @@ def effect_module(name: str, term: TermRead, source: str) -> str:
     return "\n".join(lines)
 
 
-def test_module(name: str, term: TermRead) -> str:
+def test_module(name: str, term: TypedTerm) -> str:
     """The text of a test: the amount 0 changes nothing, an amount changes what the entry says."""
     if term.moving:
         return test_in_motion(name, term)
@@ -399,9 +422,9 @@ def test_some_of_it_shows():
 '''
 
 
-def effect_files(name: str, term: TermRead, source: str) -> dict[str, bytes | str]:
+def effect_files(name: str, read: TermRead, source: str) -> dict[str, bytes | str]:
     """{file name: text} of a folder of effects."""
-    return {f"{name}.py": effect_module(name, term, source), f"test_{name}.py": test_module(name, term)}
+    return {f"{name}.py": effect_module(name, read, source), f"test_{name}.py": test_module(name, read.term)}
 
 
 def write_effect(name: str, diagnosis: Path, folder: Path, number: int = 1) -> tuple[str, ...]:
@@ -412,8 +435,7 @@ def write_effect(name: str, diagnosis: Path, folder: Path, number: int = 1) -> t
     from thermohyd.identify.report.files import write_all
 
     check_name(name)
-    term = read_term(diagnosis, number)
-    files = effect_files(name, term, diagnosis.name)
+    files = effect_files(name, read_term(diagnosis, number), diagnosis.name)
     for file in files:
         if (folder / file).exists():
             raise BenchInputError("is there already; choose another name or folder", file=folder / file)

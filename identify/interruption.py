@@ -12,6 +12,8 @@ import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+from thermohyd.identify.bench.errors import one_line
+
 
 INTERRUPTED = 130
 # Signal: (what the line says, exit status)
@@ -60,7 +62,7 @@ def _leave(word: str, status: int) -> None:
         with contextlib.suppress(Exception):
             end()
     with contextlib.suppress(OSError):
-        os.write(2, f"thermohyd: {word}; {what_was_written()}\n".encode(errors="replace"))
+        os.write(2, f"thermohyd: {word}; {one_line(what_was_written())}\n".encode(errors="replace"))
     os._exit(status)
 
 

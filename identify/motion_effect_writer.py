@@ -2,9 +2,9 @@
 
 from thermohyd.identify.model.places import OF_READING, place_of
 from thermohyd.identify.model.term_variables import DELAYED, DIRECTION_SPEED, IMPLICIT, REFERENCE_TEMPERATURE, signal_of
-from thermohyd.identify.model.typed_terms import GASEOUS
+from thermohyd.identify.model.typed_terms import GASEOUS, TypedTerm
 
-from .written_term import Stage, TermRead, refused
+from .written_term import Stage, refused
 
 
 # What a signal is of what an effect of the circuit sees.
@@ -36,7 +36,7 @@ _ADDED = {
 }  # fmt: skip
 
 
-def stage_in_motion(term: TermRead) -> Stage:
+def stage_in_motion(term: TypedTerm) -> Stage:
     """The stage of a term's place in motion. Raises BenchInputError where no stage acts there."""
     if term.place.startswith(OF_READING):
         raise refused(term, "no stage of the simulator reads a test in motion")
@@ -75,7 +75,7 @@ def stage_in_motion(term: TermRead) -> Stage:
     )
 
 
-def _delay(term: TermRead) -> Stage:
+def _delay(term: TypedTerm) -> Stage:
     """A lag of the command with its own rate is a delay, which a field of `Motion` has: exact however fast the command changes."""
     body = """    def motion(self, so_far: Motion) -> Motion:
         return so_far.later(self.amount)"""
@@ -103,7 +103,7 @@ _ADDED_TO_THE_CIRCUIT = '''def added(amount):
     return np.concatenate(found)'''
 
 
-def test_in_motion(name: str, term: TermRead) -> str:
+def test_in_motion(name: str, term: TypedTerm) -> str:
     """The text of a test: the amount 0 adds nothing, an amount adds something somewhere."""
     delays = term.variable == DELAYED
     needed = "machine import Motion" if delays else "circuit import Seen"

@@ -51,10 +51,10 @@ class Result(ABC):
 
     def summary(self, width: int = WIDTH) -> str:
         """The text that the command shows in a terminal of `width` columns, without escape codes."""
-        from rich.console import Console
+        from thermohyd.identify.report.terminal import PlainConsole
 
         text = StringIO()
-        self.print_on(Console(file=text, width=width, highlight=False, color_system=None, force_terminal=False))
+        self.print_on(PlainConsole(file=text, width=width, color_system=None, force_terminal=False))
         return text.getvalue()
 
     def _repr_html_(self) -> str:

@@ -53,8 +53,10 @@ def sensitivity_study(
     source: a record (with readings and without a model it is fitted first), the result of a fit or of a diagnosis, a
     model, the path of a record or of a model.json; None: the seed paper's valve. model: to study at a record's conditions
     in the place of a fit. settings: tolerances, noise and conditions, or the path of a TOML file with them
-    (`read_study_settings`). actuator: whose performance is followed over the temperature; else that of the settings, else
-    the example's. evaluations: of the three static tests in the Sobol study. seed: of its samples.
+    (`read_study_settings`); without conditions there a model stands in the middle of what it was fitted to. actuator:
+    whose performance is followed over the temperature; else that of the settings, of the record, of the model; where
+    nobody describes one with its controller, none is. evaluations: of the three static tests in the Sobol study. seed:
+    of its samples.
 
     Raises BenchInputError, RuntimeError where the fit does not converge or JAX runs in single precision.
     """
@@ -66,7 +68,7 @@ def sensitivity_study(
     return study.sensitivity(
         subject,
         given.settings,
-        actuator=actuator_of(subject, given.settings) if actuator is None else actuator,
+        actuator=actuator_of(given, subject) if actuator is None else actuator,
         evaluations=study.EVALUATIONS if evaluations is None else evaluations,
         seed=seed,
         progress=progress,

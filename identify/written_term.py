@@ -1,42 +1,46 @@
-"""A typed term as diagnosis.json holds it, read back to be written as an effect; and the stage of the simulator that it becomes. No JAX."""
+"""A typed term as diagnosis.json holds it, read back to be written as an effect; and the stage of the simulator that it becomes. No JAX.
+
+The file is a stranger's. Of it come numbers, and the names of entries of our own tables: no text of it is ever written into code.
+"""
 
 import json
-import math
 from dataclasses import dataclass
 from pathlib import Path
 
 from thermohyd.identify.bench.errors import BenchInputError
-from thermohyd.identify.model.term_variables import VARIABLES, laws_in_motion
-from thermohyd.identify.model.typed_term_file import place_named
-from thermohyd.identify.model.typed_terms import LAWS, coefficients_of
+from thermohyd.identify.model.model_file import ModelReader
+from thermohyd.identify.model.typed_term_file import typed_term
+from thermohyd.identify.model.typed_terms import TypedTerm
+
+
+LARGEST = 50_000_000  # bytes of a diagnosis.json
+OF_THE_TERM = ("place", "variable", "law", "coefficients", "range", "moving")
+# Between these an amount, its square, and limits of a search around it are all numbers.
+LEAST, MOST = 1e-100, 1e100
 
 
 @dataclass(frozen=True)
 class TermRead:
-    """A term as `diagnosis.json` holds it."""
+    """A term, its size (of a curve its spread, else the coefficient), and the share of a gap that it closed."""
 
-    place: str
-    variable: str
-    law: str
-    unit: str
+    term: TypedTerm
     value: float
-    coefficients: tuple[float, ...]
-    low: float
-    high: float
-    sentence: str
-    confirmed_by: str
     gap_closed: float | None
-    moving: bool = False  # of tests in motion
 
 
 def read_term(path: Path, number: int = 1) -> TermRead:
     """The term `number` of a diagnosis.json, counted from 1. Raises BenchInputError with the file and what would be right."""
-    fail = lambda sentence: BenchInputError(sentence, file=path)
+    reader = ModelReader(path)
+    fail = reader.fail
     try:
+        if path.exists() and not path.is_file():
+            raise fail("is no file; expected a diagnosis.json written by thermohyd diagnose")
+        if path.stat().st_size > LARGEST:
+            raise fail(f"is larger than {LARGEST:,} bytes: not a diagnosis.json")
         content = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise fail(f"cannot be read ({error.strerror})") from None
-    except (UnicodeDecodeError, ValueError):
+    except (ValueError, RecursionError):
         raise fail("is not JSON; expected a diagnosis.json written by thermohyd diagnose") from None
     terms = content.get("terms") if isinstance(content, dict) else None
     if not isinstance(terms, list) or "verdict" not in content:
@@ -49,28 +53,19 @@ def read_term(path: Path, number: int = 1) -> TermRead:
         )
         raise fail(f"has {held}")
     entry, where = terms[number - 1], f'"terms" entry {number}'
-    moving = isinstance(entry, dict) and entry.get("moving") is True
-    place_named(entry.get("place") if isinstance(entry, dict) else None, where, fail, moving=moving)
-    about = VARIABLES.get(str(entry.get("variable")))
-    if about is None or entry.get("law") not in (laws_in_motion(about) if moving else LAWS):
-        raise fail(f'{where} has a "variable" or a "law" that is none')
-    try:
-        low, high = (float(end) for end in entry["range"])
-        found = TermRead(
-            entry["place"], entry["variable"], entry["law"], str(entry["unit"]), float(entry["value"]),
-            tuple(float(c) for c in entry["coefficients"]), low, high, str(entry["sentence"]),
-            str(entry.get("confirmed_by", "")), entry.get("gap_closed"), moving,
-        )  # fmt: skip
-    except (KeyError, TypeError, ValueError):
-        raise fail(f'{where} must have "value", "unit", "coefficients", "range" and "sentence"') from None
-    numbers = (found.value, found.low, found.high, *found.coefficients)
-    if (
-        len(found.coefficients) != coefficients_of(found.law)
-        or not all(map(math.isfinite, numbers))
-        or found.value == 0.0
-    ):
+    own = {key: entry[key] for key in OF_THE_TERM if key in entry} if isinstance(entry, dict) else entry
+    term = typed_term(own, number, (), fail, reader.number)
+    value = reader.number(entry.get("value"), f'{where} "value"')
+    closed = entry.get("gap_closed")
+    closed = None if closed is None else reader.number(closed, f'{where} "gap_closed"')
+    if value == 0.0 or (len(term.coefficients) == 1 and term.coefficients[0] == 0.0):
         raise fail(f"{where} has no amount to write")
-    return found
+    sizes = [abs(size) for size in (value, term.low, term.high, *term.coefficients) if size != 0.0]
+    if not all(LEAST <= size <= MOST for size in sizes):
+        raise fail(f"{where} must hold numbers from {LEAST:g} to {MOST:g} in size, or 0")
+    if term.low == term.high and term.law != "constant":
+        raise fail(f'{where} "range" must rise, from the least to the greatest value of {term.variable}')
+    return TermRead(term, value, closed)
 
 
 @dataclass(frozen=True)
@@ -87,7 +82,7 @@ class Stage:
     remembers: bool = False  # it goes with which way the spool's command went last
 
 
-def refused(term: TermRead, why: str) -> BenchInputError:
+def refused(term: TypedTerm, why: str) -> BenchInputError:
     """The message of a term that no effect can be written of."""
     return BenchInputError(
         f"a term of {term.place} with {term.variable} cannot be written as an effect: {why}; --learn keeps it in model.json"

@@ -23,6 +23,7 @@ from .ports import (
     Between,
     PortFlows,
     Ports,
+    apart,
     between,
     loaded_ports,
     mass_from_outside,
@@ -61,38 +62,38 @@ def solve_with_lines(
     gauges: Conditions,
     lines: tuple[AbstractLineEffect, ...],
     warm_return: ReturnTemperature,
-    spare_room: Float[Array, " rows"] | float = 0.0,
+    load: Float[Array, " rows"] | float = 0.0,
 ) -> tuple[Ports, Conditions]:
     """Ports and lines in balance: (state of the ports, conditions inside the lines).
 
     Flows through the lines are volumes at the gauges, the return's at `warm_return`. The pressure difference inside,
-    plus `spare_room` (as a share of the gauges'), stays positive.
+    plus the size of an imposed load pressure, stays positive.
     """
     count = start.shape[0]
-    span = gauges.supply_pressure - gauges.return_pressure
+    sought = apart(gauges, load)
+    span = sought.supply_pressure - sought.return_pressure
 
-    def inside(z: Float[Array, "unknowns rows"]) -> Conditions:
+    def inside(z: Float[Array, "unknowns rows"], at: Conditions) -> Conditions:
         if not lines:
-            return gauges
-        return with_pressures(
-            gauges, gauges.supply_pressure - z[count] * span, gauges.return_pressure + z[count + 1] * span
-        )
+            return at
+        whole = at.supply_pressure - at.return_pressure
+        return with_pressures(at, at.supply_pressure - z[count] * whole, at.return_pressure + z[count + 1] * whole)
 
     def imbalance(z: Float[Array, "unknowns rows"]) -> Float[Array, "unknowns rows"]:
-        within = inside(z)
+        within = inside(z, sought)
         residual, ports = balance(z[:count], within)
         if not lines:
             return residual
-        lost, gained = lost_in_lines(lines, ports, oil, gauges, warm_return(ports, within))
+        lost, gained = lost_in_lines(lines, ports, oil, sought, warm_return(ports, within))
         return jnp.concatenate([residual, jnp.stack([z[count] - lost / span, z[count + 1] - gained / span])])
 
     def room(z: Float[Array, "unknowns rows"]) -> Float[Array, " rows"]:
-        return 1.0 - z[count] - z[count + 1] + spare_room
+        return 1.0 - z[count] - z[count + 1] + jnp.abs(load) / span
 
     extra = jnp.zeros((2 if lines else 0, *start.shape[1:]))
     first = jax.lax.stop_gradient(jnp.concatenate([start, extra]))
     z = coupled_root(imbalance, first, room if lines else None)
-    within = inside(z)
+    within = inside(z, gauges)
     return balance(z[:count], within)[1], within
 
 
@@ -134,7 +135,9 @@ def ports_with_crossing(
     if flows.heat_retention is not None:
         other = jnp.flip(ports.temperature, axis=0)
         arriving = other + flows.heat_retention * throttling_rise(flows.oil, -fall, mean, other)
-        warm = ports.temperature + into * (arriving - ports.temperature) / (ports.inflow + into)
+        total = ports.inflow + into
+        share = jnp.where(total != 0.0, into / jnp.where(total != 0.0, total, 1.0), 0.0)
+        warm = ports.temperature + share * (arriving - ports.temperature)
         ports = eqx.tree_at(lambda p: (p.temperature, p.outflow), ports, (warm, flows.outflow(drops.return_drop, warm)))
     into, out = with_what_enters(into, out, extra)
     return Ports(ports.pressure, ports.temperature, ports.inflow, ports.outflow, crossing=into - out), into, out
@@ -172,17 +175,18 @@ def coupled_blocked_ports(
 ) -> tuple[Ports, Conditions]:
     """Both ports closed, with lines and flow between the ports: (ports, conditions inside the lines)."""
     flows = port_flows(edges, oil, heat_retention, conditions, coupling.inflows)
+    sought = flows.at(apart(conditions))
     conductance = crossing_conductance(coupling.crossings, oil, conditions) if coupling.crossings else None
 
     def alone(q: Float[Array, "2 rows"]) -> Float[Array, "2 rows"]:
-        return _with_crossing(flows, q, None)[0]
+        return _with_crossing(sought, q, None)[0]
 
     def balance(q: Float[Array, "2 rows"], inside: Conditions) -> tuple[Float[Array, "2 rows"], Ports]:
-        return _with_crossing(eqx.tree_at(lambda f: f.conditions, flows, inside), q, conductance)
+        return _with_crossing(flows.at(inside), q, conductance)
 
     start = falling_root(alone, jnp.zeros((2, *conditions.position.shape)))
     if conductance is not None:
-        start = _drawn_together(flows, start, conductance)
+        start = _drawn_together(sought, start, conductance)
 
     def warm(ports: Ports, inside: Conditions) -> Float[Array, " rows"]:
         return return_temperature(ports, oil, heat_retention, inside)
@@ -197,12 +201,12 @@ def coupled_connected_ports(
     flows = port_flows(edges, oil, heat_retention, conditions, coupling.inflows)
 
     def balance(q: Float[Array, "1 rows"], inside: Conditions) -> tuple[Float[Array, "1 rows"], Ports]:
-        ports = ports_at(eqx.tree_at(lambda f: f.conditions, flows, inside), between(q[0], inside))
+        ports = ports_at(flows.at(inside), between(q[0], inside))
         into, out = with_what_enters(ports.inflow, ports.outflow, ports.crossing)
         return jnp.log(jnp.sum(into, axis=0) / jnp.sum(out, axis=0))[None], ports
 
     def alone(q: Float[Array, " rows"]) -> Float[Array, " rows"]:
-        return balance(q[None], conditions)[0][0]
+        return balance(q[None], apart(conditions))[0][0]
 
     start = falling_root(alone, jnp.zeros(conditions.position.shape), CONNECTED_STEPS)[None]
 
@@ -300,12 +304,13 @@ def coupled_loaded_ports(
         leaving, flow = ports.temperature + heat_retention * rise, _positive(ports.outflow)
         return _mixed([(flow[i], leaving[i]) for i in (0, 1)], cold)
 
-    alone = loaded_ports(edges, oil, heat_retention, conditions, load, coupling.inflows)
-    span = conditions.supply_pressure - conditions.return_pressure
+    sought = apart(conditions, load)
+    alone = loaded_ports(edges, oil, heat_retention, sought, load, coupling.inflows)
+    span = sought.supply_pressure - sought.return_pressure
     share = (jnp.mean(alone.pressure, axis=0) - conditions.return_pressure + 0.5 * jnp.abs(load)) / (
         span + jnp.abs(load)
     )
     start = (jnp.log(share) - jnp.log1p(-share))[None]
     if heat_retention is not None:
         start = jnp.concatenate([start, (alone.temperature - cold) / TEMPERATURE_UNIT])
-    return solve_with_lines(balance, start, oil, conditions, coupling.lines, warm_return, jnp.abs(load) / span)
+    return solve_with_lines(balance, start, oil, conditions, coupling.lines, warm_return, load)

@@ -13,8 +13,8 @@ import ctypes
 import dataclasses
 import functools
 import hashlib
+import json
 import os
-import pickle
 import tempfile
 import threading
 import weakref
@@ -30,8 +30,10 @@ import numpy as np
 from jax.core import Tracer
 from jax.experimental import serialize_executable
 
+from .kept_answers import Place, answering, in_words, of_words
 from .lean_executables import lean
 from .own_effects import own_effects
+from .own_files import NotOwnError, check_own_folder, read_own_file, say_not_own
 from .program_words import CannotKeepError, said, surroundings
 
 
@@ -40,6 +42,7 @@ ENDING = ".program"
 # second for each megabyte. Loaded, XLA's structures take some ten times what the file holds before it is compressed (measured with
 # jaxlib 0.10). A diagnosis of three static tests needs 15 MB of them in all, one of a bench's logs up to 25.
 MOST_LOADED = 24 * 1000**2  # bytes
+LARGEST = 64 * 1024**2  # bytes of one, before it is compressed and after: those of a diagnosis have 15 MB in all
 # What is read more often in one piece of work (`begin_work`) is part of a larger round: from then on there is room for it beside the
 # others.
 MOST_READS = 3
@@ -51,8 +54,15 @@ _programs: "weakref.WeakSet[KeptProgram]" = weakref.WeakSet()
 
 
 def keep_in(folder: Path | None) -> None:
-    """Keep compiled programs in a folder of the user's own, which is there; None: keep none. What lies there is run as code."""
+    """Keep compiled programs in a folder which is there; None: keep none. What lies there is run as code: in a folder that is not the
+    user's own (`own_files`) none are kept, with a warning on stderr."""
     global _folder
+    try:
+        if folder is not None:
+            check_own_folder(folder)
+    except NotOwnError as error:
+        say_not_own(error)
+        folder = None
     _folder = folder
 
 
@@ -204,6 +214,10 @@ class _Program:
         try:
             executable, count, answer = _read(self.file)
             self.run = run = _callable(executable, count, answer)
+        except NotOwnError as error:
+            say_not_own(error)
+            keep_in(None)
+            return None
         except Exception:  # nothing there, cut short, or of a release that the words do not tell apart
             return None
         self.size = len(executable)
@@ -299,9 +313,9 @@ def _flat(function: Callable, tree: Any, leaves: list[Any], number: int) -> tupl
         out, out_tree = jax.tree_util.tree_flatten(function(*args, **kwargs))
         arrays_out = [value for value in out if eqx.is_array(value)]
         places = iter(range(len(arrays_out)))
-        spoken = [_Place(next(places)) if eqx.is_array(value) else value for value in out]
+        spoken = [Place(next(places)) if eqx.is_array(value) else value for value in out]
         made["answer"] = jax.tree_util.tree_unflatten(out_tree, spoken)
-        made["answered"] = _answering(made["answer"])
+        made["answered"] = answering(made["answer"])
         return [*arrays_out, np.int64(number)]
 
     flat.__name__ = flat.__qualname__ = _name_of(function)
@@ -318,27 +332,25 @@ def _compiled_and_kept(
     arrays = [leaf.traced for leaf in told if isinstance(leaf, _Shape)]
     with _out_of_jax_cache():
         compiled = jax.jit(flat, compiler_options=options or None).lower(arrays).compile()
-    answer, written, spoken, size = made["answer"], b"", b"", 0
+    answer, written, spoken, size = made["answer"], b"", None, 0
     # Written before it has run: what has sorted cannot be any more. Nor can a host callback, or an answer without words: this process
     # has the program all the same.
     with suppress(Exception):
-        spoken = pickle.dumps(answer)
+        spoken = in_words(answer)
         written = serialize_executable.serialize(compiled)[0]
     found = jax.block_until_ready(compiled(given))
     answered = made["answered"]
     run: Callable = lambda arrays: answered(compiled(arrays))
     with suppress(Exception):
-        if written:
-            shorter = _lean(written, len(arrays), spoken, given, found)
+        if written and _folder is not None:  # it may have turned out to be another's
+            shorter = _lean(written, len(arrays), answer, given, found)
             written, run = (written, run) if shorter is None else shorter
-            _write(file, (written, len(arrays), spoken))
+            _write(file, written, len(arrays), spoken)
             size = len(written)
     return answered(found), run, size
 
 
-def _lean(
-    written: bytes, count: int, answer: bytes, given: list[Any], found: list[Any]
-) -> tuple[bytes, Callable] | None:
+def _lean(written: bytes, count: int, answer: Any, given: list[Any], found: list[Any]) -> tuple[bytes, Callable] | None:
     """A program without what only a compiler reads, and what runs of it; None unless it answers what was found, bit by bit."""
     try:
         executable = lean(written)
@@ -362,39 +374,19 @@ def _out_of_jax_cache() -> Iterator[None]:
         jax.config.update(name, before)
 
 
-@dataclasses.dataclass(frozen=True)
-class _Place:
-    number: int
-
-
-def _callable(executable: bytes, count: int, answer: bytes) -> Callable:
+def _callable(executable: bytes, count: int, answer: Any) -> Callable:
     """What takes a list of so many arrays and gives the answer with those that it has places for."""
     program, answered = _loadable(executable, count, answer)
     return lambda arrays: answered(program(arrays))
 
 
-def _loadable(executable: bytes, count: int, answer: bytes) -> tuple[Callable, Callable]:
+def _loadable(executable: bytes, count: int, answer: Any) -> tuple[Callable, Callable]:
     """(what takes a list of so many arrays, what makes the answer of those that it gives)."""
     _ready_for_what_lowering_readies()
-    told = pickle.loads(answer)
     takes = jax.tree_util.tree_structure((([0] * count,), {}))
-    places = sum(isinstance(leaf, _Place) for leaf in jax.tree_util.tree_leaves(told))
+    places = sum(isinstance(leaf, Place) for leaf in jax.tree_util.tree_leaves(answer))
     gives = jax.tree_util.tree_structure([0] * (places + 1))
-    return serialize_executable.deserialize_and_load(executable, takes, gives), _answering(told)
-
-
-def _answering(answer: Any) -> Callable[[list[Any]], Any]:
-    """What puts the arrays that were found into their places in the answer."""
-    leaves, tree = jax.tree_util.tree_flatten(answer)
-    places = [(i, leaf.number) for i, leaf in enumerate(leaves) if isinstance(leaf, _Place)]
-
-    def answered(found: list[Any]) -> Any:
-        whole = list(leaves)
-        for i, number in places:
-            whole[i] = found[number]
-        return tree.unflatten(whole)
-
-    return answered
+    return serialize_executable.deserialize_and_load(executable, takes, gives), answering(answer)
 
 
 @functools.cache
@@ -403,19 +395,25 @@ def _ready_for_what_lowering_readies() -> None:
     jax.jit(jax.numpy.linalg.cholesky).lower(jax.ShapeDtypeStruct((2, 2), float))
 
 
-def _read(file: Path) -> tuple[bytes, int, bytes]:
-    kept = pickle.loads(zlib.decompress(file.read_bytes()))
+def _read(file: Path) -> tuple[bytes, int, Any]:
+    """(executable, number of arrays that it takes, answer). Raises NotOwnError where others may have written it."""
+    unpacking = zlib.decompressobj()
+    head, _, executable = unpacking.decompress(read_own_file(file, LARGEST), LARGEST).partition(b"\n")
+    if not unpacking.eof:
+        raise ValueError("is cut short or too large")
+    said = json.loads(head)
     with suppress(OSError):
         os.utime(file)  # the oldest go first
-    return kept
+    return executable, int(said["arrays"]), of_words(said["answer"])
 
 
-def _write(file: Path, kept: tuple[bytes, int, bytes]) -> None:
-    """Whole or not at all; another process may write the same."""
+def _write(file: Path, executable: bytes, count: int, answer: Any) -> None:
+    """A line of JSON and the executable, whole or not at all; another process may write the same."""
+    content = json.dumps({"arrays": count, "answer": answer}).encode() + b"\n" + executable
     handle, name = tempfile.mkstemp(dir=file.parent, prefix=file.name)
     try:
         with os.fdopen(handle, "wb") as out:
-            out.write(zlib.compress(pickle.dumps(kept), 1))
+            out.write(zlib.compress(content, 1))
         os.replace(name, file)
     except BaseException:
         with suppress(OSError):

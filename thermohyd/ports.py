@@ -19,6 +19,8 @@ from .oil import Oil, OilAtTemperature, at_temperature, density, throttling_rise
 
 # Connected ports sit near the middle between supply and return: 4 Newton steps leave rounding only.
 CONNECTED_STEPS = 4
+# Pressure [Pa] by which supply and return differ at least where a balance is sought: see `apart`. Flows are laminar there to 1e-8.
+LEAST = 1e-3
 MIRROR = np.array([[1.0], [-1.0]])
 
 
@@ -38,6 +40,17 @@ class Between(eqx.Module):
 
     supply_drop: Float[Array, "..."]
     return_drop: Float[Array, "..."]
+
+
+def apart(conditions: Conditions, load: Float[Array, "..."] | float = 0.0) -> Conditions:
+    """The conditions, and where nothing drives a flow (no load [Pa] either) the supply `LEAST` above the return.
+
+    There every share of no pressure balances, and ln(0/0) has no derivative. The share that flows have in the limit does: with it
+    flows at the conditions themselves are 0, and their first derivatives those of the limit.
+    """
+    supply, return_ = conditions.supply_pressure, conditions.return_pressure
+    none = jnp.abs(supply - return_) + jnp.abs(load) < LEAST
+    return eqx.tree_at(lambda c: c.supply_pressure, conditions, jnp.where(none, return_ + LEAST, supply))
 
 
 def between(q: Float[Array, "..."], conditions: Conditions) -> Between:
@@ -65,6 +78,10 @@ class PortFlows(eqx.Module):
     heat_retention: Float[Array, "..."] | None
     conditions: Conditions
     outside: tuple[AbstractInflowEffect, ...] = ()
+
+    def at(self, conditions: Conditions) -> "PortFlows":
+        """The same at other pressures."""
+        return eqx.tree_at(lambda flows: flows.conditions, self, conditions)
 
     def entering(self, drops: "Between") -> Float[Array, "2 rows"] | None:
         """Mass flow [kg/s] from outside into each port, at the supply's temperature; None where nothing lets it in."""
@@ -147,12 +164,13 @@ def blocked_ports(
 ) -> Ports:
     """Both ports closed: each port's inflow equals its outflow, ln(in/out) = 0 (docs/physics.md section 5)."""
     flows = port_flows(edges, oil, heat_retention, conditions, outside)
+    sought = flows.at(apart(conditions))
 
     def log_ratio(q: Float[Array, "2 rows"]) -> Float[Array, "2 rows"]:
-        drops = between(q, conditions)
-        temperature = flows.port_temperature(drops.supply_drop)
-        into, out = flows.inflow(drops.supply_drop), flows.outflow(drops.return_drop, temperature)
-        into, out = with_what_enters(into, out, flows.entering(drops))
+        drops = between(q, sought.conditions)
+        temperature = sought.port_temperature(drops.supply_drop)
+        into, out = sought.inflow(drops.supply_drop), sought.outflow(drops.return_drop, temperature)
+        into, out = with_what_enters(into, out, sought.entering(drops))
         return jnp.log(into / out)
 
     q = falling_root(log_ratio, jnp.zeros((2, *conditions.position.shape)))
@@ -168,12 +186,13 @@ def connected_ports(
 ) -> Ports:
     """Both ports joined without loss: p_A = p_B = p_m balances the four edges (the flow-gain test)."""
     flows = port_flows(edges, oil, heat_retention, conditions, outside)
+    sought = flows.at(apart(conditions))
 
     def log_ratio(q: Float[Array, " rows"]) -> Float[Array, " rows"]:
-        drops = between(q, conditions)
-        temperature = flows.port_temperature(drops.supply_drop)
-        into, out = flows.inflow(drops.supply_drop), flows.outflow(drops.return_drop, temperature)
-        into, out = with_what_enters(into, out, flows.entering(drops))
+        drops = between(q, sought.conditions)
+        temperature = sought.port_temperature(drops.supply_drop)
+        into, out = sought.inflow(drops.supply_drop), sought.outflow(drops.return_drop, temperature)
+        into, out = with_what_enters(into, out, sought.entering(drops))
         return jnp.log(jnp.sum(into, axis=0) / jnp.sum(out, axis=0))
 
     # What enters from outside may push the pressure far from the middle.
@@ -191,7 +210,10 @@ def return_temperature(
     drop = ports.pressure - conditions.return_pressure
     rise = throttling_rise(oil, drop, conditions.return_pressure + 0.5 * drop, ports.temperature)
     leaving = ports.temperature + heat_retention * rise
-    return jnp.sum(ports.outflow * leaving, axis=0) / jnp.sum(ports.outflow, axis=0)
+    total = jnp.sum(ports.outflow, axis=0)
+    some = total != 0.0
+    joined = jnp.sum(ports.outflow * leaving, axis=0) / jnp.where(some, total, 1.0)
+    return jnp.where(some, joined, jnp.mean(leaving, axis=0))
 
 
 # Edges may run backwards under an overrunning load, where the logarithmic balance has kinks: more steps than a blocked port.
@@ -216,15 +238,15 @@ def loaded_ports(
     it does not throttle it). The unknown is the mean port pressure; edges whose drop is negative run backwards, with
     oil of the volume they come from (return oil: at the supply's temperature).
     """
-    c = conditions
-    low = c.return_pressure - 0.5 * jnp.abs(load)
-    span = c.supply_pressure - c.return_pressure + jnp.abs(load)
     offset = jnp.stack([0.5 * load, -0.5 * load])
-    supply_opening, return_opening = openings(edges, c)
+    supply_opening, return_opening = openings(edges, conditions)
     supply, return_ = at_opening(edges.supply, supply_opening), at_opening(edges.return_, return_opening)
-    fresh = at_temperature(oil, c.temperature)
+    fresh = at_temperature(oil, conditions.temperature)
+    sought = apart(conditions, load)
 
-    def state(q: Float[Array, " rows"]) -> Ports:
+    def state(q: Float[Array, " rows"], c: Conditions) -> Ports:
+        low = c.return_pressure - 0.5 * jnp.abs(load)
+        span = c.supply_pressure - c.return_pressure + jnp.abs(load)
         pressure = low + span / (1.0 + jnp.exp(-q)) + offset
         supply_drop, return_drop = c.supply_pressure - pressure, pressure - c.return_pressure
         supply_mean, return_mean = pressure + 0.5 * supply_drop, pressure - 0.5 * return_drop
@@ -264,10 +286,10 @@ def loaded_ports(
         return Ports(pressure, warm, *flows(warm), extra)
 
     def log_ratio(q: Float[Array, " rows"]) -> Float[Array, " rows"]:
-        ports = state(q)
+        ports = state(q, sought)
         into = _positive(ports.inflow) + _positive(-ports.outflow)
         out = _positive(ports.outflow) + _positive(-ports.inflow)
         into, out = with_what_enters(into, out, ports.crossing)
         return jnp.log(jnp.sum(into, axis=0) / jnp.sum(out, axis=0))
 
-    return state(falling_root(log_ratio, jnp.zeros(c.position.shape), NEWTON_STEPS))
+    return state(falling_root(log_ratio, jnp.zeros(conditions.position.shape), NEWTON_STEPS), conditions)

@@ -5,6 +5,7 @@ import pandas as pd
 import streamlit as st
 
 from thermohyd.identify.bench.errors import listed
+from thermohyd.identify.bench.sheets import MOST_ROWS
 from thermohyd.identify.bench.test_tables import PARTS
 from thermohyd.identify.checking.report import column_rows, noise_words, size_words
 from thermohyd.identify.checking.result import CheckedTest, CheckResult
@@ -159,7 +160,7 @@ def _layout(work: Work, name: str) -> None:
         if part is not None:
             bound_text(work, ("tests", name, part), f"{part.capitalize()} of the file, where it is not the first")
         if part in (None, "sheet"):
-            st.session_state[rows] = said if isinstance(said, int) and said >= 0 else 0
+            st.session_state[rows] = said if isinstance(said, int) and 0 <= said <= MOST_ROWS else 0
             st.number_input("Lines above the headers", 0, step=1, key=rows, on_change=_skip, args=(name, rows))
     with second:
         bound_text(work, ("tests", name, "noise"), "Noise of a reading, where it is known", "0.01 l/min")

@@ -18,25 +18,25 @@ STOP_WITHIN = 10.0  # s: then the process is killed
 # "   12.3 s  fitting": how --verbose says what is going on.
 STEP = re.compile(r"\s*\d+\.\d s  (.*)")
 SAID = "thermohyd: "
-PROGRAM = (sys.executable, "-P", "-m", "thermohyd.identify")
+CHILD = (sys.executable, "-P", "-m", "thermohyd.identify.app.child")  # it ends with this process
+PROGRAM = (*CHILD, "thermohyd.identify")
 
 
 class CommandRun:
-    """`thermohyd ARGUMENTS`, started in a temporary folder, into which what it says goes too.
+    """`thermohyd ARGUMENTS`, started where the dropped folder lies; what it says goes beside, among the program's own files.
 
     It ends with this object, and at the latest when the program ends.
     """
 
     def __init__(self, arguments: Sequence[str], home: TemporaryHome) -> None:
-        folder = home.folder
         self.arguments = tuple(arguments)
         self._home = home  # so that the folder is removed after the process has ended
-        self._out, self._err = folder / "stdout.txt", folder / "stderr.txt"
+        self._out, self._err = home.own / "stdout.txt", home.own / "stderr.txt"
         self._began, self._took = time.monotonic(), None
         self.stopped = False
         command = [*PROGRAM, *arguments]
         with self._out.open("wb") as out, self._err.open("wb") as err:
-            self._process = subprocess.Popen(command, cwd=folder, stdin=subprocess.DEVNULL, stdout=out, stderr=err)
+            self._process = subprocess.Popen(command, cwd=home.dropped, stdin=subprocess.PIPE, stdout=out, stderr=err)
         self._end = weakref.finalize(self, _end, self._process)
 
     @property
@@ -83,11 +83,12 @@ class CommandRun:
 
 
 def _end(process: subprocess.Popen) -> None:
-    if process.poll() is not None:
-        return
-    process.terminate()
-    try:
-        process.wait(STOP_WITHIN)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()
+    if process.poll() is None:
+        process.terminate()
+        try:
+            process.wait(STOP_WITHIN)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+    if process.stdin is not None:
+        process.stdin.close()

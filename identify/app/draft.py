@@ -4,6 +4,7 @@ The text is all there is: what a widget shows is read from it, so that a bench.t
 same thing. TOML Kit edits it.
 """
 
+import functools
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,14 @@ from tomlkit.exceptions import TOMLKitError
 from thermohyd.identify.bench.cells import Source
 from thermohyd.identify.bench.columns import READINGS
 from thermohyd.identify.bench.errors import BenchInputError
-from thermohyd.identify.bench.headers import is_unit_of, likely_column, plain_name, sorted_headers, split_header
+from thermohyd.identify.bench.headers import (
+    is_unit_of,
+    likely_columns,
+    plain_name,
+    sorted_headers,
+    split_header,
+    units_of,
+)
 from thermohyd.identify.bench.read import NAME
 from thermohyd.identify.bench.record import ValveData
 from thermohyd.identify.bench.sensors import read_sensors
@@ -34,8 +42,9 @@ VISCOSITY = [["40 degC", "32 cSt"], ["100 degC", "5.4 cSt"]]  # to be written ov
 Place = tuple[str | int, ...]  # ("valve", "stroke"); ("oil", "viscosity", 0, 1)
 
 
+@functools.lru_cache(maxsize=8)  # a look at the page asks dozens of times
 def parsed(text: str) -> dict[str, Any] | None:
-    """The tables of a text; None where it is not TOML."""
+    """The tables of a text, to be read and not changed; None where it is not TOML."""
     try:
         return tomlkit.parse(text).unwrap()
     except TOMLKitError:
@@ -146,15 +155,16 @@ def _alike(name: str, path: Path) -> int:
     """How well a file's headers suit a static test: 2 for a reading's own name, 1 for a header that may mean one."""
     test = StaticTest(name, path, {}, {}, (), TomlTable(TableSource({}), ("tests", name), {}))
     try:
-        header = read_source(test).header
+        source = read_source(test)
+        likely = likely_columns(test, source, range(len(source.header)), READINGS[name])
     except BenchInputError:
         return 0
-    own = {plain_name(split_header(text)[0]) for text in header}
+    own = {plain_name(split_header(text)[0]) for text in source.header}
     if name == "load_flow" and "load_pressure" not in own:
         return 0
     if own & set(READINGS[name]):
         return 2 + (name == "load_flow")
-    return int(any(likely_column(test, text, READINGS[name]) for text in header))
+    return int(bool(likely))
 
 
 def described_tests(record: Path) -> dict[str, StaticTest]:
@@ -176,7 +186,8 @@ class Headers:
 
     def __init__(self, test: StaticTest, source: Source) -> None:
         columns, spare, unknown = sorted_headers(test, source)
-        self.test, self.header = test, source.header
+        self.test, self.source, self.header = test, source, source.header
+        self._units = units_of(source)
         self._columns = columns
         places = {place: name for name, place in columns.items()}
         self.taken_for = [places.get(i, "" if i in unknown else LEFT_OUT) for i in range(len(source.header))]
@@ -197,7 +208,7 @@ class Headers:
     def needs_unit(self, place: int, standard: str) -> bool:
         """Whether a header says no unit of its own that this column may have."""
         kinds = self.test.kinds.get(standard, ())
-        written = split_header(self.header[place])[1]
+        written = self._units[place]
         return bool(kinds) and (
             written is None or (not any(is_unit_of(written, kind) for kind in kinds) and written != "%")
         )
@@ -211,14 +222,8 @@ class Headers:
 
     def guesses(self) -> dict[int, str]:
         """{place: the standard column that an unknown header most likely means}, each column once."""
-        found: dict[int, str] = {}
-        for place, header in enumerate(self.header):
-            if not self.taken_for[place]:
-                open_ = [name for name in self.meanings if name not in self.taken_for and name not in found.values()]
-                guess = likely_column(self.test, header, open_)
-                if guess is not None:
-                    found[place] = guess
-        return found
+        places = [place for place, taken in enumerate(self.taken_for) if not taken]
+        return likely_columns(self.test, self.source, places, [n for n in self.meanings if n not in self.taken_for])
 
     def with_meaning(self, text: str, place: int, standard: str, unit: str = "") -> str:
         """The text in which a header is taken for a standard column, LEFT_OUT, or for what its own name says (""). unit: of a header

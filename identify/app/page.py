@@ -22,6 +22,7 @@ from .work import JOBS, Work
 SENT, REFUSED = "sent", "refused"  # keys of the session
 POINTS = "own viscosity points"
 CHOOSE = "choose one"
+MOST_POINTS = 20  # to be typed; more of them are told in bench.toml
 POINT = ("Temperature", "Kinematic viscosity")
 EVERY = 0.5  # s, between two looks at a command that runs
 REPORT_HEIGHT = 900
@@ -52,7 +53,7 @@ def page() -> None:
     work: Work | None = st.session_state.get(WORK)
     if work is None:
         return
-    if work.run is not None and work.run.status is None:
+    if work.run is not None and work.running:
         _watch(work.run)
         return
     _left_out(work)
@@ -135,7 +136,7 @@ def _oil(work: Work) -> None:
 def _points(work: Work) -> None:
     points = value_at(work.text, ("oil", "viscosity"))
     if isinstance(points, list) and all(isinstance(point, list) and len(point) == 2 for point in points):
-        for i in range(len(points)):  # a row each
+        for i in range(min(len(points), MOST_POINTS)):  # a row each
             for j, (column, label) in enumerate(zip(st.columns(ACROSS)[:2], POINT, strict=True)):
                 with column:
                     bound_text(work, ("oil", "viscosity", i, j), f"{label} of point {i + 1}", VISCOSITY[0][j])

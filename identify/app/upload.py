@@ -1,4 +1,5 @@
-"""Files that a browser sent, in a temporary folder of their own: no name leads out of it, and it goes when the page goes.
+"""Files that a browser sent, in a temporary folder of their own: no name leads out of it, none meets a file of the program's own, and
+it goes when the page goes.
 
 A browser names the files of a folder by their paths in it, and may send any name at all: every part is checked, and where it would
 lead is checked again on the disk. What bench.toml names as its tests' files must lie in the folder too.
@@ -6,6 +7,7 @@ lead is checked again on the disk. What bench.toml names as its tests' files mus
 
 import shutil
 import tempfile
+import unicodedata
 import weakref
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -19,14 +21,22 @@ from thermohyd.identify.bench.toml_file import TomlSource
 
 LONGEST_PART = 200  # bytes: file systems take 255
 DEEPEST = 8
+MOST_FILES, MOST_BYTES = 1000, 1_000_000_000  # of one drop
+LARGEST_TOML = 100_000  # bytes: every look at the page reads it
 UNNAMED = "record"  # a record whose files came without a folder
 
 
 class TemporaryHome:
-    """A folder that only this user can read. It is removed with this object, and at the latest when the program ends."""
+    """A folder that only this user can read. It is removed with this object, and at the latest when the program ends.
+
+    dropped: the folder in which the record's folder lies, and nothing else. own: the program's files.
+    """
 
     def __init__(self) -> None:
         self.folder = Path(tempfile.mkdtemp(prefix="thermohyd-app-")).resolve()
+        self.dropped, self.own = self.folder / "dropped", self.folder / "own"
+        self.dropped.mkdir()
+        self.own.mkdir()
         self._remove = weakref.finalize(self, shutil.rmtree, self.folder, ignore_errors=True)
 
     def remove(self) -> None:
@@ -35,7 +45,7 @@ class TemporaryHome:
 
     def words(self, text: str) -> str:
         """A message as the user knows the files: by their places in the record."""
-        return text.replace(f"{self.folder}/", "").replace(f"{self.folder}\\", "")
+        return text.replace(f"{self.dropped}/", "").replace(f"{self.dropped}\\", "")
 
 
 @dataclass(frozen=True)
@@ -70,20 +80,30 @@ def write_upload(sent: Iterable[tuple[str, bytes]], home: TemporaryHome) -> Uplo
     Of files in folders the record is the one that holds the uppermost bench.toml; without any it is the dropped folder.
     """
     files: dict[tuple[str, ...], bytes] = {}
-    left_out = []
-    for name, content in sent:
-        parts = safe_parts(name)
+    left_out, there, size = [], set(), 0
+    for number, (name, content) in enumerate(sent, 1):
+        parts, size = safe_parts(name), size + len(content)
+        if number > MOST_FILES or size > MOST_BYTES:
+            raise BenchInputError(
+                f"is more than {MOST_FILES:,} files or {MOST_BYTES:,} bytes; drop the folder of one record, and no other files with it"
+            )
+        one_name = unicodedata.normalize("NFC", "/".join(parts)).casefold()  # as a file system may take it
         if any(part.startswith(".") or part == "__MACOSX" for part in parts):
             left_out.append("/".join(parts))
-        elif parts in files:
-            raise BenchInputError(f"{quoted(name)} came twice; take one of them away")
+        elif one_name in there:
+            raise BenchInputError(f"{quoted(name)} came twice, or in other capitals; take one of them away")
+        elif parts[-1] == NAME and len(content) > LARGEST_TOML:
+            raise BenchInputError(
+                f"{quoted(name)} is larger than {LARGEST_TOML:,} bytes; thermohyd check in a terminal reads it"
+            )
         else:
+            there.add(one_name)
             files[parts] = content
     if not files:
         raise BenchInputError("holds no file of a record")
     base = _base(list(files))
     left_out += ["/".join(parts) for parts in files if parts[: len(base)] != base]
-    record = home.folder / (base[-1].lstrip("-") or UNNAMED if base else UNNAMED)
+    record = home.dropped / (base[-1].lstrip("-") or UNNAMED if base else UNNAMED)
     written = []
     try:
         record.mkdir()

@@ -16,7 +16,8 @@ from .draft import Headers, described_tests, first_draft, with_likely_tests
 from .upload import TemporaryHome, refuse_files_elsewhere, write_upload
 
 
-RESULTS = "results"  # the folder that --out names
+RESULTS = "results"  # the folder that --out names, among the program's own files
+BESIDE = "../own/"  # from where the record lies, and its command runs, to these files
 JOBS = {"fit": "fit.json", "diagnose": "diagnosis.json"}
 
 
@@ -50,13 +51,18 @@ class Work:
     def record(self) -> Path:
         return self.uploaded.record
 
+    @property
+    def running(self) -> bool:
+        """Whether a command runs on the record."""
+        return self.run is not None and self.run.status is None
+
     def write(self) -> None:
         """Put the text where the program reads it."""
         (self.record / NAME).write_text(self.text, encoding="utf-8")
 
     def change(self, text: str) -> None:
-        """Another bench.toml."""
-        if text != self.text:
+        """Another bench.toml, unless a command reads this one."""
+        if text != self.text and not self.running:
             self.text = text
             self.write()
 
@@ -104,23 +110,28 @@ class Work:
         return self._curves[1]
 
     def start(self, job: str) -> None:
-        """Run `thermohyd fit` or `thermohyd diagnose` on the record; what ran before is stopped, and its results go."""
+        """Run `thermohyd fit` or `thermohyd diagnose` on the record; what ran before is stopped, and its results go.
+
+        Raises BenchInputError where bench.toml names files elsewhere.
+        """
+        refuse_files_elsewhere(self.record)  # a browser can press a button that it was told to grey out
         if self.run is not None:
             self.run.stop()
-        shutil.rmtree(self.home.folder / RESULTS, ignore_errors=True)
+        shutil.rmtree(self.home.own / RESULTS, ignore_errors=True)
         self.ran_on = self.text
-        self.run = CommandRun([job, self.record.name, "--out", RESULTS, "--verbose"], self.home)
+        self.run = CommandRun([job, self.record.name, "--out", f"{BESIDE}{RESULTS}", "--verbose"], self.home)
 
     def result(self, name: str) -> bytes | None:
         """A file that the command wrote; None where there is none. It names the record by its folder's name, as the user does, not by
         where that lay for a while.
         """
         try:
-            content = (self.home.folder / RESULTS / name).read_bytes()
+            content = (self.home.own / RESULTS / name).read_bytes()
         except OSError:
             return None
-        inside, itself = f"{self.home.folder}{os.sep}", str(self.home.folder)
-        return content.replace(inside.encode(), b"").replace(itself.encode(), b"a temporary folder")
+        for before in (BESIDE, f"{self.home.dropped}{os.sep}", f"{self.home.own}{os.sep}"):
+            content = content.replace(before.encode(), b"")
+        return content.replace(str(self.home.folder).encode(), b"a temporary folder")
 
     def close(self) -> None:
         """Stop what runs and remove the folder, now."""

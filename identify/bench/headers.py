@@ -1,29 +1,39 @@
-"""Find which column of a file is which standard column.
+"""Find which column of a file is which standard column, and which it lacks.
 
 Letter case and blanks are forgiven; `columns` and `ignore` of bench.toml are obeyed. An unknown header is answered with the
 standard column that it most likely means, ready to be copied into bench.toml.
 """
 
 import difflib
+import functools
 import re
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 
-from .cells import NUMBER, Source, is_clock_time
-from .columns import standard_columns
+from .cells import MISSING, NUMBER, Source, is_clock_time
+from .columns import READINGS, standard_columns
 from .errors import LONGEST_QUOTE, BenchInputError, listed, one_line, quoted, suggestion
 from .shown_units import KINDS
-from .test_tables import StaticTest
+from .test_record import kind_of_test
+from .test_tables import DynamicTestTable, StaticTest
 from .units import UnitError, parse_unit
 
 
 HEADER = re.compile(r"(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*(?:\([^()]*\))?[^()]*)\))")
 LONGEST_NAME = 100  # of a header that a message repeats in full
+LONGEST_UNIT = 40  # longer is a sentence
 FROM_TOP = 100  # lines among which the headers are looked for
+MOST_PROPOSED = 200  # unknown headers that are looked at
+MOST_IGNORED = 300  # characters of the headers that a message lists to be left out
+# Units that a name may end with, of the words that are nothing else.
+NAMED_UNITS = ("um", "mm", "l/min", "ml/min", "lpm", "gpm", "bar", "mbar", "psi", "MPa", "kPa", "degC", "degF", "mA")
+# Beginnings of words for what somebody noted beside a row: of no quantity, and no name of a run.
+REMARKS = ("remark", "comment", "note", "bemerk", "kommentar", "notiz", "anmerk")
 # Words in benches' own headers, only ever used to propose a column in a message.
 WORDS = {
     "time": ("zeit", "temps", "clock", "stamp", "t"),
-    "run": ("lauf", "sweep", "cycle", "essai"),
+    "run": ("run", "lauf", "sweep", "cycle", "essai"),
     "spool_position": ("spool", "lvdt", "hub", "stroke", "weg", "position", "tiroir", "xv", "x"),
     "current": ("strom", "courant", "i"),
     "supply_pressure": ("supply", "pump", "system", "versorgung", "ps", "pp", "p0"),
@@ -159,56 +169,124 @@ def _is_number(cell: str) -> bool:
 
 
 def _unknown(test: StaticTest, source: Source, columns: dict[str, int], unknown: list[int]) -> BenchInputError:
-    """An error about the columns that are no standard ones, with the line of bench.toml that would name them."""
-    open_ = [name for name in ("run", *test.kinds) if name not in columns]
-    found: dict[str, str] = {}
-    for i in unknown:
-        guess = likely_column(test, source.header[i], [name for name in open_ if name not in found])
-        if guess is not None:
-            found[guess] = source.header[i]
-    extra = "(extra columns: start the name with _ or list it in ignore)"
+    """An error about the columns that are no standard ones, with the lines of bench.toml that name or leave out every one of them,
+    and what the test would lack even then."""
+    meant = likely_columns(test, source, unknown, [name for name in ("run", *test.kinds) if name not in columns])
+    places = {standard: place for place, standard in meant.items()}
+    first = split_header(source.header[unknown[0]])[0]
+    known = suggestion(first, ("run", *test.kinds))
+    left_out: list[str] = []
+    if not meant:
+        rest = known if len(unknown) == 1 else f"known: {', '.join(('run', *test.kinds))}"
+    else:
+        others = [source.header[i] for i in unknown if i not in meant]
+        units = units_of(source)
+        bare = {name: i for name, i in columns.items() if name in test.kinds and units[i] is None}
+        left_out = others if sum(map(len, others)) <= MOST_IGNORED else []
+        lines = mapping(test, source, bare | places, left_out)
+        if lacks := lacking(test, {*columns, *places}):
+            lines += f"; then still missing: {', '.join(lack.words for lack in lacks)}"
+        if len(unknown) > 1:
+            rest = f"if this is what they are, write {lines}"
+        elif known.endswith("?"):
+            rest = f"{known} Correct the header, or write {lines}"
+        else:
+            rest = f"if it is {meant[unknown[0]]}, write {lines}"
+    if not left_out:
+        rest += " (extra columns: start the name with _ or list it in ignore)"
     if len(unknown) == 1:
-        (i,) = unknown
-        name = split_header(source.header[i])[0]
-        known = suggestion(name, ("run", *test.kinds))
-        way = f" Correct the header, or write {mapping(test, found)}" if found else ""
-        if found and not known.endswith("?"):
-            return source.error(
-                f"unknown column {quoted(name)}; if it is {next(iter(found))}, write {mapping(test, found)} {extra}",
-                column=i,
-            )
-        return source.error(f"unknown column {quoted(name)}; {known}{way} {extra}", column=i)
-    names = listed([quoted(source.header[i], 30) for i in unknown], 6)
-    if found:
-        return source.error(f"unknown columns {names}; if this is what they are, write {mapping(test, found)} {extra}")
-    return source.error(f"unknown columns {names}; known: {', '.join(('run', *test.kinds))} {extra}")
+        return source.error(f"unknown column {quoted(first)}; {rest}", column=unknown[0])
+    return source.error(f"unknown columns {listed([quoted(source.header[i], 30) for i in unknown], 12)}; {rest}")
 
 
-def likely_column(test: StaticTest, header: str, open_: Iterable[str]) -> str | None:
-    """The standard column among `open_` that a user's header most likely means; None where none is likely."""
-    if len(header) > LONGEST_NAME:
-        return None
-    name, unit = split_header(header)
-    plain = plain_name(name)
-    best, score = None, 0.0
-    for standard in open_:
-        kinds = test.kinds.get(standard, ())
-        fits = unit is not None and any(is_unit_of(unit, kind) for kind in kinds)
-        if unit is not None and kinds and not fits:
-            continue
-        words = plain.split("_")
-        alike = difflib.SequenceMatcher(None, plain[:LONGEST_QUOTE], standard).ratio()
-        if any(word == w if len(w) < 4 else w in plain for w in WORDS.get(standard, ()) for word in words):
-            alike += 0.5
-        alike += 0.3 * fits - 0.2 * standard.endswith("_std")
-        if alike > score:
-            best, score = standard, alike
-    return best if score >= 0.5 else None
+def units_of(source: Source) -> list[str | None]:
+    """What each header gives as its unit, else the row below where that holds units; None where neither does."""
+    # Parentheses may hold something else than a unit: "LVDT (left)".
+    own = [
+        None if unit is not None and header.endswith(")") and not kinds_of(unit) else unit
+        for header, unit in ((header, split_header(header)[1]) for header in source.header)
+    ]
+    below = row_of_units(source)
+    return [unit or (below[i] or None) if below else unit for i, unit in enumerate(own)]
 
 
-def likely_header(test: StaticTest, standard: str, headers: Iterable[str]) -> str | None:
-    """The user's header that most likely is a standard column; None where none is."""
-    return next((h for h in headers if likely_column(test, h.lstrip("_"), (standard,)) == standard), None)
+def row_of_units(source: Source) -> list[str]:
+    """The cells below the headers where they are units, "" for those that say none; empty where they are rather a row of readings."""
+    row = [re.sub(r"^[\[(](.*)[\])]$", r"\1", cell).strip() for cell in source.first_row()]
+    filled = [cell for cell in row if cell not in ("", "-")]
+    if len(row) != len(source.header) or any(_is_number(cell) or is_clock_time(cell) for cell in row):
+        return []
+    if not filled or 2 * sum(bool(kinds_of(cell)) for cell in filled) < len(filled):
+        return []
+    return ["" if cell == "-" else cell for cell in row]
+
+
+def likely_columns(test: StaticTest, source: Source, places: Iterable[int], open_: Iterable[str]) -> dict[int, str]:
+    """{place: the standard column among `open_` that this header of the user's most likely means}, each column once.
+
+    By name, unit (of the header or of the row below) and cells: a column whose unit is of another kind is never proposed, nor is
+    one that holds texts, but for `run`.
+    """
+    units, open_ = units_of(source), tuple(open_)
+    rows = [cells for number, cells in source.top(FROM_TOP) if number != source.header_line]
+    rows = rows[1:] if row_of_units(source) else rows
+    scores = []
+    for place in list(places)[:MOST_PROPOSED]:
+        cells = [row[place] for row in rows if place < len(row) <= len(source.header)]
+        allowed = [name for name in open_ if _may_be(test.kinds.get(name), source.header[place], units[place], cells)]
+        for standard in allowed:
+            score = _likeness(test, source.header[place].lstrip("_"), units[place], standard)
+            if score >= 0.5:
+                scores.append((-score, place, standard))
+    found: dict[int, str] = {}
+    for _, place, standard in sorted(scores, key=lambda entry: entry[0]):
+        if place not in found and standard not in found.values():
+            found[place] = standard
+    return dict(sorted(found.items()))
+
+
+def _may_be(kinds: tuple[str, ...] | None, header: str, unit: str | None, cells: list[str]) -> bool:
+    """Whether a user's column may be one of these kinds of quantity; None: the names of runs."""
+    plain = plain_name(split_header(header)[0].lstrip("_"))
+    words = plain.split("_")
+    if len(header) > LONGEST_NAME or any(word.startswith(REMARKS) for word in words):
+        return False
+    if kinds is None:  # each row has a name, and rows share it
+        named = any(word in WORDS["run"] for word in words)
+        return unit is None and named and all(cells) and 2 * len(set(cells)) <= len(cells)
+    clock = "time" in kinds
+    filled = [cell for cell in cells if cell.lower() not in MISSING]
+    if 2 * sum(_is_number(cell) or (clock and is_clock_time(cell)) for cell in filled) < len(filled):
+        return False
+    unit = unit or _unit_in_name(plain)
+    # A format of times is no unit: "hh:mm:ss".
+    return unit is None or not kinds_of(unit).isdisjoint(kinds) or (clock and not kinds_of(unit))
+
+
+def _likeness(test: StaticTest, header: str, unit: str | None, standard: str) -> float:
+    """How much a user's header is like a standard column; from 0.5 on it is worth a proposal."""
+    plain = plain_name(split_header(header)[0])
+    unit = unit or _unit_in_name(plain)
+    alike = difflib.SequenceMatcher(None, plain[:LONGEST_QUOTE], standard).ratio()
+    words = plain.split("_")
+    if any(word == w if len(w) < 4 else w in plain for w in WORDS.get(standard, ()) for word in words):
+        alike += 0.5
+    alike += 0.4 * (unit is not None and not kinds_of(unit).isdisjoint(test.kinds.get(standard, ())))
+    return alike - 0.2 * standard.endswith("_std")
+
+
+def _unit_in_name(plain: str) -> str | None:
+    """ "psi" of "supply_pressure_psi": no statement, but a hint."""
+    last = plain.rpartition("_")[2]
+    return next((unit for unit in NAMED_UNITS if unit.lower() == last), None)
+
+
+@functools.lru_cache(maxsize=4096)
+def kinds_of(unit: str) -> frozenset[str]:
+    """The kinds of quantity that a text is a unit of; none of what is no unit."""
+    if len(unit) > LONGEST_UNIT:
+        return frozenset()
+    return frozenset(kind for kind in KINDS if is_unit_of(unit, kind))
 
 
 def is_unit_of(unit: str, kind: str) -> bool:
@@ -219,12 +297,72 @@ def is_unit_of(unit: str, kind: str) -> bool:
     return False
 
 
-def mapping(test: StaticTest, found: dict[str, str]) -> str:
-    """The line of bench.toml that names a user's headers, the ones that it already names included, ready to be copied."""
+def mapping(test: StaticTest, source: Source, found: Mapping[str, int], ignore: Sequence[str] = ()) -> str:
+    """The lines of bench.toml that name a user's headers and leave others out, those that it already holds included, ready to be
+    copied. A header without a unit, in the row below too, gets the usual one. found: {standard column: place}."""
+    units = {split_header(header)[0]: unit for header, unit in zip(source.header, units_of(source), strict=True)}
     entries = []
-    for standard, header in (test.columns | found).items():
+    for standard, header in (test.columns | {name: source.header[place] for name, place in found.items()}).items():
         kinds = test.kinds.get(standard)
-        unit = "" if kinds is None or split_header(header)[1] is not None else f" [{KINDS[kinds[0]].label}]"
-        text = one_line(header).replace("\\", "\\\\").replace('"', '\\"')
-        entries.append(f'{standard} = "{text}{unit}"')
-    return f"columns = {{ {', '.join(entries)} }} in [tests.{test.name}]"
+        name, unit = split_header(header)
+        hint = _unit_in_name(plain_name(name)) if kinds is not None else None
+        usual = f" [{hint or KINDS[kinds[0]].label}]" if kinds is not None else ""
+        unit = usual if (units.get(name) or unit) is None else ""
+        entries.append(f"{standard} = {_toml_text(header, unit)}")
+    lines = f"columns = {{ {', '.join(entries)} }}"
+    if ignore:
+        lines += f" and ignore = [{', '.join(map(_toml_text, dict.fromkeys((*test.ignore, *ignore))))}]"
+    return f"{lines} in [tests.{test.name}]"
+
+
+def _toml_text(text: str, end: str = "") -> str:
+    return '"' + one_line(text).replace("\\", "\\\\").replace('"', '\\"') + f'{end}"'
+
+
+@dataclass(frozen=True)
+class Lack:
+    """Something that a test lacks: the standard columns that would do, and how a message calls them."""
+
+    names: tuple[str, ...]
+    words: str
+
+
+def lacking(
+    test: StaticTest, have: Collection[str], conditions: Collection[str] | None = None, *, readings: bool = True
+) -> list[Lack]:
+    """What a test needs beside the standard columns that it has, conditions last. conditions: what [conditions] states, by default
+    as bench.toml has it. readings: a fit's, too."""
+    if conditions is None:
+        stated = test.table.source.root.data.get("conditions")
+        conditions = stated if isinstance(stated, dict) else ()
+    kind = kind_of_test(test.name)
+    needs = [*_AXES.get(kind, _POSITION)]
+    if kind == "step":
+        closed = isinstance(test, DynamicTestTable) and test.closed_loop
+        what = "command [mm], a setpoint of the piston" if closed else "command [um] or command [mA]"
+        needs.append(Lack(("command",), what))
+    if readings:
+        single = [name for name in ("pressure_a", "pressure_b") if name in have]
+        if kind == "pressure_gain" and "load_pressure" not in have and len(single) == 1:
+            other = {"pressure_a": "pressure_b", "pressure_b": "pressure_a"}[single[0]]
+            needs.append(Lack((other,), f"{other} [bar] beside {single[0]}"))
+        else:
+            names = tuple(READINGS[kind])
+            usual = f"{names[0]} [{KINDS[test.kinds[names[0]][0]].label}]"
+            needs.append(Lack(names, _READINGS_IN_WORDS.get(kind, usual)))
+    needs += [Lack((name,), words) for name, words in _CONDITIONS.items() if name not in conditions]
+    return [need for need in needs if not any(name in have for name in need.names)]
+
+
+_POSITION = (Lack(("spool_position", "current"), "spool_position [um] or current [mA]"),)
+_AXES = {
+    "load_flow": (*_POSITION, Lack(("load_pressure",), "load_pressure [bar], the imposed load pressure")),
+    "step": (Lack(("time",), "time [s]"),),
+    "frequency": (Lack(("frequency",), "frequency [Hz]"),),
+}
+_READINGS_IN_WORDS = {
+    "pressure_gain": "load_pressure [bar], or pressure_a and pressure_b",
+    "step": "piston_position [mm] or pressure_a [bar], a reading",
+    "frequency": "amplitude_ratio [1] or phase [deg], a reading",
+}
+_CONDITIONS = {"supply_pressure": "supply_pressure [bar]", "temperature": "temperature [degC]"}

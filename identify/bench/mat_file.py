@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from thermohyd.identify.optional_parts import install
+
 from .errors import BenchInputError, listed, one_line, quoted
 from .sheets import LARGEST, MOST_CELLS, SheetRows
 
@@ -145,7 +147,7 @@ def _of_hdf5(path: Path) -> dict[str, Any]:
         import h5py
     except ImportError:
         raise BenchInputError(
-            'is of MATLAB version 7.3 and needs the package h5py: pip install "thermohyd[matlab]"; or save it in MATLAB with '
+            f"is of MATLAB version 7.3 and needs the package h5py: {install('matlab')}; or save it in MATLAB with "
             'save(..., "-v7")',
             file=path,
         ) from None

@@ -16,13 +16,13 @@ from .errors import BenchInputError, quoted, suggestion
 from .planned_sweeps import planned_rows
 from .plausibility import check_supply, condition_warnings, rating_warnings, static_warnings
 from .provenance import provenance_of
-from .read_columns import channels_of, check_sensors, condition, missing, runs
+from .read_columns import channels_of, check_columns, check_sensors, condition, runs
 from .read_dynamic import dynamic_test_of
 from .record import BenchRecord, at_first_row
 from .sensors import Sensor
 from .sweeps import first_step_back, sweep_direction, sweep_rate
 from .test_file import BenchTable, bench_table, read_bench_csv
-from .test_record import Channel, TestRecord
+from .test_record import TestRecord
 from .test_tables import StaticTest
 from .units import to_si
 from .valve_tables import BenchFile, read_bench_toml
@@ -191,15 +191,12 @@ def _sensors(bench: BenchFile, tables: dict[str, BenchTable]) -> dict[str, Senso
 
 def _read_test(test: StaticTest, table: BenchTable, bench: BenchFile, readings_required: bool) -> TestRecord:
     check_sensors(table, test)
+    check_columns(table, test, bench, readings_required)
     position, abscissa = _position(table, bench, test)
-    given = {name: condition(table, bench, test, name) for name in CONDITIONS}
+    given = {name: condition(table, bench, name) for name in CONDITIONS}
     check_supply(table, bench, given["supply_pressure"], given["return_pressure"])
-    load_pressure = None
-    if test.name == "load_flow":
-        load_pressure = table.values.get("load_pressure")
-        if load_pressure is None:
-            raise missing(table, test, "load_pressure [bar], the imposed load pressure")
-    channels = _channels(table, test, readings_required)
+    load_pressure = table.values["load_pressure"] if test.name == "load_flow" else None
+    channels = channels_of(table, test, tuple(reading for reading in READINGS[test.name] if reading in table.values))
     run, run_names = runs(table)
     time = table.values.get("time")
     if time is not None and (back := first_step_back(time, run)) is not None:
@@ -237,15 +234,13 @@ def _position(table: BenchTable, bench: BenchFile, test: StaticTest) -> tuple[np
     valve = bench.valve
     if "spool_position" in table.values:
         name, position = "spool_position", table.values["spool_position"]
-    elif "current" in table.values:
+    else:
         name = "current"
         if valve.rated_current is None:
             raise bench.source.root.table_error(
                 "valve", f'rated_current is missing, but {test.file.name} has a current; write rated_current = "25 mA"'
             )
         position = valve.stroke * table.values["current"] / valve.rated_current * valve.polarity
-    else:
-        raise missing(table, test, "spool_position [um] or current [mA]")
     far = np.flatnonzero(np.abs(position) > 2.0 * valve.stroke)
     if len(far):
         row = int(far[0])
@@ -258,16 +253,3 @@ def _position(table: BenchTable, bench: BenchFile, test: StaticTest) -> tuple[np
         hint = next((f" In {unit} it would fit" for unit in fitting), "")
         raise table.error(name, row, f"{cell} is beyond twice {limit} ({full}); is the unit right?{hint}")
     return position, name
-
-
-def _channels(table: BenchTable, test: StaticTest, required: bool) -> tuple[Channel, ...]:
-    found = [reading for reading in READINGS[test.name] if reading in table.values]
-    if required:
-        if not found:
-            what = {"pressure_gain": "load_pressure [bar], or pressure_a and pressure_b"}
-            reading = next(iter(READINGS[test.name]))
-            raise missing(table, test, what.get(test.name, f"{reading} [{column_unit(reading).label}]"))
-        if len(found) == 1 and found[0] in ("pressure_a", "pressure_b"):
-            other = {"pressure_a": "pressure_b", "pressure_b": "pressure_a"}[found[0]]
-            raise missing(table, test, f"{other} [bar] beside {found[0]}")
-    return channels_of(table, test, tuple(found))

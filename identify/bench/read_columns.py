@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 
 from .columns import READINGS
-from .errors import BenchInputError, listed, quoted
-from .headers import likely_header, mapping
+from .errors import listed, quoted
+from .headers import lacking, likely_columns, mapping
 from .sensors import Sensor
 from .test_file import BenchTable
 from .test_record import Channel, kind_of_test
@@ -15,30 +15,46 @@ from .test_tables import StaticTest
 from .valve_tables import BenchFile
 
 
-def missing(table: BenchTable, test: StaticTest, what: str) -> BenchInputError:
-    """An error: the test lacks a column. what: its name first, then what else there is to say of it."""
-    has = listed([quoted(header) for header in table.source.header], 8)
-    standard = what.split()[0]
-    likely = likely_header(test, standard, table.unused)
-    way = f"; if that is {quoted(likely)}, write {mapping(test, {standard: likely})}" if likely else ""
-    return table.error(
-        None, None, f"the {test.name} test needs a column {what}, but the {table.source.noun} has {has}{way}"
+EXAMPLES = {"supply_pressure": "70 bar", "temperature": "40 degC"}
+
+
+def check_columns(table: BenchTable, test: StaticTest, bench: BenchFile, readings: bool) -> None:
+    """Raise BenchInputError, one about all of them, where a test lacks columns. readings: a fit's are needed, too."""
+    lacks = lacking(test, table.values, bench.conditions, readings=readings)
+    if not lacks:
+        return
+    source = table.source
+    names = [name for lack in lacks for name in lack.names]
+    unused = [place for place, header in enumerate(source.header) if header in table.unused]
+    meant = {name: place for place, name in likely_columns(test, source, unused, names).items()}
+    stated = {lack.names[0] for lack in lacks} & set(EXAMPLES)
+    values = " and ".join(f'{name} = "{EXAMPLES[name]}"' for name in EXAMPLES if name in stated)
+    they = "they are" if len(meant) > 1 else "it is"
+    likely = " and ".join(quoted(source.header[place]) for place in meant.values())
+    if len(stated) == len(lacks):
+        many = len(stated) > 1
+        raise bench.source.root.table_error(
+            "conditions",
+            f"{' and '.join(lack.names[0] for lack in lacks)} {'are' if many else 'is'} missing: {test.file.name} has no such "
+            f"column{'s' if many else ''}; write {values} in [conditions]"
+            + (f"; or, if {they} {likely}, {mapping(test, source, meant)}" if meant else ""),
+        )
+    has = listed([quoted(header) for header in source.header], 8)
+    needs = "; ".join(lack.words for lack in lacks)
+    if stated:
+        needs += f" (or {values} in [conditions])"
+    they = "those are" if len(meant) > 1 else "that is"
+    raise table.error(
+        None,
+        None,
+        f"the {test.name} test needs {'a column' if len(lacks) == 1 else 'columns'} {needs}, but the {source.noun} has {has}"
+        + (f"; if {they} {likely}, write {mapping(test, source, meant)}" if meant else ""),
     )
 
 
-def condition(table: BenchTable, bench: BenchFile, test: StaticTest, name: str) -> np.ndarray:
-    """A condition per row: its column, or the value of `[conditions]`. Raises BenchInputError."""
-    if name in table.values:
-        return table.values[name]
-    if name in bench.conditions:
-        return np.full(table.rows, bench.conditions[name])
-    example = {"supply_pressure": "70 bar", "temperature": "40 degC"}[name]
-    likely = likely_header(test, name, table.unused)
-    way = f"; or, if it is {quoted(likely)}, {mapping(test, {name: likely})}" if likely else ""
-    raise bench.source.root.table_error(
-        "conditions",
-        f'{name} is missing: {test.file.name} has no such column; write {name} = "{example}" in [conditions]{way}',
-    )
+def condition(table: BenchTable, bench: BenchFile, name: str) -> np.ndarray:
+    """A condition per row: its column, or the value of `[conditions]`."""
+    return table.values[name] if name in table.values else np.full(table.rows, bench.conditions[name])
 
 
 def channels_of(table: BenchTable, test: StaticTest, found: tuple[str, ...]) -> tuple[Channel, ...]:
@@ -88,8 +104,27 @@ def check_sensors(table: BenchTable, test: StaticTest) -> None:
 
 
 def runs(table: BenchTable) -> tuple[np.ndarray, tuple[str, ...]]:
-    """(code of each row's run, names of the runs)"""
+    """(code of each row's run, names of the runs). Raises BenchInputError where a sweep or a step would have a single row."""
     if table.run is None:
         return np.zeros(table.rows, dtype=int), ("",)
     codes, names = pd.factorize(table.run)
+    if "frequency" not in table.values:
+        _check_runs(table, codes, [str(name) for name in names])
     return codes.astype(int), tuple(str(name) for name in names)
+
+
+def _check_runs(table: BenchTable, codes: np.ndarray, names: list[str]) -> None:
+    """Raise BenchInputError where a run has one row: it would be a sweep, or a step, without any course."""
+    single = np.flatnonzero(np.bincount(codes) == 1)
+    if len(single):
+        sizes = table.run_sizes()
+        single = [code for code in single.tolist() if sizes[names[code]] == 1]
+    if len(single):
+        row = int(np.flatnonzero(codes == single[0])[0])
+        more = "" if len(single) == 1 else f" ({len(single):,} runs are such)"
+        raise table.error(
+            "run",
+            row,
+            f"run {quoted(names[single[0]])} has one row{more}; a run is a whole sweep, and each of its rows bears its name: "
+            "correct it, or list the column in ignore",
+        )

@@ -4,7 +4,7 @@ import numpy as np
 
 from .columns import CONDITIONS, READINGS
 from .plausibility import check_supply
-from .read_columns import _estimated, channels_of, check_sensors, condition, missing, runs
+from .read_columns import _estimated, channels_of, check_columns, check_sensors, condition, runs
 from .sensors import EACH_RUN, FREE, SIGNALS, Sensor
 from .test_file import BenchTable
 from .test_record import DynamicTest
@@ -19,17 +19,16 @@ FULL_SIGNAL = {"V": 10.0, "count": 2048.0}
 def dynamic_test_of(test: DynamicTestTable, table: BenchTable, bench: BenchFile, required: bool) -> DynamicTest:
     """The test in a table's columns, SI. required: readings must be there. Raises BenchInputError."""
     check_sensors(table, test)
+    check_columns(table, test, bench, required)
     run, run_names = runs(table)
     step = test.kind == "step"
-    time = _time(table, test, run) if step else None
-    frequency = None if step else _frequency(table, test)
+    time = _time(table, run) if step else None
+    frequency = None if step else _frequency(table)
     command, kind, sensor, reference = _command(table, test, bench)
     found = tuple(reading for reading in READINGS[test.kind] if reading in table.values)
-    if required and not found:
-        raise missing(table, test, f"{' or '.join(_examples(test))}, a reading")
     for reading in found:
         _check_reading(table, bench, test, reading)
-    given = {name: condition(table, bench, test, name) for name in CONDITIONS}
+    given = {name: condition(table, bench, name) for name in CONDITIONS}
     check_supply(table, bench, given["supply_pressure"], given["return_pressure"])
     zeros = np.zeros(table.rows)
     return DynamicTest(
@@ -58,16 +57,8 @@ def dynamic_test_of(test: DynamicTestTable, table: BenchTable, bench: BenchFile,
     )
 
 
-def _examples(test: DynamicTestTable) -> tuple[str, ...]:
-    return (
-        ("piston_position [mm]", "pressure_a [bar]") if test.kind == "step" else ("amplitude_ratio [1]", "phase [deg]")
-    )
-
-
-def _time(table: BenchTable, test: DynamicTestTable, run: np.ndarray) -> np.ndarray:
+def _time(table: BenchTable, run: np.ndarray) -> np.ndarray:
     """Time strictly rising within each run of at least two rows."""
-    if "time" not in table.values:
-        raise missing(table, test, "time [s]")
     time = table.values["time"]
     for code in np.unique(run):
         rows = np.flatnonzero(run == code)
@@ -83,9 +74,7 @@ def _time(table: BenchTable, test: DynamicTestTable, run: np.ndarray) -> np.ndar
     return time
 
 
-def _frequency(table: BenchTable, test: DynamicTestTable) -> np.ndarray:
-    if "frequency" not in table.values:
-        raise missing(table, test, "frequency [Hz]")
+def _frequency(table: BenchTable) -> np.ndarray:
     found = table.values["frequency"]
     wrong = np.flatnonzero(found <= 0.0)
     if len(wrong):
@@ -101,9 +90,6 @@ def _command(
     assert bench.actuator is not None
     closed = test.closed_loop
     if "command" not in table.values:
-        if test.kind == "step":
-            example = "command [mm], a setpoint of the piston" if closed else "command [um] or command [mA]"
-            raise missing(table, test, example)
         by_current = table.kinds.get("amplitude_ratio", "").endswith("per current")
         return np.zeros(table.rows), "setpoint" if closed else "current" if by_current else "spool_position", None, 1.0
     command = table.values["command"]

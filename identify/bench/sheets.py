@@ -9,6 +9,8 @@ from typing import Any
 
 import pandas as pd
 
+from thermohyd.identify.optional_parts import install
+
 from .cells import Cells, Source
 from .errors import BenchInputError, listed, one_line, quoted
 
@@ -140,7 +142,7 @@ def _parquet(path: Path) -> SheetRows:
         from pyarrow import parquet
     except ImportError:
         raise BenchInputError(
-            'needs the package pyarrow: pip install "thermohyd[parquet]"; or save the log as CSV', file=path
+            f"needs the package pyarrow: {install('parquet')}; or save the log as CSV", file=path
         ) from None
     try:
         with parquet.ParquetFile(path) as file:

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from thermohyd.identify.optional_parts import install
+
 from .errors import BenchInputError, listed, one_line, quoted
 from .headers import plain_name, split_header
 from .sheets import LARGEST, MOST_CELLS, SheetRows
@@ -24,7 +26,7 @@ def read_tdms(path: Path, group: str | None) -> SheetRows:
         from nptdms import TdmsFile
     except ImportError:
         raise BenchInputError(
-            'needs the package npTDMS: pip install "thermohyd[tdms]"; or save the log as CSV', file=path
+            f"needs the package npTDMS: {install('tdms')}; or save the log as CSV", file=path
         ) from None
     try:
         if path.stat().st_size > LARGEST:

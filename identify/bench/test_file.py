@@ -1,6 +1,7 @@
 """A test's file as standard columns in SI units: headers recognised, units converted, what cannot be refused."""
 
 import re
+from collections import Counter
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -11,7 +12,7 @@ from .cells import NUMBER, BadCellsError, Cells, Source, is_clock_time
 from .columns import CONDITIONS, impossible, plausible_range
 from .csv_file import CsvLines, csv_cells, read_csv_lines
 from .errors import BenchInputError, listed, quoted
-from .headers import mapping, recognise, split_header
+from .headers import mapping, recognise, split_header, units_of
 from .mat_file import read_mat
 from .record import ValveData
 from .sensors import COLUMNS, OTHERS, SIGNALS, Sensor, of_signal
@@ -49,6 +50,10 @@ class BenchTable:
         """A cell of a standard column as the user wrote it."""
         return str(self._cells.texts(self.columns[name])[self._kept[row]])
 
+    def run_sizes(self) -> Counter[str]:
+        """How many rows of the file have each name of a run, rows that were left out included."""
+        return Counter(self._cells.texts(self.columns["run"]))
+
 
 def read_bench_csv(test: StaticTest, valve: ValveData) -> BenchTable:
     """Raises BenchInputError with file, line and column, BadCellsError where that is all that is wrong."""
@@ -58,10 +63,10 @@ def read_bench_csv(test: StaticTest, valve: ValveData) -> BenchTable:
 def bench_table(test: StaticTest, valve: ValveData, source: Source) -> BenchTable:
     """The rows of a test as standard columns, wherever they come from. Raises as `read_bench_csv` does."""
     columns, spare = recognise(test, source)
-    source, units, kinds = _units(test, source, columns, valve)
+    rows, units, kinds = _units(test, source, columns, valve)
     run = columns.get("run")
     texts = () if run is None else (run,)
-    cells = csv_cells(source, texts) if isinstance(source, CsvLines) else _sheet_cells(source)
+    cells = csv_cells(rows, texts) if isinstance(rows, CsvLines) else _sheet_cells(rows)
     values = {}
     for name, place in columns.items():
         if name == "time" and cells.is_clock(place):
@@ -226,15 +231,15 @@ def _is_clock_column(source: Source, place: int) -> bool:
 
 
 def _without_unit(test: StaticTest, source: Source, columns: dict[str, int], first: str) -> BenchInputError:
+    units = units_of(source)
     lacking = {
-        name: source.header[i]
-        for name, i in columns.items()
-        if name != "run" and split_header(source.header[i])[1] is None and name not in test.columns
-    } | {first: source.header[columns[first]]}
+        name: i for name, i in columns.items() if name != "run" and units[i] is None and name not in test.columns
+    }
+    lacking |= {first: columns[first]}
     more = f"; {len(lacking) - 1} more have none" if len(lacking) > 1 else ""
     example = expected(test.kinds[first][0]).split(" such as ")[1]
     return source.error(
-        f"the unit is missing; write for example {first} [{example}], or {mapping(test, lacking)}{more}",
+        f"the unit is missing; write for example {first} [{example}], or {mapping(test, source, lacking)}{more}",
         column=columns[first],
     )
 

@@ -1,22 +1,23 @@
 """`thermohyd app`: serve the page to drop a folder on. Streamlit runs in a process of its own, and nothing here imports it."""
 
+import os
 import socket
 import subprocess
-import sys
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from thermohyd.identify.optional_parts import PARTS, install
+
 from .process import fail, plain_failures
 
 
-LOCAL = "localhost"
-THIS_MACHINE = (LOCAL, "127.0.0.1", "::1")
+LOCAL = "127.0.0.1"  # a name could lead to another user's page on the same port
+THIS_MACHINE = (LOCAL, "localhost", "::1")
 FIRST_PORT, PORTS = 8501, 100
 LARGEST_UPLOAD = 400  # MB of one file: what the reader takes of a CSV
-NEEDED = ("streamlit", "tomlkit")
 
 
 def app_command(
@@ -36,23 +37,24 @@ def app_command(
 ) -> None:
     """Serve a page to drop a record's folder on: see its columns, map headers by clicking, fit or diagnose, look at the report.
 
-    Needs Streamlit: pip install "thermohyd[app]". Files stay on this machine. Ctrl-C ends it.
+    Needs Streamlit: pip install -c constraints.txt '.[app]' in the source folder of thermohyd. Files stay on this machine. Ctrl-C ends it.
     """
     with plain_failures():
+        from thermohyd.identify.app.command_run import CHILD
         from thermohyd.identify.bench.errors import BenchInputError
         from thermohyd.identify.interruption import first_interrupt_asks, when_interrupted
 
-        if any(find_spec(name) is None for name in NEEDED):
-            raise BenchInputError('the page needs Streamlit: pip install "thermohyd[app]"')
+        if any(find_spec(name) is None for name in PARTS["app"]):
+            raise BenchInputError(f"the page needs Streamlit: {install('app')}")
         chosen = _free_port(address, port)
-        command = [sys.executable, "-P", "-m", "streamlit", "run", str(_script()), *_settings(address, chosen, browser)]
+        command = [*CHILD, "streamlit", "run", str(_script()), *_settings(address, chosen, browser)]
         typer.echo(f"The page: http://{_shown(address)}:{chosen} (Ctrl-C ends it)")
         if address not in THIS_MACHINE:
             typer.echo(
                 f"thermohyd: warning: whoever reaches {address} can use the page, and nobody is asked for a password",
                 err=True,
             )
-        served = subprocess.Popen(command)
+        served = subprocess.Popen(command, stdin=subprocess.PIPE, cwd=_no_settings(), env=_environment())
         asked: list[bool] = []
 
         def end() -> None:
@@ -62,6 +64,7 @@ def app_command(
         # Ctrl-C is how a page ends, no interruption: the server removes what was dropped, then all is well.
         with first_interrupt_asks(end), when_interrupted(end):
             status = served.wait()
+        served.communicate()  # closes the pipe
         if status and not asked:
             fail(f"the server of the page ended with status {status}")
 
@@ -72,13 +75,37 @@ def _script() -> Path:
     return Path(str(app.__file__)).parent / "served.py"
 
 
+def _no_settings() -> Path:
+    """Where the server runs: Streamlit takes settings, secrets and pages from a folder .streamlit where it is started, and that folder
+    may hold what somebody sent."""
+    return _script().parent
+
+
+def _environment() -> dict[str, str]:
+    """Of the server: without Streamlit's own variables."""
+    return {name: value for name, value in os.environ.items() if not name.startswith("STREAMLIT_")}
+
+
 def _settings(address: str, port: int, browser: bool) -> list[str]:
-    """Options of Streamlit: what is said here no configuration file of the user's can change."""
+    """Options of Streamlit: what is said here no configuration file can change. Each that opens the server is among them, also where it
+    says what Streamlit does anyway."""
     from thermohyd.identify.app.closing import GRACE
 
+    page = f"http://{_shown(address)}:{port}"
     said: dict[str, object] = {
         "server.address": address,
         "server.port": port,
+        "server.enableXsrfProtection": "true",
+        "server.enableCORS": "true",
+        "server.corsAllowedOrigins": page,
+        "client.allowedOrigins": page,  # who may put the page into a frame and talk to it: else all of streamlit.app
+        "server.enableAgentApi": "false",
+        "server.baseUrlPath": "",
+        "server.customComponentBaseUrlPath": "",
+        "server.scriptHealthCheckEnabled": "false",
+        "server.runOnSave": "false",
+        "server.sslCertFile": "",
+        "server.sslKeyFile": "",
         "server.headless": str(not browser).lower(),
         "server.showEmailPrompt": "false",
         "server.maxUploadSize": LARGEST_UPLOAD,
@@ -88,6 +115,7 @@ def _settings(address: str, port: int, browser: bool) -> list[str]:
         "browser.gatherUsageStats": "false",
         "client.toolbarMode": "minimal",
         "client.showErrorDetails": "none",
+        "client.showErrorLinks": "false",
         "theme.light.primaryColor": "#1f5fa8",  # the accents of the reports
         "theme.dark.primaryColor": "#4a90d9",
         "global.developmentMode": "false",

@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from thermohyd.identify.optional_parts import install
+
 from .app_command import app_command
 from .check_command import check_command
 from .export_command import export_app
@@ -104,9 +106,7 @@ def fit_command(
     ] = False,
     posterior: Annotated[
         bool,
-        typer.Option(
-            "--posterior", help='Draws of the posterior by the no-U-turn sampler: pip install "thermohyd[posterior]".'
-        ),
+        typer.Option("--posterior", help=f"Draws of the posterior by the no-U-turn sampler: {install('posterior')}."),
     ] = False,
     coverage: Annotated[
         int,
@@ -169,7 +169,7 @@ def diagnose_command(
         bool,
         typer.Option(
             "--posterior",
-            help='Draws of the posterior of the final model, faults of the bench in it: pip install "thermohyd[posterior]".',
+            help=f"Draws of the posterior of the final model, faults of the bench in it: {install('posterior')}.",
         ),
     ] = False,
     seed: Annotated[int, typer.Option("--seed", help="Of the draws.", min=0)] = 20110913,
@@ -378,7 +378,7 @@ def sensitivity_command(
             from thermohyd.identify.sensitivity.study import sensitivity
 
             subject = given.subject(progress)
-            actuator = actuator_of(subject, given.settings)
+            actuator = actuator_of(given, subject)
             return sensitivity(subject, given.settings, actuator=actuator, evaluations=evaluations, progress=progress)
 
         return study

@@ -77,7 +77,7 @@ def fmu_command(
         name = f"{made.name}.fmu"
         write_all(folder, {name: made.content}, Writer("export fmu", str(model.resolve())))
         inside = f"with a binary for {made.binary}" if made.binary else "sources alone: no compiler was used"
-        consoles.results.print(f"FMU of {made.name}, FMI {fmi}.0, {inside}", markup=False, soft_wrap=True)
+        consoles.results.print(f"FMU of {made.name}, FMI {fmi}.0, {inside}", soft_wrap=True)
         _say_left_out(consoles, made.left_out)
         say_where(consoles.results, folder, name)
         if json:
@@ -88,7 +88,6 @@ def _say_left_out(consoles: Any, left_out: tuple[str, ...]) -> None:
     if left_out:
         consoles.results.print(
             f"left on the bench, as the valve elsewhere has none of it: {', '.join(left_out)}",
-            markup=False,
             soft_wrap=True,
         )
 
@@ -160,7 +159,7 @@ def tables_command(
             write_all(folder, files, Writer("export tables", str(model.resolve())))
         for table in made.tables:
             size = f"{len(table.x.nodes)} by {len(table.y.nodes)} nodes"
-            consoles.results.print(f"{table.name}: {size}; {error_words(table)}", markup=False, soft_wrap=True)
+            consoles.results.print(f"{table.name}: {size}; {error_words(table)}", soft_wrap=True)
         _say_left_out(consoles, made.left_out)
         say_where(consoles.results, folder, *files)
         if json:
@@ -234,11 +233,9 @@ def select_command(
         made = model_space(load_result(result), criterion=criterion, method=method)
         write_all(folder, made.files, Writer("export select", str(result.resolve())))
         sets = f"{made.subspaces} set{'s' if made.subspaces > 1 else ''} of models"
-        consoles.results.print(
-            f"{len(made.effects)} effects in {sets}: {', '.join(made.effects)}", markup=False, soft_wrap=True
-        )
+        consoles.results.print(f"{len(made.effects)} effects in {sets}: {', '.join(made.effects)}", soft_wrap=True)
         for group in made.rivals:
-            consoles.results.print(f"no model has two of: {', '.join(group)}", markup=False, soft_wrap=True)
+            consoles.results.print(f"no model has two of: {', '.join(group)}", soft_wrap=True)
         say_where(consoles.results, folder, *made.files)
         if json:
             about = {

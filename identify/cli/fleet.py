@@ -1,4 +1,4 @@
-"""The `thermohyd fleet` commands: many records on many workers, one store, what becomes of each valve. Needs `thermohyd[fleet]`."""
+"""The `thermohyd fleet` commands: many records on many workers, one store, what becomes of each valve. Needs the part `fleet`."""
 
 import sys
 from collections.abc import Iterator
@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from thermohyd.identify.optional_parts import PARTS, install
 from thermohyd.side_by_side import cores
 
 from .loudness import Commands, Loudness, loudness
@@ -68,8 +69,8 @@ def _extra() -> Iterator[None]:
     try:
         yield
     except ModuleNotFoundError as error:
-        if error.name and error.name.split(".")[0] in ("distributed", "dask", "duckdb", "pyarrow", "psutil"):
-            raise BenchInputError(f'fleets need the package {error.name}: pip install "thermohyd[fleet]"') from None
+        if error.name and error.name.split(".")[0] in (*PARTS["fleet"], "dask"):
+            raise BenchInputError(f"fleets need the package {error.name}: {install('fleet')}") from None
         raise
 
 
@@ -188,7 +189,9 @@ def query_command(
         from thermohyd.identify.fleet.query import plain_rows, query
         from thermohyd.identify.fleet.store import Store
 
-        answer = query(Store(store, make=False), sql)
+        opened = Store(store, make=False)
+        answer = query(opened, sql)
+        _say_set_aside(opened)
         if json:
             from json import dumps
 
@@ -223,7 +226,9 @@ def life_command(
         given = {} if limits is None else read_limits(limits)
         shown = consoles(json)
         with progress_on(shown.notes, SAID_EVERY) as progress:
-            life = fleet_life(Store(store, make=False), given, progress)
+            opened = Store(store, make=False)
+            life = fleet_life(opened, given, progress)
+        _say_set_aside(opened)
         life.print_on(shown.results)
         if json:
             from .run_command import print_json
@@ -250,7 +255,9 @@ def report_command(
         assert folder is not None
         given = {} if limits is None else read_limits(limits)
         with progress_on(shown.notes, SAID_EVERY) as progress:
-            fleet_page(Store(store, make=False), folder, given, progress)
+            opened = Store(store, make=False)
+            fleet_page(opened, folder, given, progress)
+        _say_set_aside(opened)
         say_where(shown.results, folder, "index.html")
 
 
@@ -309,17 +316,26 @@ def _with_store(folder: Path, work: Any) -> Any:
     try:
         opened = Store(folder)
         with progress_on(consoles(False).notes, SAID_EVERY) as progress, first_interrupt_asks(stop.set):
-            return work(opened, progress, stop)
+            done = work(opened, progress, stop)
+        _say_set_aside(opened)
+        return done
     except StoreError as error:
         fail(str(error))
         raise
 
 
+def _say_set_aside(store: Any) -> None:
+    for path, why in store.set_aside.items():
+        typer.echo(f"thermohyd: warning: {path} {why}", err=True)
+
+
 def _say_summary(summary: "Summary") -> None:
+    from thermohyd.identify.bench.errors import one_line
+
     if loudness() is not Loudness.QUIET:
         _say_counts(summary)
     for note in summary.notes:
-        typer.echo(f"thermohyd: warning: {note}", err=True)
+        typer.echo(f"thermohyd: warning: {one_line(note)}", err=True)
 
 
 def _say_counts(summary: "Summary") -> None:

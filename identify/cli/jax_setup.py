@@ -38,8 +38,11 @@ def set_up_jax() -> None:
         from thermohyd.kept_programs import keep_in
 
         keep_in(compilation_cache("programs"))
-    if "JAX_COMPILATION_CACHE_DIR" in os.environ:
-        return  # the user's own choice
+    chosen = os.environ.get("JAX_COMPILATION_CACHE_DIR")
+    if chosen is not None:  # the user's own choice, and JAX runs what lies there
+        if "://" not in chosen and _own(Path(chosen), of_jax=True) is None:
+            jax.config.update("jax_compilation_cache_dir", None)
+        return
     folder = compilation_cache("jax")
     if folder is not None:
         always_when_interrupted(lambda: drop_unfinished(folder))
@@ -50,20 +53,31 @@ def set_up_jax() -> None:
 
 
 def compilation_cache(kind: str) -> Path | None:
-    """The user's own folder for compiled programs, made if need be; None where it cannot be written.
+    """The user's own folder for compiled programs, made if need be; None where it cannot be written, and where anybody else can write
+    to it (`thermohyd.own_files`), with one warning: what is found there is run.
 
-    kind: "jax", what XLA made of a traced program; "programs", those that need no tracing (`kept_programs`). Never a shared
-    folder: what is found there is run.
+    kind: "jax", what XLA made of a traced program; "programs", those that need no tracing (`kept_programs`).
     """
-    folder = Path(user_cache_dir("thermohyd")) / kind
+    folder = _own(Path(user_cache_dir("thermohyd")) / kind, of_jax=kind == "jax")
+    if folder is not None:
+        _prune(folder)
+    return folder
+
+
+def _own(folder: Path, *, of_jax: bool) -> Path | None:
+    """of_jax: JAX reads and writes there, and asks nobody's file. `kept_programs` looks at each file before it reads it."""
+    from thermohyd.own_files import NotOwnError, check_own_entries, make_own_folder, say_not_own
+
     try:
-        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        make_own_folder(folder)
+        if of_jax:
+            check_own_entries(folder)
+    except NotOwnError as error:
+        say_not_own(error)
+        return None
     except (OSError, RuntimeError):
         return None
-    if not os.access(folder, os.R_OK | os.W_OK | os.X_OK):
-        return None
-    _prune(folder)
-    return folder
+    return folder if os.access(folder, os.R_OK | os.W_OK | os.X_OK) else None
 
 
 def keep_memory_flat() -> None:

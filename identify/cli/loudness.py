@@ -1,6 +1,6 @@
 """--quiet and --verbose, which every command takes: how much is said beside results, warnings and failures.
 
-The group of commands that takes them also notes what was typed, which reports repeat.
+The group of commands that takes them also notes what was typed, which reports repeat, and shows help texts as they are written.
 """
 
 from contextvars import ContextVar
@@ -8,6 +8,7 @@ from enum import Enum
 from typing import Annotated, Any
 
 import typer
+from rich.markup import escape
 from typer.core import TyperGroup
 from typer.main import get_command
 
@@ -33,6 +34,10 @@ def loudness() -> Loudness:
 class Commands(TyperGroup):
     """The program's commands, each with --quiet and --verbose."""
 
+    def __init__(self, **attributes: Any) -> None:
+        super().__init__(**attributes)
+        _as_written(self)
+
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         command = super().get_command(ctx, cmd_name)
         if (
@@ -41,6 +46,7 @@ class Commands(TyperGroup):
             and not any(param.name == "quiet" for param in command.params)
         ):
             command.params += _options()
+            _as_written(command)
         return command
 
     def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> Any:
@@ -56,6 +62,13 @@ class Commands(TyperGroup):
         _LOUDNESS.set(Loudness.USUAL)  # several commands may run in one process
         with typed(ctx.meta.get(__name__, ())):
             return super().invoke(ctx)
+
+
+def _as_written(command: Any) -> None:
+    """Rich would take the [start] of a help text for a style, and show nothing of it."""
+    for part in (command, *command.params):
+        if part.help:
+            part.help = escape(part.help)
 
 
 def _choose(chosen: Loudness, given: bool) -> bool:

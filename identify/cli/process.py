@@ -16,6 +16,7 @@ from rich.text import Text
 
 from thermohyd.identify.bench.errors import BenchInputError, one_line
 from thermohyd.identify.interruption import INTERRUPTED, begin, what_was_written
+from thermohyd.identify.report.terminal import PlainConsole
 
 from .loudness import Loudness, loudness
 
@@ -109,7 +110,7 @@ def _console(stderr: bool) -> Console:
     if isinstance(stream, io.TextIOWrapper):
         # rich cuts the cells of a narrow table with an ellipsis, which an ASCII pipe or log cannot hold: better a "?"
         stream.reconfigure(errors="replace")
-    console = Console(stderr=stderr, highlight=False)
+    console = PlainConsole(stderr=stderr)
     if not console.is_terminal and "COLUMNS" not in os.environ:
         console.width = WIDTH_OF_FILES
     return console

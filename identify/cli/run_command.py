@@ -70,13 +70,14 @@ def load_users_effects(folder: Path | None) -> None:
     """Effects of the user's own, from the folder that was named and from installed packages, and one line on stderr for each."""
     import typer
 
+    from thermohyd.identify.bench.errors import one_line
     from thermohyd.identify.users_effects import load_effects, load_entry_points, loaded_words
 
     loaded = {f"the package {package}": names for package, names in load_entry_points().items()}
     if folder is not None:
         loaded[str(folder)] = load_effects(folder)
     for source, names in loaded.items():
-        typer.echo(f"thermohyd: {loaded_words(names, source)}", err=True)
+        typer.echo(f"thermohyd: {one_line(loaded_words(names, source))}", err=True)
 
 
 def begin(out: str | None, json: bool) -> "tuple[Path | None, Consoles]":
@@ -141,4 +142,4 @@ def print_json(content: dict[str, Any]) -> None:
 def say_where(console: "Console", folder: Path, *names: str) -> None:
     # plain text, unwrapped: a path must survive copy and paste
     for name in names:
-        console.print(f"written: {folder / name}", markup=False, soft_wrap=True)
+        console.print(f"written: {folder / name}", soft_wrap=True)

@@ -14,7 +14,7 @@ import numpy as np
 
 from thermohyd.identify.diagnosis.max_t import NoiseFreedom
 from thermohyd.identify.fitting.boxes import Box
-from thermohyd.identify.fitting.least_squares import LeastSquaresResult, solve
+from thermohyd.identify.fitting.least_squares import LeastSquaresResult, as_converged, solve
 from thermohyd.identify.fitting.problem import BELIEVE, CLOSE_TO_COMPARE, MOST_STEPS, PATIENCE, Problem, System
 from thermohyd.identify.fitting.starts import on_a_kink
 from thermohyd.identify.fitting.uncertainty import Covariance, covariance_of
@@ -188,7 +188,7 @@ def _searched(both: Any, boxes: list[Box], start: np.ndarray) -> LeastSquaresRes
         if best.converged or best.exhausted:
             break
         best = search(best.p)
-    return on_a_kink(best)
+    return as_converged(on_a_kink(best))
 
 
 def _step(entry: Entry, entries: tuple[Entry, ...], values: np.ndarray, boxes: list[Box]) -> float:

@@ -167,11 +167,10 @@ def region_words(limits: Mapping[str, tuple[float, float]], run_names: tuple[str
 
 
 def miss_words(unit: DisplayUnit, mean: float, rms: float) -> tuple[str, str]:
-    """(size with its unit, side) of a misfit: its mean, "high" or "low"; where both signs outweigh it, its RMS, "off"."""
-    size, side = abs(mean), "high" if mean > 0 else "low"
-    if rms > 2.0 * size:
-        size, side = rms, "off"
-    return f"{significant(size * unit.factor, 2)} {unit.label}", side
+    """(RMS with its unit, side) of a misfit: "above" or "below" the model; "" where both signs outweigh the mean."""
+    size = rms if rms > 0.0 else abs(mean)
+    side = "" if size > 2.0 * abs(mean) else "above" if mean > 0 else "below"
+    return f"{significant(size * unit.factor, 2)} {unit.label} RMS", side
 
 
 def _range(column: str, low: float, high: float, run_names: tuple[str, ...]) -> str:

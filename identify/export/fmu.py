@@ -24,7 +24,7 @@ from uuid import UUID
 import numpy as np
 
 from thermohyd.dynamics.rodas5p import GAMMA, TABLEAU
-from thermohyd.identify.bench.errors import BenchInputError
+from thermohyd.identify.bench.errors import BenchInputError, one_line
 from thermohyd.identify.model.model import Model
 
 from . import fmi2_description, fmi3_description
@@ -64,7 +64,7 @@ def make_fmu(
     if fmi not in (2, 3):
         raise BenchInputError(f"an FMU is of FMI 2 or 3, not {fmi}")
     describe = fmi2_description.description if fmi == 2 else fmi3_description.description
-    valve = model.valve.name
+    valve = one_line(model.valve.name)  # XML 1.0 holds no control characters, not even escaped
     name = identifier(valve if servo is None else f"{valve or 'valve'} servo")
     sources = written_sources(interface, fmi)
     guid = _guid(name, sources)

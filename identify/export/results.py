@@ -16,7 +16,8 @@ from typing import Any
 
 import pandas as pd
 
-from thermohyd.identify.bench.errors import BenchInputError, quoted
+from thermohyd.identify.bench.errors import BenchInputError, one_line, quoted
+from thermohyd.identify.optional_parts import install
 
 
 FORMATS = ("csv", "parquet", "xlsx")
@@ -29,7 +30,7 @@ def load_result(path: Path) -> dict[str, Any]:
     try:
         if path.stat().st_size > LARGEST:
             raise BenchInputError(f"is larger than {LARGEST:,} bytes: not a fit.json", file=path)
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = _in_one_line(json.loads(path.read_text(encoding="utf-8")))
     except OSError as error:
         raise BenchInputError(f"cannot be read ({error.strerror or error})", file=path) from None
     except (ValueError, RecursionError):
@@ -38,6 +39,15 @@ def load_result(path: Path) -> dict[str, Any]:
     if not isinstance(fit, dict) or not isinstance(fit.get("parameters"), dict):
         raise BenchInputError("holds no parameters; give the fit.json or diagnosis.json of a result", file=path)
     return content
+
+
+def _in_one_line(value: Any) -> Any:
+    """The content with texts that a spreadsheet, a terminal and UTF-8 can hold."""
+    if isinstance(value, dict):
+        return {one_line(key): _in_one_line(entry) for key, entry in value.items()}
+    if isinstance(value, list):
+        return [_in_one_line(entry) for entry in value]
+    return one_line(value) if isinstance(value, str) else value
 
 
 def result_tables(content: Mapping[str, Any]) -> dict[str, pd.DataFrame]:
@@ -119,7 +129,8 @@ def result_files(tables: Mapping[str, pd.DataFrame], formats: Iterable[str]) -> 
             raise BenchInputError(f"--format: unknown format {quoted(form)}; known: {', '.join(FORMATS)}")
         if form == "csv":
             files |= {
-                f"{name}.csv": table.to_csv(index=False, lineterminator="\n").encode() for name, table in tables.items()
+                f"{name}.csv": _without_formulas(table).to_csv(index=False, lineterminator="\n").encode()
+                for name, table in tables.items()
             }
         elif form == "parquet":
             files |= {f"{name}.parquet": _parquet(table) for name, table in tables.items()}
@@ -133,18 +144,22 @@ def _parquet(table: pd.DataFrame) -> bytes:
         import pyarrow  # noqa: F401  # pandas writes by it
     except ImportError:
         raise BenchInputError(
-            'Parquet needs the package pyarrow: pip install "thermohyd[parquet]"; or take --format csv'
+            f"Parquet needs the package pyarrow: {install('parquet')}; or take --format csv"
         ) from None
     packed = io.BytesIO()
     table.to_parquet(packed, index=False)
     return packed.getvalue()
 
 
+def _without_formulas(table: pd.DataFrame) -> pd.DataFrame:
+    """The table with an apostrophe before what a spreadsheet would compute: it stays a text. "-" alone is a unit."""
+    computed = lambda cell: isinstance(cell, str) and len(cell) > 1 and cell[0] in "=+-@"
+    return table.map(lambda cell: f"'{cell}" if computed(cell) else cell)
+
+
 def _spreadsheet(tables: Mapping[str, pd.DataFrame]) -> bytes:
     packed = io.BytesIO()
     with pd.ExcelWriter(packed, engine="openpyxl") as book:
         for name, table in tables.items():
-            # A text that begins with "=" is a formula to a spreadsheet: it stays a text.
-            safe = table.map(lambda cell: f"'{cell}" if isinstance(cell, str) and cell.startswith("=") else cell)
-            safe.to_excel(book, sheet_name=name[:LONGEST_SHEET], index=False, freeze_panes=(1, 0))
+            _without_formulas(table).to_excel(book, sheet_name=name[:LONGEST_SHEET], index=False, freeze_panes=(1, 0))
     return packed.getvalue()

@@ -22,7 +22,7 @@ from thermohyd.side_by_side import each
 
 from .boxes import Box
 from .fit_effects import fit_with, known_effects
-from .least_squares import LeastSquaresResult, Residual, Solver, multi_start, solve
+from .least_squares import LeastSquaresResult, Residual, Solver, as_converged, multi_start, solve
 from .library import library_for
 from .model_form import evidence_of_fits, fitted_with, other_law, plans_with_other_law, refit, with_model_form
 from .outcome import Fitted, Key, fit_result, uncertainty_of
@@ -40,6 +40,7 @@ from .static_readings import base_valve, channel_slices, quantities_of, static_d
 from .static_residuals import FitArgs, box_of, prior_rows, residual_of
 from .trimmed import FAR, trimmed_points
 from .uncertainty import largest_change, settled_noise
+from .usual_values import HOPELESS, contradicted, starts_beside, usual_is_asked, with_usual
 
 
 # Rounds of re-estimating unknown noise from the residuals; each starts from the last optimum and costs a few steps.
@@ -193,16 +194,27 @@ def run_fit(
         problem = replace(problem, tests=tests)
         solution = problem.basin_hopping(problem.solve(problem.args(noise), solution.p), noise)
     warnings += [fault.sentence for test in tests.values() for fault in test.faults]
-    for _ in range(MOST_ROUNDS):
-        settled = problem.settle(noise, solution)
-        change = largest_change(noise, settled)
-        noise = settled
-        if change < SETTLED:
-            break
-        solution = problem.solve(problem.args(noise), solution.p)
-    if solution.relative_offset > SLOPES:
-        solution = problem.basin_hopping(solution, noise)
-    return Fitted(record, tests, plans, free, noise, solution, tuple(starts_tried), tuple(warnings))
+    solution, noise = problem.settled(solution, noise)
+    fitted = Fitted(record, tests, plans, free, noise, solution, tuple(starts_tried), tuple(warnings))
+    return _beside_what_is_usual(fitted, problem, say) if usual_is_asked(fitted) else fitted
+
+
+def _beside_what_is_usual(fitted: Fitted, problem: "StaticSearch", say: Progress) -> Fitted:
+    """The fit with its flow coefficients held near what is usual, unless the readings contradict that (`usual_values`)."""
+    say("flow coefficients held near what is usual")
+    noise, alone = fitted.noise, fitted.solution.p
+    usual = replace(problem, plans=with_usual(fitted.plans))
+    args = usual.args(noise)
+    cost = problem.solve(problem.args(noise), alone).cost
+    starts = [*starts_beside(alone, fitted.free, usual.plans), *usual.first_starts()]
+    ends = each(lambda start: usual.solve(args, start), starts)
+    best = min(ends, key=lambda end: end.cost if np.isfinite(end.cost) else np.inf)
+    if not contradicted(fitted, best.cost - cost, HOPELESS):
+        best = usual.basin_hopping(best, noise)
+    if contradicted(fitted, best.cost - cost):
+        return fitted
+    solution, noise = usual.settled(best, noise)
+    return replace(fitted, plans=usual.plans, noise=noise, solution=solution)
 
 
 def _sensors_started(
@@ -230,7 +242,7 @@ def with_intervals(
     say = progress or (lambda _: None)
     problem = StaticSearch(fitted.record, fitted.tests, fitted.plans, fitted.free, solver)
     for _ in range(MOST_BETTER):
-        known, best, noise = uncertainty_of(fitted), fitted.solution, fitted.noise
+        known, best, noise = uncertainty_of(fitted), as_converged(fitted.solution), fitted.noise
         if not best.converged or best.cost <= TINY * len(best.residual):
             break
         reach, args = known.reach(len(fitted.free)), problem.args(noise)
@@ -325,6 +337,17 @@ class StaticSearch:
         null = self.free.index("null_bias") if "null_bias" in self.free else None
         position = None if null is None else solution.jacobian[:, null]
         return settled_noise(noise, channel_slices(self.tests), solution.residual, jacobian, position)
+
+    def settled(
+        self, solution: LeastSquaresResult, noise: dict[Key, ChannelNoise]
+    ) -> tuple[LeastSquaresResult, dict[Key, ChannelNoise]]:
+        """The optimum and the noise once neither moves the other; over the kinks where it is none yet."""
+        for _ in range(MOST_ROUNDS):
+            before, noise = noise, self.settle(noise, solution)
+            if largest_change(before, noise) < SETTLED:
+                break
+            solution = self.solve(self.args(noise), solution.p)
+        return (self.basin_hopping(solution, noise) if solution.relative_offset > SLOPES else solution), noise
 
     def solve(
         self, args: FitArgs, start: np.ndarray, held: Mapping[int, float] | None = None, enough: float = np.inf

@@ -7,7 +7,7 @@ errors (Bates and Watts, "A relative offset orthogonality convergence criterion 
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import jax
@@ -30,6 +30,8 @@ from .trust_region import (
 
 # Their criterion, in units of the parameters' own standard errors: an optimum missed by a thousandth of one.
 BELIEVE_BELOW = 1e-3
+# An end this near to an optimum counts as one too, with a note: a third of an error bar is no reason to give none. No search stops for it.
+NEARLY = 0.3
 # A column that shrank by this much between its largest and its last value: the search left the region where it acts.
 VANISHED = 1e-7
 
@@ -168,6 +170,7 @@ class LeastSquaresResult:
     steps: int  # evaluations of residual and Jacobian after the first
     relative_offset: float
     exhausted: bool = False  # the search ended by itself: no step that it could find lowers the cost
+    nearly: bool = False  # not converged, and only for a slope of `NEARLY` standard errors at most
 
 
 @kept
@@ -317,14 +320,23 @@ def judged(boxes: Sequence[Box], began: np.ndarray, out: Any, believe: float = B
     active = _limits_pressed(boxes, z, columns, values)
     offset, step = relative_offset(columns, values, active == 0)
     trouble = why_not_optimal(names, z, values, columns, size, offset, step, bool(done), steps, believe)
+    almost = trouble and not why_not_optimal(names, z, values, columns, size, offset, step, bool(done), steps, NEARLY)
     cost = float(np.sum(values**2))
     jacobian = (columns / slope[:, None]).T
     message = trouble or f"converged in {steps} steps"
     if not trouble and offset > believe:
         message += "; the model meets the readings to rounding, so their scatter says nothing about errors"
     return LeastSquaresResult(
-        p, z, began, cost, values, jacobian, active, not trouble, message, steps, offset, bool(done)
+        p, z, began, cost, values, jacobian, active, not trouble, message, steps, offset, bool(done), bool(almost)
     )
+
+
+def as_converged(result: LeastSquaresResult) -> LeastSquaresResult:
+    """The same result, believed where only a slope of `NEARLY` standard errors at most is in the way; its message says so."""
+    if result.converged or not result.nearly:
+        return result
+    message = f"converged to {result.relative_offset:.2g} standard errors in {result.steps} steps"
+    return replace(result, converged=True, message=message)
 
 
 def _limits_pressed(boxes: Sequence[Box], z: np.ndarray, columns: np.ndarray, residual: np.ndarray) -> np.ndarray:

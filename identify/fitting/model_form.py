@@ -57,7 +57,9 @@ def _with_plans(
     for name, plan in found.items():
         if name in planned and (was := plans.get(name)) is not None:
             held = was.fixed if was.fixed != planned[name].fixed else plan.fixed
-            found[name] = replace(plan, fixed=held, relative=was.relative)
+            found[name] = replace(plan, fixed=held, relative=was.relative, prior=was.prior)
+            if was.prior is not None and was.prior.why:
+                found[name] = replace(found[name], start=was.start)
     behind = (name for sensor in sensed_channels(tests).values() for name in sensor.names)
     return there, found | {name: plans[name] for name in behind if name in plans}
 
@@ -119,8 +121,8 @@ def evidence_of_fits(own: FitResult, other: FitResult) -> float:
 def other_law(own: FitResult, other: FitResult, evidence: float) -> OtherLaw:
     """What the record says of the two laws, both fitted to it at one noise. evidence: positive where it speaks for `other`."""
     better = other if evidence > 0.0 else own
-    misfit = not better.converged or any(c.noise_known and c.reduced_chi2 >= DISAGREES for c in better.channels)
-    sure = abs(evidence) > PREFERRED and not misfit
+    misfit = any(c.noise_known and c.reduced_chi2 >= DISAGREES for c in better.channels)
+    sure = abs(evidence) > PREFERRED and better.converged and not misfit
     return OtherLaw(
         law=other.record.valve.edge_law,
         own=own.record.valve.edge_law,
@@ -132,6 +134,7 @@ def other_law(own: FitResult, other: FitResult, evidence: float) -> OtherLaw:
         converged=other.converged,
         message=other.message,
         parameters=other.parameters,
+        own_converged=own.converged,
     )
 
 

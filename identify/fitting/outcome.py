@@ -4,7 +4,7 @@
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import stdtrit
@@ -15,7 +15,7 @@ from thermohyd.identify.noise.correlation import NoiseCorrelation, noise_correla
 from thermohyd.identify.noise.level import ChannelNoise
 from thermohyd.identify.reduction.monotone_pieces import sweep_ids
 
-from .least_squares import LeastSquaresResult
+from .least_squares import LeastSquaresResult, as_converged
 from .misfit import verdict, verdict_of_motion
 from .parameters import ParameterPlan
 from .profile_intervals import Interval
@@ -102,6 +102,7 @@ def fit_result(
     covariance: where the fit already weighed its rows by the correlation of their noise; else a sandwich is made here.
     intervals: by index of the free parameter, where the covariance does not hold.
     """
+    fitted = replace(fitted, solution=as_converged(fitted.solution))
     slices = channel_slices(fitted.tests)
     known = uncertainty_of(fitted, covariance) if uncertainty is None else uncertainty
     covariance = known.covariance
@@ -114,6 +115,8 @@ def fit_result(
     scales = np.array([fitted.plans[name].info.scale for name in fitted.free])
     words = identifiability(solution.jacobian, scales, fitted.free, correlation, covariance.why)
     notes = [note for test in fitted.tests.values() for note in test.notes]
+    if solution.nearly and solution.converged:
+        notes.append(f"the fit {solution.message}: its error bars are worth that much less")
     parameters = _estimates(fitted, known, intervals or {})
     return FitResult(
         record=fitted.record,
@@ -282,6 +285,7 @@ def _estimates(fitted: Fitted, known: Uncertainty, intervals: Mapping[int, Inter
             at_bound=at_bound,
             fixed=plan.fixed,
             prior_std=None if plan.prior is None else plan.prior.std,
+            prior_because="" if plan.prior is None or plan.fixed else plan.prior.why,
             why_no_error_bar=why,
             by_profile=by_profile,
             conditional_on=() if by_profile or std is None else pressed,

@@ -93,10 +93,11 @@ def identified_in_motion(actuator: ActuatorData) -> dict[str, ParameterInfo]:
 
 @dataclass(frozen=True)
 class Prior:
-    """A Gaussian prior on a free parameter: one more residual, (p - value)/std."""
+    """A Gaussian prior on a free parameter: one more residual, (p - value)/std. why: in words, where the program put it there."""
 
     value: float
     std: float
+    why: str = ""
 
 
 @dataclass(frozen=True)

@@ -85,6 +85,7 @@ class ParameterEstimate:
     model_form: ModelForm | None = None
     averaged_over: tuple[str, ...] = ()  # models that explain the record alike, which std and interval span
     relative: Relative | None = None  # the data do not scale it: a report gives it in these units
+    prior_because: str = ""  # why the program put its prior there, and what changes it; empty where `[start]` did
 
     @property
     def reported(self) -> "ParameterEstimate":
@@ -117,7 +118,8 @@ class OtherLaw:
 
     chi2, own_chi2: of both laws, comparable. evidence: by which Akaike's criterion is lower with the other law, for as many
     readings as the correlated ones are worth; negative where it is higher. preferred: the law that the data prefer, None where
-    they do not say. misfit: neither law explains the record, so that the evidence does not count. parameters: with the other law.
+    they do not say. misfit: neither law explains the record, so that the evidence does not count. converged, own_converged: the
+    fits with the other law and with the record's own. parameters: with the other law.
     """
 
     law: str
@@ -130,6 +132,7 @@ class OtherLaw:
     converged: bool
     message: str
     parameters: dict[str, ParameterEstimate]
+    own_converged: bool = True
 
 
 @dataclass(frozen=True)

@@ -131,4 +131,4 @@ def on_a_kink(result: LeastSquaresResult) -> LeastSquaresResult:
     if not (result.exhausted and result.relative_offset <= STEEPEST_KINK and np.all(np.isfinite(result.jacobian))):
         return result
     message = f"converged in {result.steps} steps, on a kink where an edge closes at a measured position"
-    return replace(result, converged=True, message=message)
+    return replace(result, converged=True, nearly=False, message=message)

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from distributed import Client
 
 CONNECT = 30.0  # s
+LOOPBACK = "127.0.0.1:0"
 
 
 @contextmanager
@@ -20,22 +21,27 @@ def client_of(cluster: str, workers: int) -> Iterator["Client"]:
     """A client of "local" (workers: how many), of an address such as tcp://head:8786, or of the file that
     `dask scheduler --scheduler-file` writes.
 
-    A local worker is a thread of this process, for it only watches the process that computes. Raises BenchInputError where
-    there is no such scheduler.
+    A local worker is a thread of this process, for it only watches the process that computes; nothing of it listens beyond this
+    machine. Raises BenchInputError where there is no such scheduler.
     """
+    from dask import config
     from distributed import Client, LocalCluster
 
     if cluster == "local":
         # LocalCluster silences dask only until it is closed, and what its threads still write then, a traceback of a
         # connection that closes among it, comes later and means nothing to who interrupted a run.
         logging.getLogger("distributed").setLevel(logging.WARNING)
-        # No dashboard, and its server at any free port: another cluster of this machine may have the usual one.
+        # dask starts a server of HTTP for each of them, without an address where every other machine reaches it: no dashboard, no
+        # pages, and at any free port, since another cluster of this machine may have the usual one.
         settings: dict[str, Any] = {
             "dashboard_address": None,
-            "scheduler_kwargs": {"dashboard": False, "dashboard_address": "127.0.0.1:0"},
+            "worker_dashboard_address": LOOPBACK,
+            "scheduler_kwargs": {"dashboard": False, "dashboard_address": LOOPBACK},
             "memory_limit": 0,
         }
+        no_pages = {f"distributed.{part}.http.routes": [] for part in ("scheduler", "worker")}
         with (
+            config.set(no_pages),
             LocalCluster(n_workers=workers, threads_per_worker=1, processes=False, **settings) as local,
             Client(local, timeout=CONNECT) as client,
         ):

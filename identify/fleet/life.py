@@ -143,7 +143,7 @@ def fleet_life(
     limits: Mapping[str, Mapping[str, Limit]] | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> FleetLife:
-    """The life of every valve. Raises BenchInputError where a limit has a unit that does not fit, StoreError where a file is damaged."""
+    """The life of every valve. Raises BenchInputError where a limit has a unit that does not fit."""
     say = progress or (lambda words: None)
     records: Any = query(store, "SELECT identity, type, serial, date, operating_hours, verdict FROM records")
     values: Any = query(

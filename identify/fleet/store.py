@@ -15,7 +15,7 @@ import fcntl
 import json
 import os
 import uuid
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote, unquote
@@ -23,32 +23,35 @@ from urllib.parse import quote, unquote
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from thermohyd.identify.bench.errors import BenchInputError
+from thermohyd.identify.bench.errors import BenchInputError, one_line
 from thermohyd.identify.report.files import write_all
 
 from .rows import UNKNOWN_TYPE
-from .schema import FAILURES, RESULTS, SCHEMA, migrated, version_of, with_version
+from .schema import FAILURES, RESULTS, SCHEMA, migrated, with_version
 
 
 NAME = "store.json"
 UNDATED = "__HIVE_DEFAULT_PARTITION__"  # a year that is null, as Hive, DuckDB and Spark write it
 WRITING = ".writing-"  # what is not whole yet
 TOGETHER_NAME = "together-"
+WHOLE = pa.schema([*RESULTS, ("type", pa.string()), ("year", pa.int32())])  # with what the folders say
 TOGETHER = 64  # results of one type and year that are worth a file of their own
 
 
 class StoreError(Exception):
-    """The store cannot be written or read, whatever the record: a run ends."""
+    """The store cannot be written, whatever the record: a run ends."""
 
 
 class Store:
     """A fleet's results on a disk that all workers see. Opening one makes it, and brings an older one up to date.
 
-    Raises BenchInputError where the folder is no store or one of a newer program, StoreError where it cannot be written.
+    set_aside: {file: why it cannot be read}, of those that were asked for since; the others answer without it. Raises
+    BenchInputError where the folder is no store or one of a newer program, StoreError where it cannot be written.
     """
 
     def __init__(self, folder: str | Path, *, make: bool = True) -> None:
         self.folder = Path(folder)
+        self.set_aside: dict[Path, str] = {}
         if not (self.folder / NAME).is_file():
             if not make:
                 raise BenchInputError("is no fleet's store; `thermohyd fleet run` makes one", file=self.folder)
@@ -105,27 +108,33 @@ class Store:
     # Reading
 
     def files(self) -> list[Path]:
-        """Of results; whole ones only."""
-        return sorted((self.folder / "results").glob("*/*/*.parquet"))
+        """Of results; whole ones only, without those that are set aside."""
+        return self._readable("results/*/*/*.parquet")
+
+    def failed_files(self) -> list[Path]:
+        """Of records without a result."""
+        return self._readable("failures/*.parquet")
+
+    def _readable(self, pattern: str) -> list[Path]:
+        return sorted(path for path in self.folder.glob(pattern) if path not in self.set_aside)
 
     def results(self, columns: list[str] | None = None) -> pa.Table:
-        """All results, sorted by identity, each once; with its type and year in two columns more unless `columns` says which.
+        """All results, sorted by identity, each once; with its type and year in two columns more unless `columns` says which."""
+        wanted = WHOLE.names if columns is None else columns
+        return _once(self.rows_of(self.files(), [*dict.fromkeys([*wanted, "identity", "written"])])).select(wanted)
 
-        Raises StoreError where a file cannot be read.
-        """
-        wanted = [*RESULTS.names, "type", "year"] if columns is None else columns
-        needed = list(dict.fromkeys([*wanted, "identity", "written"]))
-        tables = [_with_place(path, needed) for path in self.files()]
-        if not tables:
-            return pa.schema([*RESULTS, ("type", pa.string()), ("year", pa.int32())]).empty_table().select(wanted)
-        return _once(pa.concat_tables(tables)).select(wanted)
+    def rows_of(self, files: Iterable[Path], columns: list[str] = WHOLE.names) -> pa.Table:
+        """Of files of results, as they stand there."""
+        tables = [table for path in files if (table := self._read(_with_place, path, columns)) is not None]
+        return pa.concat_tables([WHOLE.empty_table().select(columns), *(table.select(columns) for table in tables)])
 
     def done(self) -> set[str]:
         """Identities of all results."""
         files = self.files()
-        together = [path for path in files if path.name.startswith(TOGETHER_NAME)]
+        together = [path for path in files if is_of_many(path)]
         found = {path.stem for path in files} - {path.stem for path in together}
-        return found.union(*(_plain(path, ["identity"])["identity"].to_pylist() for path in together))
+        tables = [self._read(_plain, path, ["identity"]) for path in together]
+        return found.union(*(table["identity"].to_pylist() for table in tables if table is not None))
 
     def has(self, identity: str) -> bool:
         """Whether this result was written since the files of a run were last put together: cheap, for a worker."""
@@ -133,8 +142,34 @@ class Store:
 
     def failures(self) -> list[dict[str, Any]]:
         """Records without a result, sorted by path."""
-        found = [row for path in (self.folder / "failures").glob("*.parquet") for row in _plain(path).to_pylist()]
+        tables = [self._read(_plain, path) for path in self.failed_files()]
+        found = [row for table in tables if table is not None for row in table.to_pylist()]
         return sorted(found, key=lambda row: (row["path"], row["identity"]))
+
+    def look_through(self) -> bool:
+        """Read every file, one at a time; whether one had to be set aside."""
+        before = len(self.set_aside)
+        for path in self.files():
+            self._read(_with_place, path)
+        for path in self.failed_files():
+            self._read(_plain, path)
+        return len(self.set_aside) > before
+
+    def places(self) -> dict[Path, tuple[str, int | None]]:
+        """{file of results: the type and the year that its folders say}"""
+        found = {path: self._read(lambda path, _: _place_of(path), path) for path in self.files()}
+        return {path: place for path, place in found.items() if place is not None}
+
+    def _read[Read](
+        self, read: Callable[[Path, list[str] | None], Read], path: Path, columns: list[str] | None = None
+    ) -> Read | None:
+        """None, and set aside, where it cannot be read."""
+        try:
+            return read(path, columns)
+        except (OSError, ValueError, pa.ArrowException) as error:
+            reason = one_line(str(error).strip().partition("\n")[0])
+            self.set_aside[path] = f"cannot be read ({reason}); remove it, and its records are computed again"
+            return None
 
     # Care
 
@@ -158,15 +193,18 @@ class Store:
                 left.unlink(missing_ok=True)
         went = 0
         for folder in sorted({path.parent for path in self.files()}):
-            small = [path for path in sorted(folder.glob("*.parquet")) if not path.name.startswith(TOGETHER_NAME)]
+            small = [path for path in sorted(folder.glob("*.parquet")) if not is_of_many(path)]
             if len(small) < 2 or (len(small) < TOGETHER and not all_of_them):
                 continue
-            table = _once(pa.concat_tables([_plain(path) for path in small]))
+            tables = {path: table for path in small if (table := self._read(_plain, path)) is not None}
+            if len(tables) < 2:
+                continue
+            table = _once(pa.concat_tables(tables.values()))
             self._write(folder / f"{TOGETHER_NAME}{uuid.uuid4().hex}.parquet", table)
-            for path in small:
+            for path in tables:
                 with contextlib.suppress(OSError):
                     path.unlink()
-            went += len(small)
+            went += len(tables)
         return went
 
     def _bring_up_to_date(self) -> None:
@@ -184,10 +222,10 @@ class Store:
             self._migrate()
 
     def _migrate(self) -> None:
-        for path in (*self.files(), *(self.folder / "failures").glob("*.parquet")):
-            table = pq.ParquetFile(path).read()
-            if version_of(table) < SCHEMA:
-                self._write(path, migrated(table, FAILURES if path.parent.name == "failures" else RESULTS))
+        for path in (*self.files(), *self.failed_files()):
+            table = self._read(_brought_up_to_date, path)
+            if table is not None:
+                self._write(path, table)
         write_all(self.folder, {NAME: json.dumps({"schema": SCHEMA}) + "\n"})
 
 
@@ -197,6 +235,11 @@ def partition(type_: object, date: Any) -> str:
     return f"type={quote(str(type_ or UNKNOWN_TYPE), safe='')}/year={year}"
 
 
+def is_of_many(path: Path) -> bool:
+    """Whether a file of results holds those that were put together."""
+    return path.name.startswith(TOGETHER_NAME)
+
+
 def _once(table: pa.Table) -> pa.Table:
     """Sorted by identity, the last written of several rows that share one."""
     table = table.sort_by([("identity", "ascending"), ("written", "descending")])
@@ -204,22 +247,34 @@ def _once(table: pa.Table) -> pa.Table:
     return table.take([i for i, name in enumerate(names) if i == 0 or name != names[i - 1]])
 
 
+def _schema_of(path: Path) -> pa.Schema:
+    return FAILURES if path.parent.name == "failures" else RESULTS
+
+
+def _brought_up_to_date(path: Path, columns: list[str] | None = None) -> pa.Table:
+    with pq.ParquetFile(path) as file:
+        return migrated(file.read(columns), _schema_of(path))
+
+
 def _plain(path: Path, columns: list[str] | None = None) -> pa.Table:
-    try:
-        with pq.ParquetFile(path) as file:
-            return with_version(file.read(columns))
-    except (OSError, pa.ArrowException) as error:
-        what = f"cannot be read ({str(error).splitlines()[0]}); remove it, and its records are computed again"
-        raise StoreError(f"{path} {what}") from None
+    with pq.ParquetFile(path) as file:
+        if not file.schema_arrow.equals(_schema_of(path)):
+            raise ValueError("is no file of a fleet's store")
+        return with_version(file.read(columns))
 
 
-def _with_place(path: Path, columns: list[str] | None) -> pa.Table:
+def _with_place(path: Path, columns: list[str] | None = None) -> pa.Table:
     """A file of results with the type and the year that its folders say."""
     table = _plain(path, None if columns is None else [name for name in columns if name in RESULTS.names])
-    type_, year = (unquote(part.partition("=")[2]) for part in path.parts[-3:-1])
-    number = None if year == UNDATED else int(year)
+    type_, year = _place_of(path)
     table = table.append_column("type", pa.array([type_] * len(table), pa.string()))
-    return table.append_column("year", pa.array([number] * len(table), pa.int32()))
+    return table.append_column("year", pa.array([year] * len(table), pa.int32()))
+
+
+def _place_of(path: Path) -> tuple[str, int | None]:
+    """Type and year of a file of results. Raises ValueError where its folder says none."""
+    type_, year = (unquote(part.partition("=")[2]) for part in path.parts[-3:-1])
+    return type_, None if year == UNDATED else int(year)
 
 
 @contextlib.contextmanager

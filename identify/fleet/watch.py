@@ -5,6 +5,7 @@ that it names, and when neither names nor sizes nor times have changed since the
 begins with a dot or an underscore is somebody's way to say "not yet".
 """
 
+import contextlib
 import threading
 import time
 from collections.abc import Callable
@@ -106,8 +107,11 @@ def watch(
                         known.add(outcome.identity)
                         new += 1
                     watched.taken[folder] = seen
-                if new and after is not None:
-                    after()
+                if new:
+                    with contextlib.suppress(StoreError):
+                        store.tidy()
+                    if after is not None:
+                        after()
                 say(_in_words(watched, len(outcomes)))
                 stop.wait(every)
         finally:

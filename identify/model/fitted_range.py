@@ -101,6 +101,12 @@ def fitted_ranges(model: Model, test: TestRecord) -> dict[str, tuple[float, floa
     return {name: (min(low for low, _ in ends), max(high for _, high in ends)) for name, ends in joined.items()}
 
 
+def static_range(model: Model, quantity: str) -> tuple[float, float] | None:
+    """(least, greatest) of a condition over the static tests that a model was fitted to, SI; None where nobody says."""
+    ends = [ranges[quantity] for test, ranges in model.fitted.items() if quantity in ranges and not is_dynamic(test)]
+    return (min(low for low, _ in ends), max(high for _, high in ends)) if ends else None
+
+
 def tests_alike(model: Model, test: TestRecord) -> list[str]:
     """Fitted tests that are static like this one, or dynamic like it."""
     dynamic = test.in_motion

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from thermohyd.effects.library import whole_library
-from thermohyd.identify.bench.errors import BenchInputError, quoted, suggestion
+from thermohyd.identify.bench.errors import BenchInputError, one_line, quoted, suggestion
 from thermohyd.identify.bench.record import EDGE_LAWS, ActuatorData, BenchRecord, ValveData, at_first_row, misgiven_side
 from thermohyd.identify.bench.test_record import DYNAMIC_TESTS, STATIC_TESTS, is_dynamic
 from thermohyd.identify.fitting.parameters import IN_MOTION, heat_retention, identified_by_default, identified_in_motion
@@ -211,12 +211,13 @@ class ModelReader:
             raise self.fail(f'"valve" "edge_law" must be {" or ".join(json.dumps(word) for word in EDGE_LAWS)}')
         stated = {key: table.get(key) is not False for key in STATED}
         polarity = -1 if table.get("polarity") == -1 else 1
-        return ValveData(name=str(table.get("name", "")), polarity=polarity, edge_law=law, **stated, **numbers)  # pyright: ignore[reportArgumentType]
+        name = one_line(str(table.get("name", "")))
+        return ValveData(name=name, polarity=polarity, edge_law=law, **stated, **numbers)  # pyright: ignore[reportArgumentType]
 
     def oil(self, table: dict[str, Any]) -> OilDefinition:
         known = [field.name for field in fields(OilDefinition)]
         self.refuse_unknown(table, known, "oil")
-        words = {key: str(table[key]) for key in ("name", "source") if key in table}
+        words = {key: one_line(str(table[key])) for key in ("name", "source") if key in table}
         numbers = {
             key: self.number(table[key], f'"oil" "{key}"')
             for key in known

@@ -109,6 +109,8 @@ def typed_term(
 def place_named(name: Any, where: str, fail: Callable[[str], Exception], *, moving: bool = False) -> Place:
     """The place of a name in a file; moving: of a term of tests in motion."""
     try:
-        return place_of(name, moving=moving)
-    except (KeyError, AttributeError):
+        if isinstance(name, str):
+            return place_of(name, moving=moving)
+        raise KeyError(name)
+    except KeyError:
         raise fail(f'{where} "place" must be one of {", ".join(PLACES)}, or reading:<channel>') from None

@@ -80,7 +80,7 @@ def _region(region: Region) -> dict[str, Any]:
     return {
         **fields_of(region, "test", "channel"),
         "region": limits,
-        **fields_of(region, "excess_chi2", "share", "rows", "mean"),
+        **fields_of(region, "excess_chi2", "share", "rows", "mean", "rms"),
     }
 
 

@@ -58,7 +58,7 @@ def diagnosis_page(
         version=version,
         verdict=words.verdict_words(result),
         shout=words.shout(result),
-        facts=[words.gap(result)],
+        facts=[words.gap(result), *report_content.prior_sentences(result.after)],
         where=words.where_rows(result, result.where),
         where_after=words.where_rows(result, result.where_after),
         effects=words.effect_rows(result),

@@ -32,7 +32,7 @@ from thermohyd.identify.fitting.result import ChannelFit, FitResult
 
 from . import diagnosis_words as words
 from .diagnosis_words import excess, one_of, percent
-from .fit_report import print_known
+from .fit_report import print_known, prior_sentences
 from .model_form_words import model_form_sentences
 from .term_words import term_headline, term_lines
 from .terminal import heading, indented, table
@@ -192,9 +192,9 @@ def _place(where: tuple[Region, ...]) -> str:
         return ""
     worst = where[0]
     size, side = miss_words(worst.unit, worst.mean, worst.rms)
-    what = worst.channel.replace("_", " ").capitalize()
-    miss = f"{size} {side if side == 'off' else f'too {side}'}"
-    return f"{what} is {miss}{_at(region_words({k: v for k, v in worst.limits.items() if k != 'run'}))} in {worst.test}"
+    port = f"pressure at port {worst.channel[-1].upper()}" if worst.channel in ("pressure_a", "pressure_b") else ""
+    miss = f"The {port or worst.channel.replace('_', ' ')} deviates by {size}{f' ({side} the model)' if side else ''}"
+    return f"{miss}{_at(region_words({k: v for k, v in worst.limits.items() if k != 'run'}))} in {worst.test}"
 
 
 def _at(place: str) -> str:
@@ -288,12 +288,13 @@ def _facts(result: DiagnosisResult, rows: int) -> Table:
     labelled = [
         ("meaning", result.sentences[: max(0, rows - 2)]),
         ("gap", [words.gap(result)]),
+        ("next test", [] if result.next_test is None else [result.next_test.sentence]),
         ("held out", [words.held_out(result, short=True)]),
         ("proof", [words.proof(result)]),
         ("rivals", words.rival_sentences(result)[:rows]),
         ("alike", words.alike_sentences(result)[:rows]),
+        ("prior", prior_sentences(result.after)),
         ("edge law", model_form_sentences(result.after)[:rows]),
-        ("next test", [] if result.next_test is None else [result.next_test.sentence]),
         ("left over", [words.left_over(result)]),
         ("known to", [words.discrepancy(result)]),
         ("place", term_lines(result.terms)[: max(1, rows - 2)]),
@@ -313,7 +314,7 @@ def _facts(result: DiagnosisResult, rows: int) -> Table:
 
 def _where(result: DiagnosisResult, rows: int) -> Padding:
     shown = [(r.reading, r.place, r.share, r.excess, r.miss) for r in words.where_rows(result, result.where)[:rows]]
-    made = table(("test", "~where", ">share", ">excess chi2", "~bench"), shown)
+    made = table(("test", "~where", ">share", ">excess chi2", "~bench against model"), shown)
     more = len(result.where) - rows
     if more > 0:
         made.add_row(Text(f"and {more} more", style="dim"))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from thermohyd.identify.bench.columns import column_unit
 from thermohyd.identify.bench.shown_units import DisplayUnit, amount, beside, display_unit, effect_unit, significant
-from thermohyd.identify.bench.test_record import is_dynamic
+from thermohyd.identify.bench.test_record import is_dynamic, kind_of_test
 from thermohyd.identify.diagnosis.result import Alternative, Candidate, DiagnosisResult, NamedEffect, Region, Variation
 from thermohyd.identify.diagnosis.where import miss_words, region_words
 
@@ -14,7 +14,7 @@ from thermohyd.identify.diagnosis.where import miss_words, region_words
 # p-values below are all the same to a reader, and the far tail of any noise model is a guess.
 SMALLEST_P = 1e-6
 PLACES_SHOWN = 4  # of what acts as an effect does
-MISSES = {"high": "above the model", "low": "below the model", "off": "off the model, both ways"}
+CHANGES_SIGN = "changes sign"
 VERDICTS = {
     "consistent": "no disagreement beyond noise",
     "named": "named: no rival explains the data as well",
@@ -25,7 +25,7 @@ VERDICTS = {
 
 @dataclass(frozen=True)
 class WhereRow:
-    """A region in which a model misses; `miss` says on which side the bench lies."""
+    """A region in which a model misses; `miss` says by how much, and on which side the bench lies."""
 
     reading: str
     place: str
@@ -136,7 +136,7 @@ def where_rows(result: DiagnosisResult, regions: tuple[Region, ...]) -> list[Whe
                 share=percent(region.share),
                 excess=f"{region.excess_chi2:,.0f}",
                 rows=f"{region.rows:,}",
-                miss=f"{size} {MISSES[side]}",
+                miss=f"{size}, {side or CHANGES_SIGN}",
             )
         )
     return rows
@@ -384,7 +384,9 @@ def left_over(result: DiagnosisResult) -> str:
     if not result.where_after:
         return f"{words}."
     worst = where_rows(result, result.where_after[:1])[0]
-    return f"{words}, most in {worst.reading}, {worst.place}: bench {worst.miss} ({worst.share} of what is left)."
+    along = "in time" if kind_of_test(result.where_after[0].test) == "step" else "along the sweep"
+    miss = f"{worst.miss} {along if worst.miss.endswith(CHANGES_SIGN) else 'the model'}"
+    return f"{words}, most in {worst.reading}, {worst.place}: {miss} ({worst.share} of what is left)."
 
 
 SMALL = 0.1  # of a channel's noise: what the model misses is then nothing to speak of

@@ -82,7 +82,9 @@ def _parameter(estimate: ParameterEstimate) -> dict[str, Any]:
     return {
         **fields_of(estimate, "value", "unit", "std", "ci95", "at_bound", "fixed", "start"),
         "bounds": [estimate.lower, estimate.upper],
-        **fields_of(estimate, "prior_std", "why_no_error_bar", "by_profile", "conditional_on", "averaged_over"),
+        **fields_of(
+            estimate, "prior_std", "prior_because", "why_no_error_bar", "by_profile", "conditional_on", "averaged_over"
+        ),
         "model_form": None if estimate.model_form is None else fields_of(estimate.model_form, *MODEL_FORM),
         "relative": relative is not None,
         "relative_to": None if relative is None else relative.to,

@@ -221,9 +221,10 @@ def parameter_remarks(result: FitResult) -> list[str]:
             remarks.append(f"{estimate.name} is AT ITS {side} BOUND of {_with_unit(bound, unit)}{reason}")
         elif estimate.std is None and not estimate.fixed:
             without.setdefault(estimate.why_no_error_bar or "no reason is known", []).append(estimate.name)
-        if estimate.prior_std is not None and not estimate.fixed:
+        if estimate.prior_std is not None and not estimate.fixed and not estimate.prior_because:
             width = _with_unit(estimate.prior_std, unit)
             remarks.append(f"{estimate.name} carries a prior: {estimate.start * unit.factor:.4g} +/- {width}")
+    remarks += prior_sentences(result)
     remarks += [f"no error bar for {', '.join(names)}: {reason}" for reason, names in without.items()]
     relative: dict[str, list[str]] = {}
     for estimate in result.parameters.values():
@@ -247,6 +248,15 @@ def parameter_remarks(result: FitResult) -> list[str]:
     if pressed:
         remarks.append(f"errors and intervals are conditional on {', '.join(sorted(pressed))} staying at the bound")
     return remarks
+
+
+def prior_sentences(result: FitResult) -> list[str]:
+    """What the program held near what is usual because the record does not determine it, and the line that changes that."""
+    names: dict[str, list[str]] = {}  # {reason: names}
+    for estimate in result.parameters.values():
+        if estimate.prior_because:
+            names.setdefault(estimate.prior_because, []).append(estimate.name)
+    return [f"{' and '.join(own)}: {because}" for because, own in names.items()]
 
 
 def _ends_at_limit(estimate: ParameterEstimate, interval: tuple[float, float]) -> bool:

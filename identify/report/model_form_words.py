@@ -82,6 +82,8 @@ def preference(asked: OtherLaw) -> str:
     """Which of the two laws the data prefer, in one sentence."""
     if not asked.converged:
         return f"With the {asked.law} law of the edge the fit did not converge ({asked.message}): nothing is known of what it would change."
+    if not asked.own_converged and asked.preferred is None:
+        return f"With the {asked.own} law of the edge the fit did not converge: the two laws cannot be compared."
     both = {asked.own: asked.own_chi2, asked.law: asked.chi2}
     words = lambda law: f"{both[law]:,.0f} with the {law} law"
     if asked.preferred is not None:

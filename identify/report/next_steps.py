@@ -81,9 +81,9 @@ MOST_NAMED = 3
 def after_diagnosis(result: DiagnosisResult) -> list[Step]:
     """What a diagnosis asks for: the measurement that decides first, then what can be done with its model."""
     bench = path_of(result.record)
-    if not result.after.converged:
-        return after_fit(result.after)
     asked = [] if result.next_test is None else [Step(_sentence(result.next_test.sentence))]
+    if not result.after.converged:
+        return [*after_fit(result.after), *asked]
     decides = result.verdict in ("ambiguous", "unexplained")
     steps = asked if decides else []
     faults = [fault.sentence for fault in result.after.faults if not fault.rows and fault.sentence]

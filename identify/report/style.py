@@ -31,6 +31,7 @@ MOST_GROUPS = len(MARKERS)
 
 # Held only while a figure is made and written, never set globally. A fixed salt makes the same SVG from the same data.
 STYLE: dict[Any, Any] = {
+    "text.usetex": False,  # a matplotlibrc in the working folder, which Matplotlib reads, would start LaTeX on a text of its own
     "font.size": 9.0,
     "axes.titlesize": 10.0,
     "axes.titley": 1.0,  # else every drawing searches for a place: a fifth of its time

@@ -1,15 +1,33 @@
 """How every report looks in a terminal: headings, lines and tables in one place. User text is never read as markup."""
 
+import re
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 from rich import box
-from rich.console import RenderableType
+from rich.console import Console, ConsoleOptions, RenderableType
 from rich.padding import Padding
+from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
 
 
 Cells = Iterable[str | Text]
+# What a terminal obeys and a name of a folder, a column or a valve may hold: control characters (ESC among them), and those that turn the
+# order of letters around. Surrogates are bytes of a file's name that are no text.
+OBEYED = re.compile("[\x00-\x09\x0b-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
+
+
+class PlainConsole(Console):
+    """A console that shows what it is given and obeys nothing of it: only rich's own styles reach the terminal, `[um]` is no style to
+    it and `:gear:` no picture."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(highlight=False, markup=False, emoji=False, **options)
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
+        for segment in super().render(renderable, options):
+            yield segment if segment.control else segment._replace(text=OBEYED.sub("", segment.text))
 
 
 def heading(words: str) -> Text:

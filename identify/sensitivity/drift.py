@@ -155,15 +155,15 @@ def _figures(valve: Valve, actuator: Actuator, conditions: Conditions) -> tuple[
 
 def performance_drifts(
     valve: Valve,
-    actuator: Actuator,
+    actuator: Actuator | None,
     temperatures: np.ndarray,
     supply_pressure: float,
     return_pressure: float = 0.0,
 ) -> dict[str, Drift]:
     """{figure: Drift} of the actuator's performance at null over temperatures [K], at supply and return pressures [Pa].
 
-    The figures are those of `thermohyd.performance`, of an unequal jack those that no jack is in; what the bench's instruments
-    add to the valve is left out, as there.
+    The figures are those of `thermohyd.performance`, without a jack or of an unequal one those that no jack is in; what the
+    bench's instruments add to the valve is left out, as there.
     Heating is what the oil's viscosity, density, bulk modulus and the clearance leave of the drift: its specific heat, and
     its absolute temperature in throttling and in the isentropic stiffening of the chambers.
 
@@ -179,8 +179,12 @@ def performance_drifts(
     built = without_instruments(valve)
     kelvin = jnp.asarray(temperatures, dtype=float)
     conditions = null_conditions(kelvin, supply_pressure + 0.0 * kelvin, return_pressure + 0.0 * kelvin)
-    names = tuple(PERFORMANCE) if actuator.symmetric else OF_THE_VALVE
-    value, slopes = _figures(built, actuator if actuator.symmetric else Actuator(), conditions)
+    names = OF_THE_VALVE
+    if actuator is not None and actuator.symmetric:
+        names = tuple(PERFORMANCE)
+    else:
+        actuator = Actuator()  # what is left does not depend on it
+    value, slopes = _figures(built, actuator, conditions)
     drifts = {}
     for field in fields(value):
         figure, slope = np.asarray(getattr(value, field.name)), np.array(getattr(slopes, field.name))

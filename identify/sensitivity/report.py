@@ -57,7 +57,7 @@ def sensitivity_json(result: SensitivityResult) -> dict[str, Any]:
             for f in result.factors
         },
         "figures": _figures(result),
-        "actuator": result.actuator.to_dict(),
+        "actuator": None if result.actuator is None else result.actuator.to_dict(),
         "temperature": _temperature(result),
         "curves": _curves(result),
         "curve_total_indices": {

@@ -80,7 +80,7 @@ class SensitivityResult(Result):
     slope: np.ndarray
     curves: CurveSlopes
     drifts: dict[str, Drift]
-    actuator: Actuator
+    actuator: Actuator | None
     tolerances: GlobalStudy
     posterior: PosteriorStudy | None
     information: InformationStudy

@@ -4,7 +4,7 @@ Everything is read and checked before JAX starts; a record with readings and no 
 of the seed paper's valve.
 """
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,6 +17,7 @@ from thermohyd.identify.bench.record import BenchRecord, ValveData
 from thermohyd.identify.bench.test_record import TestRecord
 from thermohyd.identify.fitting.parameters import MICRON, OF_THE_EDGES
 from thermohyd.identify.fitting.result import FitResult
+from thermohyd.identify.model.fitted_range import static_range
 from thermohyd.identify.model.model import Model
 from thermohyd.identify.model.model_file import load_model, model_of_fit, nominal_model
 
@@ -68,17 +69,26 @@ def seed_model() -> Model:
 
 
 def subject_of_model(model: Model, settings: Settings, name: str = "") -> Subject:
-    """A study of a model alone: 40 degC and the rated pressure drop (70 bar where it has none), unless the settings say otherwise."""
-    supply = settings.supply_pressure or model.valve.rated_pressure_drop or 70e5
-    temperature = REFERENCE if settings.temperature is None else settings.temperature
+    """A study of a model alone, in the middle of what it was fitted to; where it does not say, at 40 degC and its rated pressure drop
+    (70 bar where it has none). The settings go first."""
+    fitted = {name: static_range(model, name) for name in ("temperature", "supply_pressure", "return_pressure")}
+    warm, pressures, back = fitted["temperature"], fitted["supply_pressure"], fitted["return_pressure"]
+    usual = model.valve.rated_pressure_drop or 70e5
+    supply = settings.supply_pressure or (usual if pressures is None else sum(pressures) / 2.0)
+    temperature = settings.temperature
+    if temperature is None:
+        temperature = REFERENCE if warm is None else sum(warm) / 2.0
+    temperatures = USUAL_TEMPERATURES if warm is None else _wider(warm)
+    if settings.return_pressure is not None or back is None:
+        back = (settings.return_pressure or 0.0,) * 2
     return Subject(
         name or model.valve.name or "valve",
         model,
         temperature,
         supply,
-        settings.return_pressure or 0.0,
-        _with(settings.temperatures or USUAL_TEMPERATURES, temperature, APART_T),
-        _pressures(supply, (supply,)),
+        sum(back) / 2.0,
+        _with(settings.temperatures or temperatures, temperature, APART_T),
+        _pressures(supply, pressures or (supply,)),
         ReadingNoise(settings.noise, "stated"),
         notes=left_out(model),
     )
@@ -93,7 +103,6 @@ def subject_of_fit(fit: FitResult, settings: Settings) -> Subject:
     )
     supply = settings.supply_pressure or min(pressures)
     few = {temperatures[0], temperatures[len(temperatures) // 2], temperatures[-1]}
-    wider = {t for t in (temperatures[0] - 25.0, temperatures[-1] + 25.0) if COLDEST <= t <= HOTTEST}
     noise: dict[str, float] = {}
     for channel in fit.channels:
         both = np.sqrt(2.0) if channel.channel in ("pressure_a", "pressure_b") else 1.0
@@ -105,7 +114,7 @@ def subject_of_fit(fit: FitResult, settings: Settings) -> Subject:
         temperature,
         supply,
         back if settings.return_pressure is None else settings.return_pressure,
-        _with(settings.temperatures or tuple(sorted(few | wider)), temperature, APART_T),
+        _with(settings.temperatures or _wider(sorted(few)), temperature, APART_T),
         _pressures(supply, pressures),
         ReadingNoise({**noise, **settings.noise}, "of the record" if not settings.noise else "of the record or stated"),
         fit,
@@ -145,6 +154,12 @@ def _groups(values: np.ndarray, apart: float) -> list[float]:
 def _with(values: tuple[float, ...], own: float, apart: float) -> tuple[float, ...]:
     """Values, rising, the study's own among them in the place of any that is close to it."""
     return tuple(sorted([own, *(v for v in values if abs(v - own) > apart)]))
+
+
+def _wider(temperatures: Sequence[float]) -> tuple[float, ...]:
+    """Rising temperatures, and one beyond each end where a test may be run there."""
+    ends = (temperatures[0] - 25.0, temperatures[-1] + 25.0)
+    return tuple(sorted({*temperatures, *(t for t in ends if COLDEST <= t <= HOTTEST)}))
 
 
 def _pressures(supply: float, measured: tuple[float, ...] | list[float]) -> tuple[float, ...]:
@@ -223,14 +238,24 @@ def fitted(record: BenchRecord, say: Callable[[str], None]) -> "FitResult":
     return result
 
 
-def actuator_of(subject: "Subject", settings: Settings) -> "Actuator | None":
-    """The actuator that the settings describe, on the valve's own rated current; None where they describe none."""
-    if not settings.actuator:
-        return None
-    from thermohyd.actuator import Actuator
+def actuator_of(source: Source, subject: "Subject") -> "Actuator | None":
+    """The actuator with its controller that the settings describe, else the record, else the model, on the valve's own rated current.
+    None where none of them does; with nothing given at all, the example's."""
+    from thermohyd.actuator import Actuator, seed_actuator
+    from thermohyd.identify.fitting.motion_readings import actuator_of as simulated
 
     current = subject.model.valve.rated_current
-    return Actuator(**settings.actuator, **({} if current is None else {"rated_current": current}))
+    if source.settings.actuator:
+        return Actuator(**source.settings.actuator, **({} if current is None else {"rated_current": current}))
+    if not source.named:
+        return seed_actuator()
+    record = source.record
+    given = record.actuator if record is not None and record.actuator_given else None
+    data = given or subject.model.actuator
+    loop = None if record is None else record.sensors.get("piston_position")
+    if data is None or not data.closed_loop or (loop is not None and loop.in_loop and loop.gain is None):
+        return None
+    return simulated(data, current, subject.model.dynamics)
 
 
 def read_source(

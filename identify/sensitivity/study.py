@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from thermohyd.actuator import Actuator, seed_actuator
+from thermohyd.actuator import Actuator
 from thermohyd.identify.fitting.parameters import OF_THE_EDGES, PARAMETERS
 from thermohyd.identify.fitting.result import FitResult
 
@@ -52,7 +52,7 @@ def sensitivity(
 ) -> SensitivityResult:
     """Which parameter matters: local and global sensitivities, temperature drift, information and the next test.
 
-    actuator: whose performance is to be followed over the temperature; `seed_actuator()` where none is given.
+    actuator: whose performance is to be followed over the temperature; None: of the valve alone.
     evaluations: of the three static tests in the Sobol study, at most (a power of two times the factors + 2).
     Raises RuntimeError in single precision.
 
@@ -68,7 +68,6 @@ def sensitivity(
     at = (subject.temperature, subject.supply_pressure, subject.return_pressure)
     factors = factors_with(settings, subject.model, *at)
     valve = valve_of_model(subject.model)
-    actuator = actuator or seed_actuator()
     say("sensitivities of the curves")
     share = np.linspace(-1.0, 1.0, POSITIONS)
     curves = curve_slopes(

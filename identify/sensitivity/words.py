@@ -170,8 +170,10 @@ def drift_rows(result: SensitivityResult) -> list[list[str]]:
 DRIFT_COLUMNS = ("figure", ">value", "unit", ">%/K", *(f">{cause}" for cause in CAUSES))
 
 
-def actuator_sentence(a: Actuator) -> str:
+def actuator_sentence(a: Actuator | None) -> str:
     """Whose performance it is."""
+    if a is None:
+        return "No actuator with a controller is stated: describe yours in [actuator] of --settings to see its figures drift."
     area, volume = (
         " and ".join(f"{side:g}" for side in np.ravel(values)) for values in (a.areas * 1e4, a.volumes * 1e6)
     )

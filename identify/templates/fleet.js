@@ -46,7 +46,8 @@
     high.style.height = `${shown.length * tall}px`;
     const first = Math.max(0, Math.floor(rows.scrollTop / tall) - 4), last = first + Math.ceil(rows.clientHeight / tall) + 8;
     high.replaceChildren(...shown.slice(first, last).map((valve, i) => {
-      const row = make("div", { class: "row", style: `top:${(first + i) * tall}px` });
+      const row = make("div", { class: "row" });
+      row.style.top = `${(first + i) * tall}px`;
       for (const [kind, , , cell] of columns) row.append(make("div", { class: `c-${kind} ${kind === "number" ? "number" : ""}` }, cell(valve)));
       row.title = valve[WHY];
       row.onclick = () => { location.hash = `valve/${encodeURIComponent(valve[TYPE])}/${encodeURIComponent(valve[SERIAL])}`; };

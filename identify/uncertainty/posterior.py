@@ -15,6 +15,7 @@ import numpy as np
 from thermohyd.identify.fitting.outcome import Fitted, Uncertainty
 from thermohyd.identify.fitting.problem import Problem
 from thermohyd.identify.fitting.problem_fit import Fit
+from thermohyd.identify.optional_parts import install
 
 from .finished_fit import effects_of
 from .importance import Weighed, effective_in_tails, propose, quantiles, smoothing_or_sentence
@@ -221,7 +222,7 @@ def _as_file(
         import arviz_base
         import h5netcdf  # noqa: F401  # xarray writes by it
     except ImportError:
-        return b"", ('posterior.nc was not written: pip install "thermohyd[posterior]"',)
+        return b"", (f"posterior.nc was not written: {install('posterior')}",)
     # A name with a stroke would be a group of the file.
     draws = {name.replace("/", " per "): physical[:, :, i] for i, name in enumerate(names)}
     groups = {"posterior": draws, **({"sample_stats": stats} if stats else {})}

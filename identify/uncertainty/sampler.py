@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from thermohyd.identify.bench.errors import BenchInputError
+from thermohyd.identify.optional_parts import install
 from thermohyd.numerics import OPTIONS, jitted, known_options
 
 
@@ -34,7 +35,7 @@ class Drawn:
     doublings: np.ndarray
 
 
-NOT_INSTALLED = '--posterior needs the packages blackjax and arviz: pip install "thermohyd[posterior]"'
+NOT_INSTALLED = f"--posterior needs the packages blackjax and arviz: {install('posterior')}"
 
 
 def sampler_or_sentence() -> Any:

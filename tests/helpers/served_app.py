@@ -27,7 +27,7 @@ class Served:
     """address: of the page. After `interrupt`: status, and what it said on stdout and stderr."""
 
     def __init__(self, process: subprocess.Popen, port: int) -> None:
-        self._process, self.address = process, f"http://localhost:{port}"
+        self._process, self.address = process, f"http://127.0.0.1:{port}"
         self.status, self.out, self.errors = None, "", ""
 
     @property
@@ -44,16 +44,22 @@ class Served:
         self.out, self.errors = self._process.communicate(timeout=PATIENCE)
         self.status = self._process.returncode
 
+    def kill(self) -> None:
+        """kill -9. Returns when nothing is left that could say something."""
+        self._process.kill()
+        self._process.communicate(timeout=PATIENCE)
+
 
 @contextmanager
-def served_app(home: Path, change: str = "") -> Iterator[Served]:
-    """The page, served. home: where its user's files and temporary folders are; change: code that runs before the program."""
+def served_app(home: Path, change: str = "", where: Path | None = None) -> Iterator[Served]:
+    """The page, served. home: where its user's files and temporary folders are; change: code that runs before the program; where: it is
+    started."""
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
     command = [sys.executable, "-P", "-c", START.format(change=change), "app", "--no-browser", "--port", str(port)]
     environment = os.environ | {"HOME": str(home), "TMPDIR": str(home)}
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-    with subprocess.Popen(command, env=environment, **pipes) as process:
+    with subprocess.Popen(command, env=environment, cwd=where, **pipes) as process:
         served = Served(process, port)
         try:
             end = time.monotonic() + PATIENCE

@@ -199,7 +199,7 @@ def test_a_module_that_cannot_be_loaded_is_named(tmp_path):
     (tmp_path / "mine.py").write_text("1 / 0\n")
     with pytest.raises(BenchInputError, match=r"mine\.py: cannot be loaded: ZeroDivisionError"):
         load_effects(tmp_path)
-    (tmp_path / "mine.py").write_text("x = 1\n")
+    (tmp_path / "mine.py").write_text("x = 1  # of another length, or what was compiled of the first would do\n")
     with pytest.raises(BenchInputError, match="has no effect"):
         load_effects(tmp_path)
     assert all(find_effect(name) is not None for name in EFFECTS)

@@ -3,7 +3,7 @@
 Nothing is missing from the model: a fit's intervals should hold the truth, and a diagnosis should find nothing.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,11 +16,39 @@ from reference.valve import Rows, Valve
 STROKE = 213e-6
 NARROW = 60e-6  # sweep of a pressure-gain test
 SUPPLY, TEMPERATURE = 70e5, 313.15
-POINTS = [[40.0, 32.0], [100.0, 5.4]]  # degC, cSt
 SECONDS, SWEEPS = 100.0, 2
 NOISE = {"leakage": 2e-3 / 6e4, "flow_gain": 0.03 / 6e4, "pressure_gain": 0.3e5}
 UNIT = {"leakage": ("l/min", 6e4), "flow_gain": ("l/min", 6e4), "pressure_gain": ("bar", 1e-5)}
 VALVE = Valve()
+OILS = {22: 4.3, 32: 5.4, 46: 6.8, 68: 8.7}  # cSt at 40 and at 100 degC
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What is on the bench, and under which conditions (SI). noise: times `NOISE`."""
+
+    valve: Valve = VALVE
+    grade: int = 32  # of the oil, cSt at 40 degC
+    supply: float = SUPPLY
+    temperature: float = TEMPERATURE
+    noise: float = 1.0
+
+
+def any_setting(seed: int, coefficient: float | None = None) -> Setting:
+    """Any valve, oil and bench, drawn by seed: edges as in `hidden_bench`, a discharge coefficient of 0.60 to 0.75 unless it is given."""
+    random = np.random.default_rng([51, seed])
+    valve = Valve(
+        edge_radius=random.uniform(3e-6, 20e-6),
+        clearance=random.uniform(1.5e-6, 4e-6),
+        underlap=random.uniform(0.0, 18e-6),
+        discharge_coefficient=random.uniform(0.60, 0.75),
+        transition_number=random.uniform(60.0, 150.0),
+        null_bias=random.uniform(-3e-6, 3e-6),
+    )
+    valve = valve if coefficient is None else replace(valve, discharge_coefficient=coefficient)
+    grade, supply = random.choice(list(OILS)), random.choice([70e5, 140e5, 210e5])
+    celsius = round(random.uniform(20.0, 55.0), 2)
+    return Setting(valve, int(grade), float(supply), celsius + 273.15, float(10.0 ** random.uniform(0.0, 1.0)))
 
 
 @dataclass(frozen=True)
@@ -54,28 +82,33 @@ def sweep(log: Log, test: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return time, position, np.repeat(np.arange(log.repeats), rows)
 
 
-def write(folder: Path, log: Log, every: int = 1, valve: Valve = VALVE) -> None:
-    """A record of the log, or of its every k-th row."""
+def write(folder: Path, log: Log, every: int = 1, setting: Setting | None = None) -> None:
+    """A record of the log, or of its every k-th row. setting: default the seed valve's."""
+    here = Setting() if setting is None else setting
     folder.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(log.seed)
-    oil = Oil(*walther(POINTS))
+    hot = OILS[here.grade]
+    oil = Oil(*walther([[40.0, float(here.grade)], [100.0, hot]]))
     lines = ['[valve]\nname = "raw log, made by the reference simulator"\nstroke = "213 um"\nslot_width = "12 mm"\n\n[oil]\n'
-             'viscosity = [["40 degC", "32 cSt"], ["100 degC", "5.4 cSt"]]\n']  # fmt: skip
+             f'viscosity = [["40 degC", "{here.grade} cSt"], ["100 degC", "{hot} cSt"]]\n']  # fmt: skip
+    bar, celsius = here.supply * 1e-5, here.temperature - 273.15
     for test in log.tests:
         time, position, run = sweep(log, test)
         one = np.ones(len(position))
         channel = static_tests.READING[test]
-        rows = Rows(position, SUPPLY * one, 0.0 * one, TEMPERATURE * one)
+        rows = Rows(position, here.supply * one, 0.0 * one, here.temperature * one)
         unit, factor = UNIT[test]
-        value = (static_tests.TESTS[test](valve, oil, rows)[channel] + rng.normal(0.0, NOISE[test], len(one))) * factor
+        noise = here.noise * NOISE[test]
+        exact = static_tests.TESTS[test](here.valve, oil, rows)[channel]
+        value = (exact + rng.normal(0.0, noise, len(one))) * factor
         with (folder / f"{test}.csv").open("w", encoding="utf-8") as file:
             file.write(
                 f"time [s],run,spool_position [um],supply_pressure [bar],temperature [degC],{channel} [{unit}]\n"
             )
             file.writelines(
-                f"{t:.4f},{r + 1},{x * 1e6:.4f},70.00,40.00,{y:.6f}\n"
+                f"{t:.4f},{r + 1},{x * 1e6:.4f},{bar:.2f},{celsius:.2f},{y:.6f}\n"
                 for t, r, x, y in list(zip(time, run, position, value, strict=True))[::every]
             )
-        noise = f'noise = "{NOISE[test] * factor:g} {unit}"\n' if log.stated else ""
-        lines.append(f'\n[tests.{test}]\nfile = "{test}.csv"\n{noise}')
+        stated = f'noise = "{noise * factor:g} {unit}"\n' if log.stated else ""
+        lines.append(f'\n[tests.{test}]\nfile = "{test}.csv"\n{stated}')
     (folder / "bench.toml").write_text("".join(lines), encoding="utf-8")

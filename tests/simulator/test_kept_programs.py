@@ -1,9 +1,11 @@
 """Programs on disk: another process takes them without tracing, and whatever decides a program is part of what it is kept under."""
 
 import os
+import pickle
 import subprocess
 import sys
 import threading
+import zlib
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
@@ -13,8 +15,8 @@ import numpy as np
 import pytest
 from helpers.valves import seed_valve
 
-from thermohyd import kept_programs
-from thermohyd.kept_programs import KeptProgram, begin_work, made_once
+from thermohyd import kept_programs, own_files
+from thermohyd.kept_programs import KeptProgram, begin_work, keep_in, made_once
 from thermohyd.numerics import linear_recursion
 from thermohyd.own_effects import own_effects
 from thermohyd.program_words import CannotKeepError, said
@@ -54,6 +56,57 @@ def test_what_was_compiled_once_is_read(folder, monkeypatch):
     assert np.array_equal(KeptProgram(linear_recursion, {})(KEEP, SOURCE), want)
     assert programs(folder) == [file]
     assert (folder / file).stat().st_size > 500
+
+
+class Planted:
+    """Its pickle makes a folder where it is read."""
+
+    def __init__(self, made):
+        self.made = made
+
+    def __reduce__(self):
+        return os.mkdir, (str(self.made),)
+
+
+@pytest.mark.parametrize("mode", [0o600, 0o620, 0o602])
+def test_a_planted_pickle_is_not_run(folder, tmp_path, monkeypatch, capsys, mode):
+    monkeypatch.setattr(own_files, "_said", False)
+    want = np.asarray(KeptProgram(linear_recursion, {})(KEEP, SOURCE))
+    (name,) = programs(folder)
+    planted = zlib.compress(pickle.dumps(Planted(tmp_path / "run")))
+    (folder / name).write_bytes(planted)
+    (folder / name).chmod(mode)
+    for _ in range(2):
+        assert np.array_equal(KeptProgram(linear_recursion, {})(KEEP, SOURCE), want)
+    assert programs(folder) == [name]  # nothing was made beside it
+    warning = capsys.readouterr().err
+    if mode == 0o600:  # the user's own, and no program: compiled anew
+        assert warning == ""
+        assert (folder / name).read_bytes() != planted
+    else:
+        assert warning.count("\n") == 1
+        assert f"{folder / name} is not this user's, or others may write to it; remove it" in warning
+        assert (folder / name).read_bytes() == planted
+        assert kept_programs._folder is None
+
+
+def test_a_folder_that_others_may_write_to_keeps_nothing(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(own_files, "_said", False)
+    monkeypatch.setattr(kept_programs, "_folder", None)
+    tmp_path.chmod(0o777)
+    keep_in(tmp_path)
+    KeptProgram(linear_recursion, {})(KEEP, SOURCE)
+    assert programs(tmp_path) == []
+    assert "others may write to" in capsys.readouterr().err
+
+
+def test_what_unpacks_to_more_than_the_largest_program_is_refused(folder, monkeypatch):
+    monkeypatch.setattr(kept_programs, "LARGEST", 1000)
+    (folder / "large").write_bytes(zlib.compress(bytes(10_000)))
+    (folder / "longer").write_bytes(bytes(1001))
+    for name in ("large", "longer"):
+        with pytest.raises(ValueError, match=r"too large|more than"):
+            kept_programs._read(folder / name)
 
 
 def test_of_several_threads_one_compiles_a_program(folder, monkeypatch):

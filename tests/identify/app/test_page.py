@@ -52,7 +52,7 @@ def test_from_a_log_to_a_report(monkeypatch):
     page = well(page.selectbox(key="leakage|3|is").set_value("left out").run())
     assert 'bench 3/leak.csv, line 1, column "LVDT": the unit is missing' in seen(page)
     page = well(page.selectbox(key="leakage|1|unit").set_value("um").run())
-    assert "supply_pressure is missing: leak.csv has no such column" in seen(page)
+    assert "supply_pressure and temperature are missing: leak.csv has no such columns" in seen(page)
     page = well(page.text_input(key="conditions.supply_pressure").set_value("70 bar").run())
     page = well(page.text_input(key="conditions.temperature").set_value("40 degC").run())
     assert "bench 3: 1 test, 11 rows can be read." in seen(page)

@@ -5,6 +5,7 @@ import gc
 import pytest
 from helpers.bench_folder import LEAKAGE, TOML
 
+from thermohyd.identify.app import upload
 from thermohyd.identify.app.upload import TemporaryHome, refuse_files_elsewhere, safe_parts, write_upload
 from thermohyd.identify.bench.errors import BenchInputError
 
@@ -51,7 +52,7 @@ def test_names_of_files(name, parts):
 def test_names_that_are_refused(name, words, home):
     with pytest.raises(BenchInputError, match=words):
         write_upload([("leakage.csv", b""), (name, ROWS)], home)
-    assert list(home.folder.rglob("*")) == []
+    assert list(home.dropped.rglob("*")) == []
 
 
 def test_a_folder_is_the_record_of_its_uppermost_bench_toml(home):
@@ -63,7 +64,7 @@ def test_a_folder_is_the_record_of_its_uppermost_bench_toml(home):
         ("day/notes.txt", b"x"),
     ]
     found = write_upload(sent, home)
-    assert found.record == home.folder / "valve 7"
+    assert found.record == home.dropped / "valve 7"
     assert found.files == ("bench.toml", "logs/leakage.csv", "old/bench.toml")
     assert sorted(found.left_out) == ["day/notes.txt", "day/valve 7/.git/config"]
     assert found.described
@@ -89,6 +90,9 @@ def test_without_a_bench_toml_it_is_the_dropped_folder(names, record, files, hom
     [
         (["x/a/bench.toml", "x/b/bench.toml"], r"holds 2 records \(x/a, x/b\); drop the folder of one of them"),
         (["x/a.csv", "x/./a.csv"], '"x/./a.csv" came twice'),
+        (["x/a.csv", "X/A.CSV"], '"X/A.CSV" came twice, or in other capitals'),
+        (["x/\u00e9.csv", "x/e\u0301.csv"], "came twice"),
+        ([f"x/{number}.csv" for number in range(1001)], "is more than 1,000 files or 1,000,000,000 bytes"),
         (["x/.DS_Store"], "holds no file of a record"),
         (["x/a", "x/a/b.csv"], "cannot be written"),
     ],
@@ -96,6 +100,15 @@ def test_without_a_bench_toml_it_is_the_dropped_folder(names, record, files, hom
 def test_folders_that_are_refused(names, words, home):
     with pytest.raises(BenchInputError, match=words):
         write_upload([(name, ROWS) for name in names], home)
+
+
+def test_sizes_that_are_refused(home, monkeypatch):
+    with pytest.raises(BenchInputError, match=r'"x/bench.toml" is larger than 100,000 bytes'):
+        write_upload([("x/bench.toml", b"#" * 100_001)], home)
+    monkeypatch.setattr(upload, "MOST_BYTES", 10)
+    with pytest.raises(BenchInputError, match="drop the folder of one record"):
+        write_upload([("x/a.csv", b"123456"), ("x/b.csv", b"123456")], home)
+    assert list(home.dropped.rglob("*")) == []
 
 
 @pytest.mark.parametrize("file", ["../other/leakage.csv", "/etc/passwd", "a/../../x.csv"])

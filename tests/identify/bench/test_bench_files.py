@@ -1,6 +1,7 @@
 """Files as benches really write them: headers, rows of units, preambles, date-times, missing readings, sheets; and their messages."""
 # ruff: noqa: E501 (the messages stand whole, as they are printed)
 
+import re
 import sys
 import zipfile
 from datetime import datetime, timedelta
@@ -112,6 +113,78 @@ def test_what_is_mapped_already_stays_in_the_line_to_copy(tmp_path):
     text = SOUND.replace("time [s]", "Zeit [s]").replace("spool_position [um]", 'My "LVDT" um')
     expected = r'unknown column "My "LVDT" um"; if it is spool_position, write columns = { time = "Zeit [s]", spool_position = "My \"LVDT\" um [um]" } in [tests.leakage]'
     assert expected in message(write_record(tmp_path, toml, leakage=text))
+
+
+# A logger's file: its own headers, units in the row below, a remark with a word of the run's beside it.
+LOG = """Zeit;Druck Versorgung;Weg;Leckage;Temp;Sweep remark;Zyklus
+s;psi;um;l/min;degF;;
+0;1015;-10;0.1;104;;1
+1;1015;0;0.2;104;Luft im Lauf;1
+2;1015;10;0.1;104;;1
+"""
+BARE = TOML.replace('supply_pressure = "70 bar"\n', "").replace('temperature = "40 degC"\n', "")
+
+
+def test_every_column_of_a_log_is_proposed_at_once_and_the_line_is_right(tmp_path):
+    said = message(write_record(tmp_path, BARE, leakage=LOG))
+    columns = 'columns = { time = "Zeit", supply_pressure = "Druck Versorgung", spool_position = "Weg", leakage_flow = "Leckage", temperature = "Temp" }'
+    ignore = 'ignore = ["Sweep remark", "Zyklus"]'
+    assert f"write {columns} and {ignore} in [tests.leakage]" in said
+    test = leakage(write_record(tmp_path, f"{BARE}{columns}\n{ignore}\n", leakage=LOG))
+    assert test.supply_pressure == pytest.approx([1015 * 6894.757] * 3)
+    assert test.temperature == pytest.approx([313.15] * 3)
+
+
+@pytest.mark.parametrize(
+    ("header", "unit", "cells", "column"),
+    [
+        ("Druck", "degF", "1", "temperature"),
+        ("Pressure system", "degF", "1", "temperature"),
+        ("Fluss", "bar", "1", "supply_pressure"),
+        ("QL", "bar", "1", "supply_pressure"),
+        ("Supply", "bara", "1", None),
+        ("Supply psi", "", "1", "supply_pressure"),
+        ("Supply degF", "", "1", "temperature"),
+        ("Uhrzeit", "hh:mm:ss", "12:00:00", "time"),
+        ("Remark", "", "1", None),
+        ("Remark", "", "burnt", None),
+        ("Bemerkung zum Lauf", "", "1", None),
+        ("Oil", "", "cold", None),
+        ("Lauf", "", "up", "run"),
+        ("Lauf", "", "", None),
+        ("runner", "", "up", None),
+    ],
+)
+def test_what_a_column_is_proposed_for(tmp_path, header, unit, cells, column):
+    rows = "\n".join(f"{position},0.1,{cells}" for position in (-10, 0, 10))
+    text = f"spool_position,leakage_flow,{header}\num,l/min,{unit}\n{rows}\n"
+    said = message(write_record(tmp_path, BARE, leakage=text))
+    proposed = re.search(r"columns = \{ (\w+) = ", said)
+    assert (proposed and proposed[1]) == column, said
+
+
+def test_all_that_is_missing_is_said_at_once(tmp_path):
+    text = "_Weg [um],_QL [l/min],_T [degC],_x\n0,1,40,1\n1,1,40,1\n"
+    assert message(write_record(tmp_path, BARE, leakage=text)) == (
+        "leakage.csv, line 1: the leakage test needs columns spool_position [um] or current [mA]; leakage_flow [l/min]; supply_pressure [bar]; "
+        'temperature [degC] (or supply_pressure = "70 bar" and temperature = "40 degC" in [conditions]), but the file has "_Weg [um]", '
+        '"_QL [l/min]", "_T [degC]", "_x"; if those are "_Weg [um]" and "_QL [l/min]" and "_T [degC]", write columns = { spool_position = '
+        '"_Weg [um]", leakage_flow = "_QL [l/min]", temperature = "_T [degC]" } in [tests.leakage]'
+    )
+    unknown = message(write_record(tmp_path, BARE, leakage=text.replace("_", "")))
+    assert "; then still missing: supply_pressure [bar] (extra" in unknown or unknown.endswith("supply_pressure [bar]")
+
+
+def test_a_run_of_one_row_is_refused(tmp_path):
+    text = "spool_position [um],leakage_flow [l/min],run\n0,1,a\n1,1,a\n2,1,b\n3,1,c\n"
+    end = "a run is a whole sweep, and each of its rows bears its name: correct it, or list the column in ignore"
+    said = message(write_record(tmp_path, leakage=text))
+    assert said == f'leakage.csv, line 4, column "run": run "b" has one row (2 runs are such); {end}'
+    whole = text.replace(",c", ",b")
+    assert leakage(write_record(tmp_path, leakage=whole)).rows == 4
+    # What is left of a whole one beside gaps is no mistake of the column.
+    gap = 'missing = "skip"\n'
+    assert leakage(write_record(tmp_path, TOML + gap, leakage=whole.replace("3,1", "3,"))).rows == 3
 
 
 def test_a_condition_that_stands_under_another_name(tmp_path):
@@ -473,7 +546,8 @@ def test_parquet_needs_a_package_and_says_so(tmp_path, monkeypatch):
     (folder / "leakage.parquet").write_bytes(b"")
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     assert message(folder) == (
-        'leakage.parquet: needs the package pyarrow: pip install "thermohyd[parquet]"; or save the log as CSV'
+        "leakage.parquet: needs the package pyarrow: pip install -c constraints.txt '.[parquet]' in the source folder of thermohyd; or "
+        "save the log as CSV"
     )
 
 

@@ -109,7 +109,8 @@ def test_version_7_3(tmp_path, monkeypatch):
     same_rows(write_mat73(tmp_path, {"log": LOG}))
     monkeypatch.setitem(sys.modules, "h5py", None)
     assert message(tmp_path) == (
-        'leakage.mat: is of MATLAB version 7.3 and needs the package h5py: pip install "thermohyd[matlab]"; or save it in MATLAB '
+        "leakage.mat: is of MATLAB version 7.3 and needs the package h5py: pip install -c constraints.txt '.[matlab]' in the source "
+        "folder of thermohyd; or save it in MATLAB "
         'with save(..., "-v7")'
     )
 
@@ -201,7 +202,8 @@ def test_tdms_files_that_are_refused(tmp_path, monkeypatch):
     write_tdms(tmp_path, {"a": CHANNELS})
     monkeypatch.setitem(sys.modules, "nptdms", None)
     assert message(tmp_path) == (
-        'leakage.tdms: needs the package npTDMS: pip install "thermohyd[tdms]"; or save the log as CSV'
+        "leakage.tdms: needs the package npTDMS: pip install -c constraints.txt '.[tdms]' in the source folder of thermohyd; or save "
+        "the log as CSV"
     )
 
 

@@ -168,7 +168,7 @@ SPOILED = {
     "unit": ({"step": STEP.replace("command [mm]", "command [mA]")}, 'step.csv, line 1, column "command [mA]": "mA" is a current; expected a length such as um'),
     "open unit": ({"toml": BENCH.replace(CLOSED, ""), "step": STEP.replace("command [mm]", "command [bar]")}, 'step.csv, line 1, column "command [bar]": "bar" is a pressure; expected a length such as um, or a current such as mA'),
     "time": ({"step": STEP.replace("0.1,a", "0,a")}, 'step.csv, line 3, column "time [s]": time must rise from row to row within a run; give each run of the test its own name in a column run'),
-    "one row": ({"step": STEP.replace("0.6,b", "0.6,c")}, 'step.csv, line 4, column "time [s]": a run of a step test needs at least two rows'),
+    "one row": ({"step": STEP.replace("0.6,b", "0.6,c")}, 'step.csv, line 4, column "run": run "b" has one row (2 runs are such); a run is a whole sweep, and each of its rows bears its name: correct it, or list the column in ignore'),
     "far setpoint": ({"step": STEP.replace("0.1,a,1", "0.1,a,60")}, 'step.csv, line 3, column "command [mm]": 60 is beyond half the piston\'s stroke (25 mm); is the unit right?'),
     "far piston": ({"step": STEP.replace("1,1,0.2,21\n0.5", "1,1,200.5,21\n0.5")}, 'step.csv, line 3, column "piston_position [mm]": 200.5 is beyond the piston\'s stroke (50 mm); is the unit right?'),
     "no command": ({"step": STEP.replace("command [mm]", "_command")}, 'step.csv, line 1: the step test needs a column command [mm], a setpoint of the piston, but the file has "time [s]", "run", "_command", "external_force [kN]", "piston_position [mm]", "pressure_a [bar]"; if that is "_command", write columns = { command = "_command [um]" } in [tests.step]'),

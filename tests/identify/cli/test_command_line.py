@@ -292,6 +292,41 @@ def test_cache_is_the_users_own_and_optional(tmp_path):
     assert cache_seen_by_jax(tmp_path / "unused", JAX_COMPILATION_CACHE_DIR=own) == [own]
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="the place of the cache is set by XDG_CACHE_HOME")
+@pytest.mark.parametrize("chosen", [False, True])
+def test_a_cache_that_others_may_write_to_is_not_used(tmp_path, chosen):
+    """With one line for both folders; JAX's own variable is asked the same."""
+    shared = tmp_path / "shared"
+    shared.mkdir()
+    shared.chmod(0o777)
+    code = (
+        "from thermohyd.identify.cli.jax_setup import set_up_jax\n"
+        "set_up_jax()\n"
+        "import jax, thermohyd.kept_programs\n"
+        "print(jax.config.jax_compilation_cache_dir, thermohyd.kept_programs._folder)"
+    )
+    variables = {name: value for name, value in os.environ.items() if name != "JAX_COMPILATION_CACHE_DIR"}
+    variables |= {"XDG_CACHE_HOME": str(shared)} | ({"JAX_COMPILATION_CACHE_DIR": str(shared)} if chosen else {})
+    command = [sys.executable, "-P", "-c", code]
+    ran = subprocess.run(command, check=True, capture_output=True, text=True, env=variables)
+    assert ran.stdout == "None None\n"
+    assert list(shared.iterdir()) == []
+    said = "thermohyd: warning: compiled programs are neither kept nor read: others may write to"
+    assert ran.stderr == f"{said} {shared}; if they did not, `chmod go-w {shared}`\n"
+
+
+@pytest.mark.parametrize("kind", ["jax", "programs"])
+def test_folders_of_the_cache_are_the_users_alone_under_any_umask(monkeypatch, tmp_path, kind):
+    monkeypatch.setattr(jax_setup, "user_cache_dir", lambda name: str(tmp_path / "cache" / name))
+    before = os.umask(0)
+    try:
+        folder = jax_setup.compilation_cache(kind)
+    finally:
+        os.umask(before)
+    assert folder == tmp_path / "cache" / "thermohyd" / kind
+    assert {one.stat().st_mode & 0o777 for one in (folder, *folder.parents[:2])} == {0o700}
+
+
 def test_the_user_s_own_xla_flags_go_before_ours(monkeypatch):
     ours = {"xla_backend_optimization_level": 1, "xla_llvm_disable_expensive_passes": True}
     monkeypatch.setenv("XLA_FLAGS", "--xla_backend_optimization_level=3")

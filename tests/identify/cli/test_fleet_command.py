@@ -39,7 +39,7 @@ def test_a_missing_package_is_named(store, monkeypatch):
     found = run("query", store, "FROM records")
     assert (found.exit_code, found.stderr) == (
         2,
-        'thermohyd: fleets need the package duckdb: pip install "thermohyd[fleet]"\n',
+        "thermohyd: fleets need the package duckdb: pip install -c constraints.txt '.[fleet]' in the source folder of thermohyd\n",
     )
 
 
@@ -56,6 +56,30 @@ def test_answers(store):
         ["S1", "3"],
         ["S2", "2"],
     ]
+
+
+@pytest.mark.parametrize("command", ["query", "life", "report", "run"])
+def test_a_damaged_file_is_named_on_stderr(tmp_path, command):
+    opened = Store(tmp_path / "store")
+    for number in range(4):
+        opened.write_result(stored_row(number))
+    opened.tidy(all_of_them=True)
+    path = opened.files()[0]
+    path.write_bytes(b"PAR1")
+    more = {
+        "query": ("SELECT count(*) AS n FROM records", "--json"),
+        "life": ("--json",),
+        "report": ("--out", tmp_path / "page"),
+        "run": ("--records", write_fleet(tmp_path / "records", 1), "--job", "read"),
+    }
+    found = run(command, opened.folder, *more[command])
+    assert found.exit_code == 0
+    said = [line for line in found.stderr.splitlines() if line.startswith("thermohyd: warning: ")]
+    assert len(said) == 1
+    assert said[0].startswith(f"thermohyd: warning: {path} cannot be read (")
+    assert said[0].endswith("); remove it, and its records are computed again")
+    if command == "query":
+        assert json.loads(found.stdout) == [{"n": 2}]
 
 
 def test_the_life_and_the_pages(store, tmp_path):

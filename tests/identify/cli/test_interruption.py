@@ -138,6 +138,7 @@ def test_while_drawing(tmp_path, bench):
 def test_while_files_are_put_in_place(tmp_path, bench):
     """The first of a dozen files is there: all the others come before the process leaves."""
     out = tmp_path / "out"
+    out.mkdir()
     arguments = ["fit", bench, "--out", out]
     status, _, errors = interrupted(tmp_path, "writing fit.json", arguments, FAKE + SLOW_WRITING)
     assert status == 130

@@ -1,10 +1,12 @@
 """The valve as C sources: the library's numbers to 1e-9 in three hosts, what FMPy says of the archive, and what is refused."""
 
+import io
 import shutil
 import subprocess
 import zipfile
 from dataclasses import replace
 from typing import Any
+from xml.etree import ElementTree
 
 import fmpy
 import fmpy.validation
@@ -305,6 +307,18 @@ def test_names_of_valves_become_names_of_c():
         "valve",
         "valve",
     ]
+
+
+@pytest.mark.parametrize("fmi", [2, 3])
+@pytest.mark.parametrize("name", ["a\x1b[31m\x00\x0bb", "a\ud800b", "a\ufffeb", "\"><b a='", "a\r\n\tb", "]]>&amp;"])
+def test_any_name_of_a_valve_is_valid_xml(fmi, name):
+    given = model()
+    made = make_fmu(replace(given, valve=replace(given.valve, name=name)), fmi=fmi, compiler=None)
+    with zipfile.ZipFile(io.BytesIO(made.content)) as archive:
+        for file in archive.namelist():
+            if file.endswith(".xml"):
+                ElementTree.fromstring(archive.read(file))
+        assert "<b a" not in archive.read("documentation/index.html").decode()
 
 
 @needs_compiler

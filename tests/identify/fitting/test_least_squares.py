@@ -10,7 +10,14 @@ import scipy.optimize
 from hypothesis import given, settings, strategies as st
 
 from thermohyd.identify.fitting.boxes import Box
-from thermohyd.identify.fitting.least_squares import multi_start, near_best, not_worth_while, solve
+from thermohyd.identify.fitting.least_squares import (
+    as_converged,
+    judged,
+    multi_start,
+    near_best,
+    not_worth_while,
+    solve,
+)
 
 
 TIME = jnp.linspace(0.0, 3.0, 40)
@@ -263,3 +270,24 @@ def test_a_search_on_the_host_is_left_where_it_will_not_reach_its_goal() -> None
     assert not early.exhausted
     again = solve(None, boxes, both=both, goal=whole.cost + 1.0)
     assert again.cost == whole.cost
+
+
+@pytest.mark.parametrize(("off", "believed"), [(0.04, True), (0.12, True), (0.29, True), (0.31, False), (2.0, False)])
+def test_an_end_within_a_third_of_a_standard_error_counts_and_says_how_near_it_is(off, believed):
+    wave = np.tile([1.0, -1.0], 50) * np.sqrt(
+        99.0 / 100.0
+    )  # orthogonal to the column, variance 1 in 99 degrees of freedom
+    small, columns = np.array([[0.0], [0.0], [1.0], [10.0]]), np.ones((1, 100))
+    end = judged([Box("slope", 0.0, 1.0)], np.zeros(1), (small, wave + 0.1 * off, columns, 9, False), 0.05)
+    assert end.relative_offset == pytest.approx(off)
+    assert end.converged == (off < 0.05)
+    found = as_converged(end)
+    assert found.converged == believed
+    assert (f"converged to {off:g} standard errors in 8 steps" == found.message) == (believed and not end.converged)
+
+
+def test_a_parameter_that_no_reading_depends_on_any_more_is_no_near_miss():
+    small, columns = np.array([[0.0], [0.0], [1.0], [1e9]]), np.ones((1, 100))
+    end = judged([Box("slope", 0.0, 1.0)], np.zeros(1), (small, np.tile([1.0, -0.99], 50), columns, 9, False), 0.05)
+    assert "no longer depend on slope" in as_converged(end).message
+    assert not as_converged(end).converged

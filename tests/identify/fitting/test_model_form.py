@@ -16,6 +16,7 @@ from thermohyd.identify.fitting.model_form import PREFERRED, evidence, evidence_
 from thermohyd.identify.fitting.result import FitResult, OtherLaw
 from thermohyd.identify.report.diagnosis_page import diagnosis_page
 from thermohyd.identify.report.fit_json import fit_json
+from thermohyd.identify.report.model_form_words import preference
 from thermohyd.identify.report.page import html_report
 
 
@@ -213,3 +214,13 @@ def test_the_evidence_counts_parameters_and_independent_readings():
     independent = sum(c.effective_size * c.reduced_chi2 / max(c.reduced_chi2, 1.0) for c in better.channels)
     assert evidence_of_fits(worse, own) == pytest.approx(independent)
     assert evidence_of_fits(own, worse) == pytest.approx(-independent)
+
+
+def test_a_law_that_did_not_converge_is_not_said_not_to_explain_the_record():
+    own, other = fake_fit(converged=False, chi2=540.0, reduced_chi2=0.9), fake_fit(chi2=560.0)
+    fine = lambda fit: replace(fit, channels=tuple(replace(c, reduced_chi2=0.9) for c in fit.channels))
+    found = other_law(fine(own), fine(other), -20.0)
+    assert not found.misfit
+    assert found.preferred is None
+    assert "did not converge: the two laws cannot be compared" in preference(found)
+    assert "Neither law" in preference(replace(found, misfit=True, own_converged=True))

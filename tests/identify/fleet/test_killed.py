@@ -182,3 +182,17 @@ def test_what_closes_after_the_cluster_is_not_told():
         pass
     assert not logging.getLogger("distributed.batched").isEnabledFor(logging.INFO)
     assert logging.getLogger("distributed.batched").isEnabledFor(logging.WARNING)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="asks /proc what listens")
+def test_nothing_listens_beyond_this_machine():
+    with client_of("local", 2):
+        ours = {os.readlink(link) for link in Path("/proc/self/fd").iterdir() if link.is_symlink()}
+        rows = [line.split() for name in ("tcp", "tcp6") for line in lines_of(Path("/proc/self/net") / name)]
+        listening = [row[1].split(":")[0] for row in rows if row[3] == "0A" and f"socket:[{row[9]}]" in ours]
+    assert listening
+    assert set(listening) == {"0100007F"}  # 127.0.0.1
+
+
+def lines_of(path: Path) -> list[str]:
+    return path.read_text().splitlines()[1:] if path.exists() else []

@@ -100,3 +100,27 @@ def test_in_a_browser(page, place, words, tmp_path):
     for word in words:
         assert word in ran.stdout
     assert "Uncaught" not in ran.stderr
+    assert "Content Security Policy" not in ran.stderr
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium")
+def test_what_is_not_of_the_page_does_not_run(page, tmp_path):
+    """A name that came in as markup would find its script, its image and its style forbidden."""
+    shutil.copytree(page, tmp_path / "out")
+    index = tmp_path / "out" / "index.html"
+    hostile = "<b style='color: red'>x</b><script>document.title = 'run'</script><img src='data:image/gif;base64,R0lGODlhAQAB'>"
+    index.write_text(index.read_text().replace("<header>", f"<header>{hostile}"))
+    options = ["--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path / 'user'}"]
+    command = [
+        str(CHROMIUM),
+        *options,
+        "--virtual-time-budget=2000",
+        "--enable-logging=stderr",
+        "--dump-dom",
+        index.as_uri(),
+    ]
+    ran = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert "3 of 3 valves" in ran.stdout
+    assert "<title>Fleet</title>" in ran.stdout
+    refused = [line for line in ran.stderr.splitlines() if "Content Security Policy" in line]
+    assert all(any(word in line for line in refused) for word in ("inline style", "inline script", "image"))

@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+import re
 import resource
 import signal
 from dataclasses import replace
@@ -99,11 +100,143 @@ def test_full_disk(tmp_path):
     assert [path.name for path in store.files()[0].parent.parent.rglob("*") if path.is_file()] == [f"{0:032x}.parquet"]
 
 
-def test_damaged_file_is_named(tmp_path):
+def flipped(content: bytes) -> bytes:
+    """The first column's data otherwise, and what says where they are as it was."""
+    return content[:4] + bytes(byte ^ 0x5A for byte in content[4:90]) + content[90:]
+
+
+DAMAGED = {
+    "cut short": lambda content: content[: len(content) // 2],
+    "empty": lambda content: b"",
+    "no Parquet": lambda content: b"PAR1",
+    "other data": flipped,
+}
+
+
+@pytest.mark.parametrize("how", DAMAGED)
+@pytest.mark.parametrize("kind", ["result", "together", "failure"])
+def test_a_damaged_file_is_named_and_the_others_answer(tmp_path, how, kind):
+    store = filled(tmp_path / "store")
+    for number in (7, 8):
+        store.write_failure(failure(number))
+    if kind == "together":
+        store.tidy(all_of_them=True)
+    path = (store.failed_files() if kind == "failure" else store.files())[0]
+    path.write_bytes(DAMAGED[how](path.read_bytes()))
+    lost = {"result": 1, "together": 3, "failure": 0}[kind]
+    for opened in (Store(store.folder), Store(store.folder)):
+        assert len(query(opened, "FROM results")) == 6 - lost
+        assert len(query(opened, "SELECT * FROM failures")) == (1 if kind == "failure" else 2)
+        assert len(query(opened, "FROM parameters")) == 6 - lost
+        assert [*opened.set_aside] == [path]
+        assert re.match(
+            r"cannot be read \(.+\); remove it, and its records are computed again$", opened.set_aside[path]
+        )
+    opened = Store(store.folder)
+    assert (len(opened.results()), len(opened.failures())) == (6 - lost, 1 if kind == "failure" else 2)
+    assert opened.tidy(all_of_them=True) == (5 if kind == "result" else 0 if kind == "together" else 6)
+    assert [*opened.set_aside] == [path]
+    assert len(opened.done()) == 6 - lost
+    assert path.exists()
+
+
+@pytest.mark.parametrize("how", ["columns", "kinds", "folder"])
+def test_what_is_no_file_of_a_store_is_set_aside(tmp_path, how):
     store = filled(tmp_path / "store", 2)
-    store.files()[0].write_bytes(b"PAR1")
-    with pytest.raises(StoreError, match=r"0\.parquet cannot be read .* remove it, and its records are computed again"):
-        store.results()
+    path = store.files()[0].with_name("planted.parquet")
+    if how == "folder":
+        path = path.parent.with_name("year=next") / path.name
+        path.parent.mkdir()
+    table = pq.ParquetFile(store.files()[0]).read()
+    other = {"columns": table.drop_columns(["job"]), "folder": table}.get(how)
+    if other is None:
+        other = table.set_column(table.column_names.index("rows"), "rows", pa.array(["x"]))
+    pq.write_table(other, path)
+    opened = Store(store.folder)
+    assert len(opened.results()) == 2
+    assert [*opened.set_aside] == [path]
+    opened = Store(store.folder)
+    assert len(query(opened, "FROM results")) == 2
+
+
+@pytest.mark.parametrize("how", DAMAGED)
+def test_a_damaged_file_of_an_older_store_does_not_stop_it(tmp_path, how):
+    store = filled(tmp_path / "store", 2)
+    path = store.files()[0]
+    path.write_bytes(DAMAGED[how](path.read_bytes()))
+    (store.folder / "store.json").write_text(json.dumps({"schema": 1}))
+    opened = Store(store.folder)
+    assert [*opened.set_aside] == [path]
+    assert len(query(opened, "FROM results")) == 1
+
+
+# What SQL can do to files, networks and settings; {file}: another file, {new}: one that is not there, {store}: the store's own.
+HOSTILE = [
+    "FROM read_csv('{file}')",
+    "FROM '{file}'",
+    "FROM read_text('{file}')",
+    "FROM read_blob('{file}')",
+    "FROM read_json('{file}')",
+    "FROM sniff_csv('{file}')",
+    "FROM query_table('{file}')",
+    "FROM glob('/*')",
+    "FROM read_parquet('{store}')",
+    "FROM parquet_metadata('{store}')",
+    "FROM 'http://127.0.0.1:9/x.csv'",
+    "COPY results TO '{new}'",
+    "COPY (SELECT 1) TO '{new}' (FORMAT parquet)",
+    "COPY (SELECT 1 AS identity) TO '{store}' (FORMAT parquet)",
+    "EXPORT DATABASE '{new}'",
+    "IMPORT DATABASE '{new}'",
+    "ATTACH '{new}'",
+    "INSTALL httpfs",
+    "FORCE INSTALL httpfs FROM 'http://127.0.0.1:9'",
+    "LOAD httpfs",
+    "LOAD '{new}'",
+    "UPDATE EXTENSIONS",
+    "CREATE SECRET s (TYPE HTTP, BEARER_TOKEN 'a')",
+    "CREATE PERSISTENT SECRET s (TYPE HTTP, BEARER_TOKEN 'a')",
+    "FROM duckdb_secrets()",
+    "SELECT getenv('HOME')",
+    "SET enable_external_access = true",
+    "RESET enable_external_access",
+    "PRAGMA enable_external_access = true",
+    "SET lock_configuration = false",
+    "SET temp_directory = '{new}'",
+    "SET home_directory = '/'",
+    "SET allowed_directories = ['/']",
+    "SET python_enable_replacements = true",
+    "PRAGMA enable_profiling = 'json'",
+    "PRAGMA profiling_output = '{new}'",
+    "SET log_query_path = '{new}'",
+    "CALL enable_logging(storage = 'file', storage_path = '{new}')",
+    "CREATE OR REPLACE VIEW results AS FROM read_csv('{file}')",
+    "SELECT 1; COPY (SELECT 1) TO '{new}'",
+    "FROM sql",
+    "FROM HOSTILE",
+    "DELETE FROM results",
+    "INSERT INTO files_of_results SELECT * FROM files_of_results",
+]
+
+
+def everything(folder: Path) -> dict[str, bytes]:
+    return {str(path): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
+def test_a_question_reads_and_writes_nothing_but_the_store(tmp_path, monkeypatch):
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    (tmp_path / "secret.csv").write_text("a,b\n1,2\n")
+    store = filled(tmp_path / "store", 2)
+    before = everything(tmp_path)
+    places = {"file": tmp_path / "secret.csv", "new": tmp_path / "here" / "new", "store": store.files()[0]}
+    for sql in HOSTILE:
+        with pytest.raises(BenchInputError, match="the question cannot be answered"):
+            query(store, sql.format(**places))
+    assert everything(tmp_path) == before
+    assert [*(tmp_path / "here").iterdir()] == []
+    assert store.set_aside == {}
+    assert len(query(store, "SELECT r.identity FROM records AS r JOIN results USING (identity)")) == 2
 
 
 def test_no_folder_of_another_kind(tmp_path):

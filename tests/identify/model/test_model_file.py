@@ -49,6 +49,12 @@ def load(content, tmp_path):
     return load_model(path)
 
 
+def test_names_are_one_line(content, tmp_path):
+    content["valve"]["name"] = content["oil"]["name"] = "a\x1b[31m\nb"
+    model = load(content, tmp_path)
+    assert model.valve.name == model.oil.name == "a\\x1b[31m b"
+
+
 def test_what_is_written_reads_back(fitted, content, tmp_path):
     model = load(content, tmp_path)
     assert model.effects == ADDED

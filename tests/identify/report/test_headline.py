@@ -10,7 +10,7 @@ from thermohyd.effects.library import EFFECTS
 from thermohyd.identify.diagnosis.result import Alternative, HeldOut, NamedEffect, ParameterShift, Region, Suspect
 from thermohyd.identify.fitting.result import FitResult
 from thermohyd.identify.report.diagnosis_report import further_sentences, headline
-from thermohyd.identify.report.diagnosis_words import shift_rows, where_rows
+from thermohyd.identify.report.diagnosis_words import left_over, shift_rows, where_rows
 
 
 LPM = 1.0 / 6e4  # m3/s
@@ -54,7 +54,9 @@ def test_no_agreement_where_more_than_chance_is_left():
 
 def test_one_effect_with_its_amount_where_it_shows_and_what_it_closes():
     text = said("named", (pilot(),))
-    assert text.startswith("Leakage flow is 0.64 l/min too high at -203 to 203 um in leakage: ")
+    assert text.startswith(
+        "The leakage flow deviates by 0.64 l/min RMS (above the model) at -203 to 203 um in leakage: "
+    )
     assert "pilot_leakage (0.04510 +/- 0.00061 l/min/sqrt(bar)) is missing from the model" in text
     assert "with it 98 % of the gap closes on rows held out" in text
     assert text.endswith(".")
@@ -91,7 +93,7 @@ def test_only_what_has_rivals_is_called_open():
 
 def test_unexplained_without_any_name():
     text = said("unexplained")
-    assert "too high" in text
+    assert "0.64 l/min RMS (above the model)" in text
     assert "nothing in the library explains it" in text
     assert "reduced chi-square 12.4" in text
     assert "varying" not in text
@@ -128,15 +130,20 @@ def test_a_curve_is_told_where_it_closes_most_and_is_no_cause(share, learned, wo
 @pytest.mark.parametrize(
     ("mean", "rms", "words"),
     [
-        (0.64, 0.7, "0.64 l/min too high"),
-        (-0.64, 0.7, "0.64 l/min too low"),
-        (0.01, 0.5, "0.50 l/min off"),
-        (-0.2, float("nan"), "0.20 l/min too low"),
+        (0.64, 0.7, "0.70 l/min RMS (above the model)"),
+        (-0.64, 0.7, "0.70 l/min RMS (below the model)"),
+        (0.01, 0.5, "0.50 l/min RMS"),
+        (-0.2, float("nan"), "0.20 l/min RMS (below the model)"),
     ],
 )
-def test_a_misfit_of_both_signs_is_told_by_its_size(mean, rms, words):
+def test_a_misfit_is_an_rms_and_no_mean_that_cancels(mean, rms, words):
     where = (Region("leakage", "leakage_flow", {}, 900.0, 0.9, 100, mean * LPM, rms * LPM),)
-    assert f"Leakage flow is {words} everywhere in leakage" in said("unexplained", where=where)
+    assert f"The leakage flow deviates by {words} everywhere in leakage" in said("unexplained", where=where)
+
+
+def test_a_port_is_called_by_its_letter():
+    where = (Region("pressure_gain", "pressure_b", {}, 900.0, 0.9, 100, 0.0, 10e5),)
+    assert "The pressure at port B deviates by 10 bar RMS everywhere" in said("unexplained", where=where)
 
 
 def shift(name: str, before: float, after: float, std: float | None) -> ParameterShift:
@@ -201,8 +208,10 @@ def test_headline_and_tables_show_the_same_figures():
     words = said("named", (pilot(),), where=(both,), shifts=(moved,))
     result = fake_diagnosis("named", where=(both,), shifts=(moved,))
     (row,), (parameter,) = where_rows(result, result.where), shift_rows(result)
-    assert row.miss == "0.50 l/min off the model, both ways"
-    assert "Leakage flow is 0.50 l/min off" in words
+    assert row.miss == "0.50 l/min RMS, changes sign"
+    assert "The leakage flow deviates by 0.50 l/min RMS" in words
+    left = fake_diagnosis("unexplained", where_after=(both,), left_over_p=1e-9)
+    assert "most in leakage, everywhere: 0.50 l/min RMS, changes sign along the sweep (90 %" in left_over(left)
     assert (parameter.before, parameter.after) == ("2.635", "2.031")
     assert words.endswith("inflated clearance by 0.604 um.")
     assert "reduced chi-square 12,345)" in said("unexplained", gap=(12345.0, 1.0))

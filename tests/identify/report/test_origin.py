@@ -122,6 +122,13 @@ def test_a_model_whose_agreement_cannot_be_judged_is_not_said_to_be_right():
     assert "State the noise" in said
 
 
+def test_the_test_that_decides_stays_where_the_last_fit_did_not_converge():
+    result = fake_diagnosis("ambiguous", points=6)
+    broken = replace(result, after=replace(result.after, converged=False, message="why"))
+    assert commands(after_diagnosis(broken))[:2] == ["check", "fit"]
+    assert after_diagnosis(broken)[-1].words == result.next_test.sentence  # pyright: ignore[reportOptionalMemberAccess]
+
+
 def test_a_comparison_s_next_step():
     result = fake_comparison()
     assert "Ask what was done to the valve" in next_steps(result)[0].words

@@ -5,6 +5,7 @@ import sys
 import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 
+import matplotlib as mpl
 import numpy as np
 import pytest
 from helpers.fake_fit import fake_channel, fake_fit
@@ -96,3 +97,9 @@ def test_no_pyplot_and_no_global_style():
         "assert 'matplotlib.pyplot' not in sys.modules and 'jax' not in sys.modules"
     )
     subprocess.run([sys.executable, "-P", "-c", code], check=True)
+
+
+def test_a_matplotlibrc_of_the_working_folder_starts_no_latex(monkeypatch):
+    monkeypatch.setitem(mpl.rcParams, "text.usetex", True)
+    with plot_style.style():
+        assert not mpl.rcParams["text.usetex"]

@@ -2,14 +2,18 @@
 
 import io
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from helpers.fake_fit import fake_fit, fake_parameters, with_files
 from rich.console import Console
+from rich.text import Text
 
 from thermohyd.identify.bench.shown_units import beside, display_unit, significant
+from thermohyd.identify.cli.process import consoles
 from thermohyd.identify.report.fit_report import chi2_band, correlations, multi_start, print_report
+from thermohyd.identify.report.terminal import OBEYED, PlainConsole, heading, table
 
 
 def report(result, width: int = 100) -> str:
@@ -82,6 +86,36 @@ def test_correlations_are_sorted_and_cut():
 
 def test_user_text_is_not_markup():
     assert "[red]valve[/nope]" in report(fake_fit(name="[red]valve[/nope]"))
+
+
+HOSTILE = "valve\x1b[31m\x1b]0;title\x07\x9b2J\u202e\r\x08 7"
+
+
+def test_a_terminal_obeys_nothing_of_a_name():
+    """In any report, in what a notebook shows, and as a path that is said."""
+    out = io.StringIO()
+    console = PlainConsole(file=out, width=100, force_terminal=True, color_system=None)
+    print_report(fake_fit(name=HOSTILE, folder=Path(HOSTILE)), console)
+    console.print(f"written: {HOSTILE}", markup=False, soft_wrap=True)
+    console.print(table(["a"], [[HOSTILE]]))
+    for text in (out.getvalue(), fake_fit(name=HOSTILE, folder=Path(HOSTILE)).summary()):
+        assert "valve[31m" in text
+        assert OBEYED.search(text) is None
+
+
+def test_consoles_of_commands_obey_nothing(capsys):
+    both = consoles(json=False)
+    both.results.print(Text(HOSTILE))
+    both.warn([HOSTILE])
+    said = capsys.readouterr()
+    assert OBEYED.search(said.out + said.err) is None
+    assert said.out.startswith("valve[31m")
+
+
+def test_colours_still_reach_a_terminal():
+    out = io.StringIO()
+    PlainConsole(file=out, force_terminal=True, color_system="standard").print(heading("Parameters"))
+    assert "\x1b[1;36mParameters\x1b[0m" in out.getvalue()
 
 
 def test_ascii_terminal():

@@ -1,5 +1,6 @@
 """A diagnosis in a terminal: the answer first, one screen, figures with units, no word too much."""
 
+import html
 import io
 from dataclasses import replace
 
@@ -9,6 +10,7 @@ from helpers.fake_fit import with_files
 from rich.console import Console
 
 from thermohyd.identify.cli.several_results import print_summary_of_many
+from thermohyd.identify.report.diagnosis_page import diagnosis_page
 from thermohyd.identify.report.diagnosis_report import SCREEN, print_summary
 from thermohyd.identify.report.diagnosis_words import p_words, percent
 
@@ -56,7 +58,7 @@ def test_figures_have_units():
     text = words(summary(fake_diagnosis("named")))
     for expected in (
         "0.04510 +/- 0.00061 l/min/sqrt(bar) < 1e-6 97 %",
-        "leakage -203 to 203 um 71 % 9,200 0.64 l/min above the model",
+        "leakage -203 to 203 um 71 % 9,200 0.64 l/min RMS, above",
         "-90 to 85 um, 60 to 71 degC, falling",
         "clearance 2.630 2.031 0.042 um +14.3",
         "Reduced chi-square 12.4 with the ideal valve, 1.17 with the final model",
@@ -136,3 +138,19 @@ def test_p_values(p, expected):
 @pytest.mark.parametrize(("share", "expected"), [(0.97, "97 %"), (0.9951, "99.5 %"), (1.0, "100 %"), (-0.001, "0 %")])
 def test_shares(share, expected):
     assert percent(share) == expected
+
+
+def test_the_test_that_decides_comes_before_the_details():
+    text = summary(fake_diagnosis("ambiguous"))
+    places = [text.index(f"\n{label} ") for label in ("gap", "next test", "held out", "left over")]
+    assert places == sorted(places)
+
+
+def test_what_is_held_near_the_usual_is_said_on_one_screen_and_on_the_page():
+    result = fake_diagnosis("named")
+    name = next(iter(result.after.parameters))
+    because = 'held near what is usual; "x = 1" in [start] changes it'
+    held = {**result.after.parameters, name: replace(result.after.parameters[name], prior_because=because)}
+    found = replace(result, after=replace(result.after, parameters=held))
+    assert f"prior {name}: {because}" in words(summary(found, 160))
+    assert because in html.unescape(diagnosis_page(found, {}, "0.1.0"))

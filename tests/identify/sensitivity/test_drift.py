@@ -78,9 +78,10 @@ def test_performance_drifts_as_its_differences_do(found):
             np.testing.assert_allclose(heating, 0.0, atol=1e-12 * np.abs(drift.value).max(), err_msg=name)
 
 
-def test_of_an_unequal_jack_what_is_the_valve_s():
+@pytest.mark.parametrize("jack", [Actuator(piston_area_a=12e-4, piston_area_b=8e-4), None])
+def test_of_an_unequal_jack_or_of_none_what_is_the_valve_s(jack):
     valve = valve_of_model(COLD)
-    found = performance_drifts(valve, Actuator(piston_area_a=12e-4, piston_area_b=8e-4), KELVIN, SUPPLY)
+    found = performance_drifts(valve, jack, KELVIN, SUPPLY)
     assert tuple(found) == ("null_consumption",)
     same = performance_drifts(valve, seed_actuator(), KELVIN, SUPPLY)["null_consumption"]
     for name in ("value", "slope", "parts"):

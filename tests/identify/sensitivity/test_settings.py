@@ -1,8 +1,12 @@
 """The settings file: what it may say, and what is said of a mistake."""
 
+from dataclasses import replace
+
 import pytest
 
 from thermohyd.identify.bench.errors import BenchInputError
+from thermohyd.identify.bench.record import ActuatorData
+from thermohyd.identify.model.model import Model
 from thermohyd.identify.sensitivity.factors import FACTORS, factors_of
 from thermohyd.identify.sensitivity.settings import Settings, factors_with, read_settings
 from thermohyd.identify.sensitivity.source import Source, actuator_of, seed_model, subject_of_model
@@ -84,11 +88,42 @@ def test_intervals_are_cut_where_a_factor_cannot_go():
         factors_of(seed_model(), 313.15, 70e5, tolerances={"clearence": 1e-6})
 
 
+def fitted_model(**ranges: tuple[float, float]) -> Model:
+    """A model that was fitted to a leakage test in these ranges, and to a step test elsewhere."""
+    elsewhere = {name: (0.1 * low, 9.0 * high) for name, (low, high) in ranges.items()}
+    return replace(seed_model(), fitted={"leakage": ranges, "step": elsewhere})
+
+
+def test_a_model_is_studied_in_the_middle_of_what_it_was_fitted_to():
+    model = fitted_model(temperature=(300.0, 340.0), supply_pressure=(140e5, 210e5), return_pressure=(1e5, 3e5))
+    subject = subject_of_model(model, Settings())
+    assert (subject.temperature, subject.supply_pressure, subject.return_pressure) == pytest.approx((320.0, 175e5, 2e5))
+    assert subject.temperatures == pytest.approx((275.0, 300.0, 320.0, 340.0, 365.0))
+    assert min(subject.supply_pressures) >= 140e5
+    stated = subject_of_model(model, Settings(temperature=313.0, supply_pressure=200e5, return_pressure=0.0))
+    assert (stated.temperature, stated.supply_pressure, stated.return_pressure) == (313.0, 200e5, 0.0)
+    assert subject_of_model(seed_model(), Settings()).supply_pressure == seed_model().valve.rated_pressure_drop
+
+
+def test_no_actuator_is_shown_that_nobody_stated():
+    model = fitted_model(supply_pressure=(140e5, 210e5))
+    source = Source(Settings(), model=model)
+    subject = source.subject()
+    assert actuator_of(source, subject) is None
+    assert "No actuator with a controller is stated" in actuator_sentence(None)
+    open_loop = replace(model, actuator=ActuatorData())
+    closed = replace(model, actuator=ActuatorData(amplifier_gain=0.02, sensor_gain=100.0))
+    assert actuator_of(Source(Settings(), model=open_loop), replace(subject, model=open_loop)) is None
+    jack = actuator_of(Source(Settings(), model=closed), replace(subject, model=closed))
+    assert jack is not None
+    assert float(jack.amplifier_gain) == 0.02
+
+
 def test_a_jack_of_unequal_sides_is_a_subject_too(tmp_path):
     settings = settings_of(tmp_path, "[actuator]\npiston_area_a = '12 cm^2'\npiston_area_b = '8 cm^2'")
     assert settings.actuator == pytest.approx({"piston_area_a": 12e-4, "piston_area_b": 8e-4})
-    subject = Source(settings).subject()
-    jack = actuator_of(subject, settings)
+    source = Source(settings)
+    jack = actuator_of(source, source.subject())
     assert jack is not None
     assert not jack.symmetric
     sentence = actuator_sentence(jack)

@@ -84,7 +84,7 @@ def test_divergent_trajectories_are_tried_again_with_smaller_steps_and_then_refu
 
 def test_without_the_sampler_one_sentence_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "blackjax", None)
-    with pytest.raises(BenchInputError, match=r"pip install \"thermohyd\[posterior\]\""):
+    with pytest.raises(BenchInputError, match=r"pip install -c constraints.txt '\.\[posterior\]'"):
         sampler_or_sentence()
 
 
