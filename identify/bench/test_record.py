@@ -150,6 +150,8 @@ class TestRecord:
     meter: str = "return"  # where a leakage is read; or "supply"
     position_std: float | None = None  # m: the stated noise of the positions
     faults: tuple[Fault, ...] = ()  # of the bench, found so far
+    # {position or condition: (rows,)}: standard error of what was logged as a reduction left it, SI; others count as exact.
+    input_error: Mapping[str, np.ndarray] = field(default_factory=dict)
     # What bench.toml says of readings, made or not: {reading: standard deviation, SI}; tolerances of gain and zero (shares).
     stated_noise: Mapping[str, float] = field(default_factory=dict)
     stated_instrument: tuple[float | None, float | None] = (None, None)

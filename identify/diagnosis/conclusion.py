@@ -115,7 +115,10 @@ def _spread(
 
 
 def as_channel_noise(noise: dict[Key, NoiseEstimate]) -> dict[Key, ChannelNoise]:
-    return {key: ChannelNoise(n.std, n.source, n.known, False, n.std, n.degrees_of_freedom) for key, n in noise.items()}
+    return {
+        key: ChannelNoise(n.std, n.source, n.known, False, n.std, n.degrees_of_freedom, parts=n.parts)
+        for key, n in noise.items()
+    }
 
 
 @dataclass(frozen=True)
@@ -423,7 +426,7 @@ def _noise(case: Case) -> tuple[ChannelNoiseFound, ...]:
         channels.append(
             ChannelNoiseFound(
                 *key, float(np.sqrt(np.mean(n.std**2))), n.source, n.correlation.share * n.correlation.phi,
-                n.correlation_source, rows / n.correlation.inflation, rows,
+                n.correlation_source, rows / n.correlation.inflation, rows, n.parts,
             )
         )  # fmt: skip
     return tuple(channels)

@@ -11,10 +11,11 @@ from thermohyd.identify.fitting.problem_fit import Fit
 from thermohyd.identify.fitting.readings import Noise
 from thermohyd.identify.noise.correlation import NoiseCorrelation, ProjectedNoise, Remembered, Sums, noise_correlation
 from thermohyd.identify.noise.level import ChannelNoise, repeat_differences, shared_variance
+from thermohyd.identify.noise.two_parts import TwoParts, two_parts
 
 from .left_over import smooth_block
 from .screening import Projection
-from .screening_faults import fault_columns
+from .screening_faults import fault_columns, slopes_of_inputs
 
 
 MOST_TAKEN = 0.4  # of the rows by columns, so that what is left still shows the noise
@@ -25,6 +26,16 @@ DISAGREE = 3.0
 # Scatter beyond the stated noise, as a ratio of variances, from which on it counts as noise that tests must allow for; of few
 # readings it must also be more than chance makes of one channel in a hundred.
 EXCESS, CHANCE = 1.2, 0.01
+# Share of a channel's variance that errors of its positions may make for its size to say how long its noise remembers.
+FEW_OF_POSITIONS = 0.1
+# Of what is logged beside the readings, for a slope by differences: far below what bends a curve, far above rounding.
+STEPS = {
+    "spool_position": 1e-8,
+    "supply_pressure": 1e4,
+    "return_pressure": 1e4,
+    "temperature": 0.1,
+    "load_pressure": 1e4,
+}
 
 
 @dataclass(frozen=True)
@@ -40,6 +51,7 @@ class NoiseEstimate:
     degrees_of_freedom: float = np.inf  # from which `std` was estimated; infinite: stated
     memory: np.ndarray | None = None  # the part of each row's variance that the correlation is of; None: all of it
     position_part: np.ndarray | None = None  # what of `std` the positions' noise makes (rows,), SI
+    parts: TwoParts | None = None  # what `std` is made of beside that, where it grows with the reading
 
 
 @dataclass(frozen=True)
@@ -95,6 +107,7 @@ def estimated_noise(
     would be if the residuals of the fit were used, nor a zero that moved from run to run for a noise with a long memory. Faults of
     single runs are left in where they would take more than `MOST_TAKEN` of the rows.
     """
+    stated = beside_inputs(problem.with_noise(first_noise(stated)), fit, stated)
     plain = problem.with_noise(first_noise(stated))
     beside = plain.with_all_columns(plain.evaluate(fit.values, fit.effects))
     every = np.isfinite(beside.columns).all(axis=0)
@@ -113,18 +126,56 @@ def estimated_noise(
         stretches[rows] = len(rest) + len(rest) * rows.start + problem.sweeps(key[0])
     projected = ProjectedNoise(saturated.q, stretches)
     noise = {}
+    kept = np.maximum(1.0 - np.sum(saturated.q**2, axis=1), 0.05)
     for key, rows in where.items():
+        before = stated[key]
+        like = _going_with_readings(before, rest[rows] * before.std, kept[rows])
+        rest[rows] *= before.std / like.std
         degrees_of_freedom = max(projected.degrees_of_freedom(rows), 1.0)
         variance = float(np.sum(rest[rows] ** 2)) / degrees_of_freedom
         size = variance if _excessive(variance, degrees_of_freedom) else 1.0
         repeated = repeats[key]
         beside_repeats = None if repeated is None else repeated.as_large_as(size)
-        left = projected.remembered(rest, rows, size if stated[key].known else None, beside_repeats)
-        found = _channel(stated[key], repeated, variance, degrees_of_freedom, left)
-        noise[key] = _beside_positions(
-            found, problem.tests[key[0]].channel(key[1]).position_part, stated[key].std, stretches[rows]
-        )
+        # Errors of smoothed positions are stated as large as makes up for what neighbours share: rows of theirs scatter by less.
+        part = like.position_part
+        of_positions = 0.0 if part is None else float(np.mean((part / like.std) ** 2))
+        sized = like.known and of_positions < FEW_OF_POSITIONS
+        left = projected.remembered(rest, rows, size if sized else None, beside_repeats)
+        found = _channel(like, repeated, variance, degrees_of_freedom, left)
+        scale = float(np.sqrt(np.mean(found.std**2) / np.mean(like.std**2)))
+        found = replace(found, parts=None if like.parts is None else like.parts.times(scale))
+        noise[key] = _beside_positions(found, like.position_part, like.std, stretches[rows])
     return noise
+
+
+def beside_inputs(problem: Problem, fit: Fit, noise: dict[Key, ChannelNoise]) -> dict[Key, ChannelNoise]:
+    """The noise of static tests, with what errors of their logged positions and conditions do to each reading by the slopes of the model.
+
+    problem: weighed by this noise, white.
+    """
+    tests = problem.tests
+    logged = {name for test in tests.values() if not test.in_motion for name in test.input_error}
+    slopes = slopes_of_inputs(problem, fit, {name: STEPS[name] for name in STEPS if name in logged})
+    found = dict(noise)
+    for key, rows in problem.rows().items():
+        errors = {} if tests[key[0]].in_motion else tests[key[0]].input_error
+        parts = [noise[key].std * slopes[name][rows] * error for name, error in errors.items() if name in slopes]
+        if (
+            noise[key].position_part is not None and "spool_position" not in errors
+        ):  # of a log, by the slope of its curve
+            parts.append(noise[key].position_part)
+        if parts and np.isfinite(parts).all():
+            found[key] = noise[key].beside_inputs(np.sqrt(np.sum(np.square(parts), axis=0)))
+    return found
+
+
+def _going_with_readings(noise: ChannelNoise, rest: np.ndarray, kept: np.ndarray) -> ChannelNoise:
+    """A channel's noise, as large as it was, with the readings as what no model explains does. rest (rows,): that, SI, of which a
+    projection has left the shares `kept` (rows,)."""
+    if noise.level is None:
+        return noise
+    beside = None if noise.position_part is None else noise.position_part**2
+    return noise.of_parts(two_parts(rest**2 / kept, noise.level, beside, kept), as_large=True)
 
 
 def _beside_positions(

@@ -15,6 +15,7 @@ from thermohyd.identify.bench.shown_units import DisplayUnit
 from thermohyd.identify.fitting.result import FitResult, ParameterEstimate
 from thermohyd.identify.model.learned_terms import LearnedTerm
 from thermohyd.identify.model.typed_terms import TypedTerm
+from thermohyd.identify.noise.two_parts import TwoParts
 from thermohyd.identify.result import Result
 
 
@@ -343,6 +344,7 @@ class ChannelNoiseFound:
     correlation_source: str
     effective_size: float
     rows: int
+    parts: TwoParts | None = None  # where it grows with the reading
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ There are many more places where a bench can be at fault than effects of a valve
 power. The level is therefore divided: faults have a share of it, with a critical value of their own (max-T, docs/diagnosis.md section 7.1).
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -65,13 +65,19 @@ def _touches(fault: BenchFault, test: str, channel: str) -> bool:
 
 def _slopes(problem: Problem, fit: Fit, faults: list[BenchFault]) -> dict[str, np.ndarray]:
     """{column that is read wrong: (rows,)}: what one SI unit too much does to the weighted residuals, before whitening."""
-    white = problem.with_noise(problem.noise.white)
     steps: dict[str, float] = {}
     for fault in faults:
         if fault.info.moves:
             steps.setdefault(fault.info.moves, STEP * fault.info.scale * fault.size)
+    return slopes_of_inputs(problem, fit, steps)
+
+
+def slopes_of_inputs(problem: Problem, fit: Fit, steps: Mapping[str, float]) -> dict[str, np.ndarray]:
+    """{column of the tests: (rows,)}: what one SI unit more of what was read there does to the weighted residuals, before whitening, at
+    a fit; by differences over these steps, SI."""
     if not steps:
         return {}
+    white = problem.with_noise(problem.noise.white)
     here = white.evaluate(fit.values, fit.effects).residual
     found = {}
     for column, step in steps.items():

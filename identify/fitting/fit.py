@@ -334,7 +334,9 @@ class StaticSearch:
     def settle(self, noise: dict[Key, ChannelNoise], solution: LeastSquaresResult) -> dict[Key, ChannelNoise]:
         """The noise of each channel as the residuals show it (`settled_noise`)."""
         jacobian = solution.jacobian * np.array([self.plans[name].info.scale for name in self.free])
-        return settled_noise(noise, channel_slices(self.tests), solution.residual, jacobian)
+        null = self.free.index("null_bias") if "null_bias" in self.free else None
+        position = None if null is None else solution.jacobian[:, null]
+        return settled_noise(noise, channel_slices(self.tests), solution.residual, jacobian, position)
 
     def settled(
         self, solution: LeastSquaresResult, noise: dict[Key, ChannelNoise]

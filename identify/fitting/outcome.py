@@ -214,6 +214,7 @@ def _channel_fit(fitted: Fitted, key: Key, rows: slice, block: Block, covariance
         neighbours=noise.neighbours,
         signal=channel.signal,
         noise_freedom=noise.degrees_of_freedom,
+        noise_parts=noise.parts,
     )
 
 

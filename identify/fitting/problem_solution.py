@@ -69,4 +69,5 @@ def noise_settled_by(problem: Problem, fit: Fit, noise: Mapping[Key, ChannelNois
     """The noise of each channel as the residuals of `fit` show it (`settled_noise`)."""
     scales = np.array([problem.scale_of(name) for name in fit.free])
     columns = fit.columns[:, [fit.order.index(name) for name in fit.free]] * scales
-    return settled_noise(noise, problem.rows(), fit.residual, columns)
+    position = fit.column("null_bias") if "null_bias" in fit.order else None
+    return settled_noise(noise, problem.rows(), fit.residual, columns, position)

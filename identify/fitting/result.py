@@ -15,6 +15,7 @@ from thermohyd.identify.bench.columns import reading_unit
 from thermohyd.identify.bench.record import BenchRecord
 from thermohyd.identify.bench.shown_units import DisplayUnit, display_unit
 from thermohyd.identify.bench.test_record import Fault
+from thermohyd.identify.noise.two_parts import TwoParts
 from thermohyd.identify.result import Result
 from thermohyd.identify.uncertainty.result import Knowledge
 
@@ -159,6 +160,7 @@ class ChannelFit:
     neighbours: float | None = None  # scatter of neighbouring readings about a smooth curve, where that says something
     signal: str = ""  # "V" or "count": the readings are signals of a sensor of free gain; empty: SI
     noise_freedom: float = np.inf  # degrees of freedom from which the noise was estimated; infinite: stated
+    noise_parts: TwoParts | None = None  # where it grows with the reading: one of its own, and a share of the reading
 
     @property
     def unit(self) -> DisplayUnit:

@@ -146,17 +146,23 @@ def _trade_off(names: list[str], direction: np.ndarray, collinearity: float) -> 
 
 
 def settled_noise(
-    noise: Mapping[Key, ChannelNoise], rows: Mapping[Key, slice], residual: np.ndarray, jacobian: np.ndarray
+    noise: Mapping[Key, ChannelNoise],
+    rows: Mapping[Key, slice],
+    residual: np.ndarray,
+    jacobian: np.ndarray,
+    position: np.ndarray | None = None,
 ) -> dict[Key, ChannelNoise]:
     """Noise re-estimated from whitened residuals, where it is not known; each channel pays its share of the parameters.
 
     rows: of each channel in `residual` (n,) and in `jacobian` (n, p), whose columns are in the parameters' natural steps.
+    position (n,): the residuals' slopes to the position [1/m], by which its errors count; None: by those of neighbouring rows.
     """
     leverage = leverage_of(jacobian)
     found = {}
     for key, own in rows.items():
         misfit = residual[own] * noise[key].used
-        found[key] = reweighted(noise[key], misfit, max(1.0 - float(np.sum(leverage[own])) / len(misfit), 0.05))
+        there = noise[key] if position is None else noise[key].by_slopes(position[own] * noise[key].used)
+        found[key] = reweighted(there, misfit, np.maximum(1.0 - leverage[own], 0.05))
     return counted_once(found)
 
 

@@ -15,6 +15,8 @@ from thermohyd.identify.bench.test_record import Channel, TestRecord
 from thermohyd.identify.reduction.monotone_pieces import monotone_pieces, piece_bounds, sweep_ids
 from thermohyd.identify.reduction.rounding import local_steps
 
+from .two_parts import TwoParts, two_parts
+
 
 LOG_ROWS = 2000  # from here on, sweeps are looked for under the dither of a log
 # Rows compared with their repeats, of a static and of a dynamic test: fewer say too little of their scatter.
@@ -24,6 +26,7 @@ FEWEST_IN_MOTION = 60
 OFFSET, ROWS_OF_OFFSET = 5.0, 8
 SAME_TIME = 1e-6  # s
 MOST_OF_THE_ROWS = 0.9  # that runs which repeat each other share: single bad ones may be gone
+REDUNDANT = 2.31  # neighbouring third differences that are worth one independent one: 1 + 2 sum of squared correlations
 THIRD_DIFFERENCE = np.array([1.0, -3.0, 3.0, -1.0])  # blind to any parabola; variance 20 for white noise of 1
 MEDIAN_OF_CHI2 = 0.4549  # one degree of freedom
 
@@ -264,6 +267,36 @@ class ChannelNoise:
     degrees_of_freedom: float = np.inf  # degrees of freedom from which `std` was estimated
     neighbours: float | None = None  # scatter of neighbouring rows about a smooth curve, where that says something
     position_part: np.ndarray | None = None  # what of `std` the positions' noise makes, row by row
+    position_error: np.ndarray | None = None  # standard error of each position (rows,), m, behind that part
+    # Size of each reading (rows,), SI, with which its noise may grow; None: of every row its own noise is known.
+    level: np.ndarray | None = None
+    parts: TwoParts | None = None  # what `std` is made of beside the positions', where it grows with the reading
+
+    def by_slopes(self, slope: np.ndarray) -> "ChannelNoise":
+        """The same where a reading goes with its position by these slopes (rows,), SI: a model's instead of those of neighbours."""
+        if self.position_error is None or not np.isfinite(slope).all():
+            return self
+        return self.beside_inputs(np.abs(slope) * self.position_error)
+
+    def beside_inputs(self, part: np.ndarray) -> "ChannelNoise":
+        """The same where errors of what was logged beside it add this to a reading (rows,), SI; its own noise stays."""
+        before = np.zeros(len(self.std)) if self.position_part is None else self.position_part
+        # Where positions made all of the noise, a thousandth stands for its own.
+        own = np.sqrt(np.maximum(self.std**2 - before**2, 1e-6 * self.std**2))
+        std = np.hypot(own, part)
+        return replace(self, std=std, used=std, position_part=part)
+
+    def of_parts(self, parts: TwoParts, *, as_large: bool) -> "ChannelNoise":
+        """The noise made of these parts and the positions', where it is not known row by row. as_large: in the mean square it stays
+        what it was, and only goes with the reading as they say."""
+        if self.level is None:
+            return self
+        beside = np.zeros(len(self.std)) if self.position_part is None else self.position_part
+        if as_large:
+            own, made = np.mean(np.maximum(self.std**2 - beside**2, 0.0)), np.mean(parts.std(self.level) ** 2)
+            parts = parts.times(float(np.sqrt(own / made))) if made > 0.0 else TwoParts(float(np.sqrt(own)), 0.0)
+        std = np.hypot(parts.std(self.level), beside)
+        return replace(self, std=std, used=std, parts=parts if parts.share > 0.0 else None)
 
 
 FROM_RESIDUALS = "taken from the fit's residuals"
@@ -274,12 +307,17 @@ def initial_noise(test: TestRecord, channel: Channel) -> ChannelNoise:
     # Positions are left out of it: in a table of a few hundred rows an even grid is a choice, not a rounding.
     floor = local_steps(channel.as_read) / np.sqrt(12.0)
     part = np.zeros(test.rows) if channel.position_part is None else channel.position_part
+    error = None if test.in_motion else test.input_error.get("spool_position")
+    level = np.abs(channel.as_read) if test.axis != "frequency" else None
     if channel.std is not None:
         std = np.hypot(np.maximum(channel.std, floor), part)
         declared = channel.std_source.startswith("declared")
-        return ChannelNoise(
-            std, channel.std_source, True, declared, std, channel.freedom, position_part=channel.position_part
-        )
+        alike = declared and test.rows_of_log is None and float(np.ptp(channel.std)) == 0.0  # one figure a test
+        found = ChannelNoise(
+            std, channel.std_source, True, declared, std, channel.freedom, position_part=channel.position_part,
+            position_error=error, level=level if alike else None,
+        )  # fmt: skip
+        return _as_neighbours_say(found, test, channel, part)
     repeated = noise_from_repeats(test, channel)
     if repeated is not None:
         alike = repeated.std
@@ -288,15 +326,39 @@ def initial_noise(test: TestRecord, channel: Channel) -> ChannelNoise:
                 part, lambda std: float(np.mean(np.concatenate(repeat_differences(test, channel, std)) ** 2))
             )
         std = np.hypot(np.maximum(np.full(test.rows, alike), floor), part)
-        return ChannelNoise(
-            std, repeated.source, True, False, std, repeated.degrees_of_freedom, position_part=channel.position_part
-        )
+        found = ChannelNoise(
+            std, repeated.source, True, False, std, repeated.degrees_of_freedom, position_part=channel.position_part,
+            position_error=error, level=level,
+        )  # fmt: skip
+        return _as_neighbours_say(found, test, channel, part)
     rough = noise_from_neighbours(test, channel)
     guess = rough.std
     smallest = 1e-4 * max(float(np.ptp(channel.value)), float(np.max(np.abs(channel.value))), 1e-300)
     std = np.hypot(np.maximum(np.full(test.rows, max(guess, smallest)), floor), part)
     scatter = guess if rough.valid else None
-    return ChannelNoise(std, FROM_RESIDUALS, False, False, std, neighbours=scatter, position_part=channel.position_part)
+    return ChannelNoise(
+        std, FROM_RESIDUALS, False, False, std, neighbours=scatter, position_part=channel.position_part,
+        position_error=error, level=level,
+    )  # fmt: skip
+
+
+def _as_neighbours_say(noise: ChannelNoise, test: TestRecord, channel: Channel, part: np.ndarray) -> ChannelNoise:
+    """Noise of one figure, with the readings as far as third differences along a table's sweeps say that it goes with them.
+
+    part (rows,): what the positions' noise adds to a row, SI.
+    """
+    if noise.level is None or test.in_motion or not noise_from_neighbours(test, channel).valid:
+        return noise
+    square, level, known = [], [], []
+    for start, stop in piece_bounds(sweep_ids(test)):
+        if stop - start >= 4:
+            square.append(divided_third(test.spool_position[start:stop], channel.value[start:stop]) ** 2)
+            level.append((noise.level[start + 1 : stop - 2] + noise.level[start + 2 : stop - 1]) / 2.0)
+            known.append(part[start + 1 : stop - 2] ** 2)
+    squares = np.concatenate(square)
+    left = np.full(len(squares), 1.0 / REDUNDANT)
+    parts = two_parts(squares, np.concatenate(level), np.concatenate(known), left)
+    return noise.of_parts(parts, as_large=True) if parts.share > 0.0 else noise
 
 
 def initial_noises(tests: Iterable[TestRecord]) -> dict[tuple[str, str], ChannelNoise]:
@@ -348,22 +410,21 @@ def shared_variance(noise: Mapping[tuple[str, str], MovedByPositions]) -> dict[t
     return found
 
 
-def reweighted(noise: ChannelNoise, misfit: np.ndarray, share_left: float) -> ChannelNoise:
-    """The noise after a fit whose residuals (SI) are `misfit`, of which `share_left` (0..1] is left to chance.
+def reweighted(noise: ChannelNoise, misfit: np.ndarray, left: np.ndarray) -> ChannelNoise:
+    """The noise after a fit whose residuals (SI) are `misfit`, of which the shares `left` (rows,), 0..1, are left to chance.
 
-    Unknown noise becomes the residuals' own. Known noise stays what it is, but where the model misses the curve the
-    weights allow for that miss as one more, equal, error of every point: else a channel with very small noise would
-    drag the whole valve into its misfit. Declared noise is obeyed as it stands.
+    Unknown noise becomes the residuals' own, of one part or of two (`two_parts`). Known noise stays what it is, but where the
+    model misses the curve the weights allow for that miss as one more, equal, error of every point: else a channel with very
+    small noise would drag the whole valve into its misfit. Declared noise is obeyed as it stands.
     """
     if noise.declared:
         return replace(noise, used=noise.std)
-    mean_square = float(np.mean(misfit**2)) / share_left
+    square = misfit**2 / left
     if not noise.known:
-        std = np.full_like(noise.std, np.sqrt(mean_square))
-        if noise.position_part is not None:
-            alike = noise_beside(noise.position_part, lambda std: float(np.mean((misfit / std) ** 2)) / share_left)
-            std = np.hypot(alike, noise.position_part)
-        return replace(noise, std=std, used=std)
+        beside = None if noise.position_part is None else noise.position_part**2
+        level = np.zeros(len(square)) if noise.level is None else noise.level
+        return replace(noise, level=level).of_parts(two_parts(square, level, beside, left), as_large=False)
+    mean_square = float(left @ square / left.sum())
     extra = mean_square - float(np.mean(noise.std**2))
     if extra <= float(np.mean(noise.std**2)):  # less than twice the noise's variance: chance, or nothing to speak of
         return replace(noise, used=noise.std)

@@ -300,5 +300,6 @@ def without_rows(test: TestRecord, rows: list[int]) -> TestRecord:
         time=cut(test.time),
         rate=cut(test.rate),
         lines=cut(test.lines),
+        input_error={name: error[kept] for name, error in test.input_error.items()},
         table=None,
     )

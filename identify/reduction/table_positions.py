@@ -149,7 +149,12 @@ def _with_parts(
             move = slope * (along - test.spool_position)
             found = replace(found, value=channel.value + move, moved=move)
         channels.append(found)
-    return replace(test, channels=tuple(channels), spool_position=along if along_curve else test.spool_position)
+    return replace(
+        test,
+        channels=tuple(channels),
+        spool_position=along if along_curve else test.spool_position,
+        input_error={**test.input_error, "spool_position": np.broadcast_to(noise, test.spool_position.shape)},
+    )
 
 
 def _slopes(along: np.ndarray, value: np.ndarray, pieces: np.ndarray) -> np.ndarray:
@@ -189,7 +194,8 @@ def _scatter(test: TestRecord, pieces: np.ndarray) -> tuple[float, float, float]
     if share < ROUNDED:
         if np.mean(rounded) > 2.0 * steps[0] ** 2 / 12.0:
             return 0.0, own, 0.0  # mostly the clock's rounding, which is no noise of the position
-        whole = np.mean(np.minimum(square * MEDIAN_OF_CHI2, HEAVY**2 * high))  # a jump is no noise
+        # A jump is no noise. Of coarse steps most third differences are 0, and so is their median.
+        whole = np.mean(np.minimum(square * MEDIAN_OF_CHI2, HEAVY**2 * max(high, own**2)))
         return 0.0, float(np.sqrt(max(own**2, whole))) if own > 0.0 else 0.0, 0.0
     for _ in range(40):  # the variance beside which the median of all is what it should be
         middle = 0.5 * (low + high)

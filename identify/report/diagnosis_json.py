@@ -15,7 +15,7 @@ from thermohyd.identify.diagnosis.result import (
     Variation,
 )
 
-from .fit_json import fields_of, fit_json, plain
+from .fit_json import fields_of, fit_json, parts_of, plain
 
 
 NOISE = ("test", "channel", "std", "source", "correlation", "correlation_source", "effective_size", "rows")
@@ -74,7 +74,7 @@ def diagnosis_json(result: DiagnosisResult) -> dict[str, Any]:
         "variations": [_variation(variation) for variation in result.variations],
         "parameter_shifts": [fields_of(s, "name", "unit", "before", "after", "std_after") for s in result.shifts],
         "evidence": [_evidence(evidence) for evidence in result.evidence],
-        "noise": [fields_of(noise, *NOISE) for noise in result.noise],
+        "noise": [fields_of(noise, *NOISE) | {"parts": parts_of(noise.parts)} for noise in result.noise],
         "discrepancy": [fields_of(found, *DISCREPANCY) for found in result.discrepancy],
         **fields_of(result, "left_over_p", "seconds", "evaluations", "notes", "warnings"),
         "units": "SI: m, Pa (gauge), K, m3/s",

@@ -104,7 +104,9 @@ def _noise(result: DiagnosisResult) -> list[_NoiseRow]:
             _NoiseRow(
                 reading=words.reading_words(found.test, found.channel),
                 std=f"{significant(found.std * unit.factor, 2)} {unit.label}",
-                source=found.source,
+                source=found.source
+                if found.parts is None
+                else f"{report_content.parts_words(found.parts, unit)}; {found.source}",
                 correlation=f"{found.correlation:.2f}",
                 correlation_source=found.correlation_source,
                 rows=f"{found.rows:,}",

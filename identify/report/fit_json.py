@@ -14,6 +14,7 @@ from thermohyd.identify.bench.provenance import record_json
 from thermohyd.identify.bench.test_record import Fault
 from thermohyd.identify.fitting.result import ChannelFit, FitResult, ParameterEstimate
 from thermohyd.identify.model.model_file import model_json
+from thermohyd.identify.noise.two_parts import TwoParts
 
 from .fit_figures import fit_figures
 from .fit_report import chi2_band
@@ -124,7 +125,13 @@ CHANNEL = ("residual_rms", "noise", "noise_source", "reduced_chi2", "autocorrela
 
 
 def _channel(fit: ChannelFit) -> dict[str, Any]:
-    return {"points": len(fit.measured), **fields_of(fit, *CHANNEL), "signal": fit.signal or None}
+    own = {"noise_parts": parts_of(fit.noise_parts), "signal": fit.signal or None}
+    return {"points": len(fit.measured), **fields_of(fit, *CHANNEL), **own}
+
+
+def parts_of(parts: TwoParts | None) -> dict[str, float] | None:
+    """Noise that grows with the reading: what is its own (SI), and the share of the reading."""
+    return None if parts is None else fields_of(parts, "own", "share")
 
 
 def _rms(result: FitResult, test: str, figure: str) -> float:

@@ -24,6 +24,7 @@ from thermohyd.identify.bench.shown_units import (
     significant,
 )
 from thermohyd.identify.fitting.result import FitResult, ParameterEstimate
+from thermohyd.identify.noise.two_parts import TwoParts
 
 from .model_form_words import model_form_rows, model_form_sentences, title
 from .terminal import grid, heading, indented, table
@@ -148,7 +149,19 @@ def test_rows(result: FitResult) -> list[TestRow]:
 
 def noise_sources(result: FitResult) -> list[str]:
     """Where each channel's noise came from, one sentence for each."""
-    return [f"{fit.test}, {fit.channel}: {fit.noise_source}" for fit in result.channels if fit.noise_source]
+    return [
+        f"{fit.test}, {fit.channel}: {'' if fit.noise_parts is None else parts_words(fit.noise_parts, fit.unit) + ', '}"
+        f"{fit.noise_source}"
+        for fit in result.channels
+        if fit.noise_source
+    ]
+
+
+def parts_words(parts: TwoParts, unit: DisplayUnit) -> str:
+    """ "0.0021 l/min + 0.31 % of reading" """
+    return (
+        f"{significant(parts.own * unit.factor, 2)} {unit.label} + {significant(100.0 * parts.share, 2)} % of reading"
+    )
 
 
 def status_of(estimate: ParameterEstimate) -> str:

@@ -274,4 +274,4 @@ def test_unknown_noise_is_found_beside_the_positions_part():
     own = noise_beside(part, lambda std: float(np.mean((misfit / std) ** 2)))
     assert own == pytest.approx(1.0, abs=0.06)
     unknown = ChannelNoise(np.hypot(2.0, part), "", False, False, part, position_part=part)
-    np.testing.assert_allclose(reweighted(unknown, misfit, 1.0).std, np.hypot(own, part))
+    np.testing.assert_allclose(reweighted(unknown, misfit, np.ones(part.size)).std, np.hypot(own, part), rtol=0.02)

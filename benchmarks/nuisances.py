@@ -1,0 +1,107 @@
+"""What does each nuisance of a log do to the tests that a diagnosis rests on? The true effects are given, nothing is left to find.
+
+    nuisances.py [--records 20] [--first 1] [--off conditions position ...] [--stated]
+
+A line a record: p of the lack-of-fit test, the reduced chi-square, mean square of the whitened residuals by sixths of |reading| and of
+|position|, and how residuals of gauges of one row go together. Then how the p-values are spread. The logs are the reference
+simulator's (tests/reference/nuisance_logs.py), the same random numbers with `--off` as without.
+"""
+
+import argparse
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+from scipy.stats import kstest
+
+
+ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT / "tests"))
+
+from reference.nuisance_logs import NUISANCES, draw, write
+
+from thermohyd.identify.cli.jax_setup import keep_memory_flat, set_up_jax
+
+
+set_up_jax()
+
+from thermohyd.identify.bench.read import read_record
+from thermohyd.identify.diagnosis.case import open_case, with_noise_around
+from thermohyd.identify.diagnosis.left_over import misfit_left, smooth_block
+
+
+SIXTHS = 6
+
+
+def judged(folder: Path, effects: tuple[str, ...]) -> dict:
+    """What is left beside the true effects."""
+    case = open_case(read_record(folder))
+    fit = case.problem.fit(effects, case.base.values, hop_basins=True)
+    if effects:
+        case = with_noise_around(case, fit)
+        fit = case.problem.fit(effects, fit.values, hop_basins=True)
+    problem = case.problem
+    left = misfit_left(problem, fit, smooth_block(problem, len(fit.residual)))
+    squares, apart = {}, {}
+    leverage = 1.0 - np.sum(np.linalg.qr(fit.nuisance)[0] ** 2, axis=1)
+    for (name, channel), rows in problem.rows().items():
+        test, used = problem.tests[name], fit.used[rows]
+        square = fit.residual[rows] ** 2 / np.maximum(leverage[rows], 0.1)
+        for what, along in (
+            ("reading", np.abs(test.channel(channel).value)),
+            ("position", np.abs(test.spool_position)),
+        ):
+            order = np.argsort(along[used], kind="stable")
+            squares[name, channel, what] = [float(np.mean(p)) for p in np.array_split(square[used][order], SIXTHS)]
+        for other, own in problem.rows().items():
+            if other[0] == name and other[1] > channel:
+                apart[name, channel, other[1]] = float(np.corrcoef(fit.residual[rows], fit.residual[own])[0, 1])
+    return {
+        "p": left.p_value,
+        "chi2": fit.chi2 / max(int(fit.used.sum()) - len(fit.free), 1),
+        "squares": squares,
+        "gauges": apart,
+        "points": int(fit.used.sum()),
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--records", type=int, default=20)
+    parser.add_argument("--first", type=int, default=1, help="first seed; others, another set")
+    parser.add_argument("--off", nargs="*", default=[], choices=NUISANCES, help="nuisances that the logs have not")
+    parser.add_argument("--stated", action="store_true", help="every row's noise stands beside it, in all records")
+    parser.add_argument("--most-rows", type=int, default=30_000)
+    given = parser.parse_args()
+    p, sixths = [], []
+    for seed in range(given.first, given.first + given.records):
+        log = draw(seed, off=given.off, stated=True if given.stated else None, most_rows=given.most_rows)
+        began = time.process_time()
+        with tempfile.TemporaryDirectory() as folder:
+            write(Path(folder) / f"log_{seed}", log)
+            found = judged(Path(folder) / f"log_{seed}", tuple(log.effects))
+        keep_memory_flat()
+        p.append(found["p"])
+        sixths += [value for values in found["squares"].values() for value in values]
+        kind = f"{'two gauges' if 'pressure_a' in log.noise else 'load pressure'}, {'current' if log.current else 'position'}"
+        print(
+            f"{seed}: {log.rows} rows a test, {found['points']} points, {kind}, {'stated' if log.stated else 'not stated'}, "
+            f"phi {log.phi:.2f}, {', '.join(log.effects) or 'nothing'}: p {found['p']:.2g}, chi-square {found['chi2']:.2f}, "
+            f"{time.process_time() - began:.0f} s"
+        )
+        for key, values in found["squares"].items():
+            print(f"    {' '.join(key)}: {' '.join(f'{v:.2f}' for v in values)}")
+        for key, value in found["gauges"].items():
+            print(f"    {' '.join(key)} correlate by {value:+.2f}", flush=True)
+    p, sixths = np.array(p), np.array(sixths)
+    inside = np.mean((sixths > 0.85) & (sixths < 1.15))
+    print(
+        f"p uniform: Kolmogorov-Smirnov {kstest(p, 'uniform').pvalue:.2g}; below 0.001 in {np.mean(p < 1e-3):.1%}, below 0.05 in "
+        f"{np.mean(p < 0.05):.0%} of {len(p)}; mean square by sixths inside 0.85 to 1.15: {inside:.0%}"
+    )
+
+
+if __name__ == "__main__":
+    main()

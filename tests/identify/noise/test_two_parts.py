@@ -1,0 +1,64 @@
+"""Noise of its own and noise in proportion to the reading are told apart, and one is enough where the second is not worth it."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+from numpy.testing import assert_allclose
+
+from thermohyd.identify.noise.level import ChannelNoise, reweighted
+from thermohyd.identify.noise.two_parts import TwoParts, two_parts
+
+
+LEVEL = np.linspace(0.0, 10.0, 4000)
+
+
+def residuals(seed: int, own: float, share: float, level: np.ndarray = LEVEL) -> np.ndarray:
+    return np.hypot(own, share * level) * np.random.default_rng(seed).standard_normal(len(level))
+
+
+def test_both_parts_are_found():
+    found = [two_parts(residuals(seed, 0.02, 0.01) ** 2, LEVEL) for seed in range(20)]
+    assert np.mean([parts.own for parts in found]) == pytest.approx(0.02, rel=0.05)
+    assert np.mean([parts.share for parts in found]) == pytest.approx(0.01, rel=0.03)
+
+
+def test_one_part_is_enough_for_even_noise():
+    found = [two_parts(residuals(seed, 0.02, 0.0) ** 2, LEVEL) for seed in range(100)]
+    assert sum(parts.share > 0.0 for parts in found) <= 3
+    assert_allclose([parts.own for parts in found if parts.share == 0.0], 0.02, rtol=0.06)
+
+
+def test_what_positions_add_is_no_part_of_either():
+    beside = np.where(np.arange(len(LEVEL)) % 10 == 0, 0.5, 0.0)
+    rest = residuals(1, 0.02, 0.01) + beside * np.random.default_rng(2).standard_normal(len(LEVEL))
+    found = two_parts(rest**2, LEVEL, beside**2)
+    assert (found.own, found.share) == (pytest.approx(0.02, rel=0.15), pytest.approx(0.01, rel=0.05))
+
+
+def test_each_sixth_scatters_as_it_is_weighed():
+    rest = residuals(3, 0.02, 0.01)
+    unknown = ChannelNoise(np.full(len(LEVEL), 1.0), "", False, False, np.ones(len(LEVEL)), level=LEVEL)
+    found = reweighted(unknown, rest, np.ones(len(LEVEL)))
+    assert found.parts is not None
+    sixths = [np.mean(part) for part in np.array_split((rest / found.std) ** 2, 6)]
+    assert_allclose(sixths, 1.0, atol=0.15)
+
+
+def test_stated_noise_goes_with_the_reading_and_keeps_its_size():
+    std = np.full(len(LEVEL), 0.05)
+    found = ChannelNoise(std, "", True, True, std, level=LEVEL).of_parts(TwoParts(0.02, 0.01), as_large=True)
+    assert np.mean(found.std**2) == pytest.approx(0.05**2)
+    assert found.std[-1] / found.std[0] == pytest.approx(np.hypot(0.02, 0.1) / 0.02)
+
+
+@settings(max_examples=30)
+@given(st.floats(1e-9, 1e9), st.integers(0, 3))
+def test_units_change_nothing(unit, seed):
+    rest, here = residuals(seed, 0.02, 0.01), TwoParts(0.0, 0.0)
+    there, here = two_parts((unit * rest) ** 2, unit * LEVEL), two_parts(rest**2, LEVEL)
+    assert_allclose([there.own / unit, there.share], [here.own, here.share], rtol=1e-3)
+
+
+@pytest.mark.parametrize("rest", [np.zeros(50), np.zeros(0)])
+def test_no_scatter_is_no_noise(rest):
+    assert two_parts(rest, np.ones(len(rest))) == TwoParts(0.0, 0.0)
