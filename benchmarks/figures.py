@@ -57,6 +57,7 @@ PARTS: dict[str, tuple[str, bool]] = {
     "same-answer": ("same_answer.py --set 9 --every 8 --processes 2", False),
     "raw-logs-fitted": ("hidden_raw_logs.py fit", False),
     "leakage-alone": ("hidden_raw_logs.py leakage --seeds 80", False),
+    "nuisances": ("nuisances.py --records 24 --first 301", False),
     "raw-logs-diagnosed": ("hidden_raw_logs.py diagnose", False),
     "petab-select-9": ("petab_select_baseline.py --set 9 --per-kind 1 --no-storage --processes 2", False),
     "petab-select-1": ("petab_select_baseline.py --set 1 --processes 2", False),
