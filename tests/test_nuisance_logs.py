@@ -57,6 +57,7 @@ def apart(log: Log, test: TestRecord) -> np.ndarray:
             np.gradient(place) == 0.0, np.inf, np.gradient(place)
         )
         part = 0.0 if channel.position_part is None else channel.position_part
+        assert channel.std is not None
         off = channel.value - value - slope * (found.spool_position - place)
         squares.append(off**2 / (channel.std**2 + part**2))
     return np.concatenate(squares)

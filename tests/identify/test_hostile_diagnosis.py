@@ -12,9 +12,9 @@ from thermohyd.identify.bench.errors import BenchInputError
 from thermohyd.identify.effect_writer import check_name, effect_files
 from thermohyd.identify.model.places import PLACES, place_of
 from thermohyd.identify.model.term_variables import VARIABLES, asked_with, laws_in_motion
-from thermohyd.identify.model.typed_terms import coefficients_of, unit_of
+from thermohyd.identify.model.typed_terms import TypedTerm, coefficients_of, unit_of
 from thermohyd.identify.report.term_words import term_name
-from thermohyd.identify.written_term import read_term
+from thermohyd.identify.written_term import TermRead, read_term
 
 
 FILES = 5000
@@ -101,14 +101,18 @@ def _benign(kind: tuple[str, str, str, bool], coefficients: tuple[float, ...]) -
     return _entry(*kind, [math.copysign(1e-9, c) if c else 0.0 for c in coefficients])
 
 
+def _texts(read: TermRead, source: str) -> dict[str, str]:
+    return {name: str(text) for name, text in effect_files("mine", read, source).items()}
+
+
 def test_what_is_written_of_5000_hostile_files_has_the_nodes_of_benign_ones(tmp_path):
     chance, kinds = random.Random(51), _kinds()
     path, shapes, written, sentences = tmp_path / "diagnosis.json", {}, 0, []
 
-    def files_of(entry: object, source: str) -> tuple[dict, object]:
+    def files_of(entry: object, source: str) -> tuple[dict[str, str], TypedTerm]:
         path.write_text(json.dumps({"verdict": "unexplained", "terms": [entry]}), encoding="utf-8")
         read = read_term(path)
-        return effect_files("mine", read, source), read.term
+        return _texts(read, source), read.term
 
     for number in range(FILES):
         kind = kinds[number % len(kinds)]
@@ -139,7 +143,7 @@ def test_the_name_of_the_file_ends_no_docstring(tmp_path, source):
             {"verdict": "unexplained", "terms": [_entry("flow_into_a", "pressure", "proportional", False, [-1e-9])]}
         )
     )
-    plain, hostile = (effect_files("mine", read_term(path), name)["mine.py"] for name in ("diagnosis.json", source))
+    plain, hostile = (_texts(read_term(path), name)["mine.py"] for name in ("diagnosis.json", source))
     assert _shape(hostile) == _shape(plain)
     assert len(hostile.splitlines()) == len(plain.splitlines())
     hostile.encode()
@@ -155,7 +159,7 @@ def test_words_and_unit_are_our_own(tmp_path):
         )
     )
     read = read_term(path)
-    text = effect_files("mine", read, path.name)["mine.py"]
+    text = _texts(read, path.name)["mine.py"]
     assert f"unit={read.term.unit!r}," in text
     assert f"sentence={term_name(read.term)!r}," in text
     assert "furlong" not in text

@@ -204,6 +204,7 @@ def _csv(log: Log, test: str) -> str:
         unit, size = UNITS[channel]
         std, own = row_noise(log, channel, value), noise(channel, 1.0)
         if log.phi:
+            assert rows.run is not None
             own = _remembered(own, log.phi, rows.run)
         columns[f"{channel} [{unit}]"] = (stepped(value + std * own, log.steps[channel]) / size, 9)
         if log.stated:

@@ -7,6 +7,7 @@ import struct
 import tracemalloc
 import zipfile
 import zlib
+from typing import Any
 
 import h5py
 import numpy as np
@@ -169,7 +170,12 @@ def test_pages_speak_for_themselves(tmp_path, monkeypatch):
     """A footer may say anything: the headers of the pages are what counts."""
     path = tmp_path / "a.parquet"
     values = {"a": np.arange(10_000.0), "b": ["up"] * 10_000}
-    for options in ({}, {"compression": "zstd", "data_page_version": "2.0"}, {"use_dictionary": False}):
+    kinds: tuple[dict[str, Any], ...] = (
+        {},
+        {"compression": "zstd", "data_page_version": "2.0"},
+        {"use_dictionary": False},
+    )
+    for options in kinds:
         parquet.write_table(pa.table(values), path, data_page_size=1000, row_group_size=6000, **options)
         with path.open("rb") as file:
             refuse_large_pages(path, file)

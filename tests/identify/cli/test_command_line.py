@@ -323,6 +323,7 @@ def test_folders_of_the_cache_are_the_users_alone_under_any_umask(monkeypatch, t
         folder = jax_setup.compilation_cache(kind)
     finally:
         os.umask(before)
+    assert folder is not None
     assert folder == tmp_path / "cache" / "thermohyd" / kind
     assert {one.stat().st_mode & 0o777 for one in (folder, *folder.parents[:2])} == {0o700}
 
