@@ -1,4 +1,4 @@
-"""Recover the smooth course behind logged pressures and temperatures whose gauges scatter. NumPy and SciPy's laws only.
+"""Recover the smooth course behind logged pressures and temperatures whose gauges scatter. NumPy only.
 
 A supply of 70 bar that is logged with 0.05 bar of noise and in steps of 0.1 bar is not what the valve felt: a model that follows every
 row of it misses every gauge that stands at the supply's pressure by that much, all readings of a row alike (docs/diagnosis.md section 2).
@@ -7,14 +7,13 @@ row of it misses every gauge that stands at the supply's pressure by that much, 
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import chdtrc
 
 from thermohyd.identify.bench.columns import column_unit
 from thermohyd.identify.bench.shown_units import significant
 from thermohyd.identify.bench.test_record import TestRecord
 from thermohyd.identify.noise.level import MEDIAN_OF_CHI2, divided_third
 
-from .monotone_pieces import condition_ids, monotone_pieces, piece_bounds, sweep_axis
+from .monotone_pieces import condition_ids, monotone_pieces, piece_bounds, running_medians, sweep_axis
 from .rounding import column_step
 from .sweep_position import local_line
 
@@ -24,38 +23,46 @@ SHOWN = {"supply_pressure": "supply pressure", "return_pressure": "return pressu
 FEWEST_ROWS = 12  # of a stretch: fewer do not show a course and a scatter about it
 NARROWEST = 2  # rows either side
 SMALLEST = 1e-9  # of the column's size: no scatter
-# Readings follow a scatter where they go with it further than chance takes them in one record of a thousand.
-FOLLOWED = 1e-3
-BLOCKS, BLOCK_ROWS = 8, 40  # of a piece of the sweep, in each of which a reading may follow by another slope
+# Of what goes with the pressure across the valve (a saturated port's pressure; of a flow half of it), and of an oil's flow per kelvin: a
+# reading follows from this share on, where the share is known to so much.
+WITH_TEMPERATURE = 0.02
+FOLLOWED, KNOWN = 0.3, 0.15
+PARTS = 3  # of a sweep
 LAGS = 6  # of third differences, beyond which those of white noise have nothing in common
 HEAVY = 4.0  # standard deviations, beyond which a third difference is a bend or a bad row
 RARELY = 0.2  # share of the rows at which a column without noise passes from one step of its rounding to the next
-BACK_AND_FORTH = 0.1  # share of such passes that go back: noise flickers between two steps
+# Turns of a course, and share of such passes, up to which it goes back: noise flickers between two steps.
+TURNS, BACK_AND_FORTH = 4, 0.1
 
 
 def with_smooth_conditions(test: TestRecord) -> TestRecord:
     """The test with each logged condition on its smooth course, run by run, where the readings do not follow its scatter.
 
     By straight lines over as many rows around as predict a row that is left out best; a course that only rounding has broken
-    into steps is joined up through the middles of its risers. Where readings do follow (ripple of a pump), and in a sweep's own
-    axis, what was logged stays. `input_error` of the test says what is left of the scatter.
+    into steps is joined up through the middles of its risers. Where readings do follow (ripple of a pump) or would hardly show it, in a
+    sweep's own axis and in motion, what was logged stays. `input_error` of the test says what is left of the scatter.
     """
-    stretches = _stretches(test)
-    axis = None if test.in_motion else sweep_axis(test)
+    if test.in_motion:
+        return test
+    stretches, axis = _stretches(test), sweep_axis(test)
     changed, errors, notes = {}, dict(test.input_error), list(test.notes)
     for name in SMOOTHED:
         column = getattr(test, name)
-        if column is None or column is axis or np.ptp(column) == 0.0 or (name == "load_pressure" and test.in_motion):
+        if column is None or column is axis or np.ptp(column) == 0.0:
             continue
-        smooth, error = _courses(column, test.time, stretches)
+        smooth, error, joined = _courses(column, test.time, stretches)
         away = column - smooth
         scatter = float(np.sqrt(np.mean(away**2)))
         if scatter <= SMALLEST * max(float(np.max(np.abs(column))), 1e-300):
             continue
-        if not test.in_motion and _readings_follow(test, away):
-            notes.append(
+        # What only rounding has made no reading can follow.
+        noisy = np.where(joined, 0.0, away)
+        followed = _follows(test, name, noisy) if noisy.any() else False
+        if followed is not False:
+            kept = (
                 f"{test.name}: the readings follow the scatter of the {SHOWN.get(name, name)}, which is kept as logged"
             )
+            notes += [kept] if followed else []
             continue
         changed[name], errors[name] = smooth, error
         unit = column_unit(name)
@@ -70,15 +77,16 @@ def with_smooth_conditions(test: TestRecord) -> TestRecord:
 def _stretches(test: TestRecord) -> np.ndarray:
     """Number (rows,) of the stretch of one run and one set of conditions that each row belongs to."""
     cut = np.zeros(test.rows, dtype=bool)
-    ids = test.run if test.in_motion else condition_ids(test)
-    for one in (test.run, ids):
+    for one in (test.run, condition_ids(test)):
         cut[1:] |= one[1:] != one[:-1]
     return np.cumsum(cut)
 
 
-def _courses(column: np.ndarray, time: np.ndarray | None, stretches: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(smooth column, standard error of it), each (rows,), in the column's unit."""
-    smooth, error = column.astype(float).copy(), np.zeros(len(column))
+def _courses(
+    column: np.ndarray, time: np.ndarray | None, stretches: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(smooth column, standard error of it, whether it was only joined up), each (rows,), in the column's unit."""
+    smooth, error, joined = column.astype(float).copy(), np.zeros(len(column)), np.zeros(len(column), dtype=bool)
     step = column_step(column)
     for start, stop in piece_bounds(stretches):
         part = slice(start, stop)
@@ -87,11 +95,11 @@ def _courses(column: np.ndarray, time: np.ndarray | None, stretches: np.ndarray)
             error[part] = step / np.sqrt(12.0)
             continue
         if _only_rounded(values):
-            smooth[part], error[part] = _joined(values), 0.5 * step / np.sqrt(12.0)
+            smooth[part], error[part], joined[part] = _joined(values), 0.5 * step / np.sqrt(12.0), True
             continue
         along = None if time is None or not np.all(np.diff(time[part]) > 0.0) else time[part]
         smooth[part], error[part] = _best_lines(values, along)
-    return smooth, error
+    return smooth, error, joined
 
 
 def _best_lines(values: np.ndarray, along: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
@@ -116,7 +124,7 @@ def _only_rounded(values: np.ndarray) -> bool:
     passes = change[change != 0.0]
     if not 0 < len(passes) < RARELY * len(change):
         return False
-    return len(passes) < 2 or float(np.mean(passes[1:] * passes[:-1] < 0.0)) < BACK_AND_FORTH
+    return int(np.sum(passes[1:] * passes[:-1] < 0.0)) <= max(TURNS, BACK_AND_FORTH * len(passes))
 
 
 def _joined(values: np.ndarray) -> np.ndarray:
@@ -125,36 +133,41 @@ def _joined(values: np.ndarray) -> np.ndarray:
     return np.interp(np.arange(len(values)), row + 0.5, 0.5 * (values[row] + values[row + 1]))
 
 
-def _readings_follow(test: TestRecord, away: np.ndarray) -> bool:
-    """Whether any reading goes with a condition's scatter `away` (rows,) about its course, by a slope that may differ along the sweep.
+def _follows(test: TestRecord, name: str, away: np.ndarray) -> bool | None:
+    """Whether the readings go with a condition's scatter `away` (rows,) about its course, as much as such readings do; None: where they
+    would hardly show it.
 
-    Third differences from row to row of both, in blocks of rows; products of two series scatter by their autocorrelations.
+    Third differences from row to row of both; products of two series scatter by their autocorrelations.
     """
     pieces, _ = monotone_pieces(test)
-    total, count = 0.0, 0
+    supply = np.maximum(test.supply_pressure - test.return_pressure, 1.0)
+    per_unit = WITH_TEMPERATURE if name == "temperature" else 1.0 / supply
+    product, power, spread = 0.0, 0.0, 0.0
     for channel in test.channels:
-        seen, moved = [], []
+        seen, driven = [], []
         for start, stop in piece_bounds(pieces):
-            if stop - start < BLOCK_ROWS:
+            if stop - start < FEWEST_ROWS:
                 continue
-            rows = np.arange(float(stop - start))
-            e, d = (divided_third(rows, values[start:stop]) for values in (channel.value, away))
-            cuts = np.array_split(np.arange(len(e)), int(np.clip(len(e) // BLOCK_ROWS, 1, BLOCKS)))
-            seen += [e[cut] for cut in cuts]
-            moved += [d[cut] for cut in cuts]
-        if not seen:
-            continue
-        size = np.array([np.sqrt(np.median(e**2) / MEDIAN_OF_CHI2) for e in seen])
-        alike = [np.clip(e / s, -HEAVY, HEAVY) for e, s in zip(seen, size, strict=True) if s > 0.0]
-        driven = [d for d, s in zip(moved, size, strict=True) if s > 0.0]
-        rho = _autocorrelation(alike)
-        for e, d in zip(alike, driven, strict=True):
-            spread = sum(
+            rows, value = np.arange(float(stop - start)), channel.value[start:stop]
+            level = running_medians(value) * (per_unit if np.ndim(per_unit) == 0 else per_unit[start:stop])
+            e, d = divided_third(rows, value), divided_third(rows, level * away[start:stop])
+            # A bend of the curve is no noise: each third of a sweep has its own size.
+            for cut in np.array_split(np.arange(len(e)), PARTS):
+                size = np.sqrt(np.median(e[cut] ** 2) / MEDIAN_OF_CHI2)
+                if size > 0.0 and len(cut) > LAGS:
+                    seen.append(np.clip(e[cut] / size, -HEAVY, HEAVY))
+                    driven.append(d[cut] / size)
+        rho = _autocorrelation(seen)
+        for e, d in zip(seen, driven, strict=True):
+            product += float(e @ d)
+            power += float(d @ d)
+            alike = sum(
                 (2.0 if lag else 1.0) * rho[lag] * float(d[lag:] @ d[: len(d) - lag]) for lag in range(LAGS + 1)
             )
-            if spread > 0.0:
-                total, count = total + float(e @ d) ** 2 / spread / max(float(np.mean(e**2)), 1e-300), count + 1
-    return count > 0 and float(chdtrc(count, total)) < FOLLOWED
+            spread += max(alike, 0.0) * float(np.mean(e**2))
+    if power == 0.0 or np.sqrt(spread) > KNOWN * power:
+        return None
+    return product > FOLLOWED * power
 
 
 def _autocorrelation(series: list[np.ndarray]) -> np.ndarray:
