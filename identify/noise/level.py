@@ -26,7 +26,7 @@ FEWEST_IN_MOTION = 60
 OFFSET, ROWS_OF_OFFSET = 5.0, 8
 SAME_TIME = 1e-6  # s
 MOST_OF_THE_ROWS = 0.9  # that runs which repeat each other share: single bad ones may be gone
-REDUNDANT = 2.31  # neighbouring third differences that are worth one independent one: 1 + 2 sum of squared correlations
+MET = 1.2  # times its variance that a model may leave of a reading whose residuals say how the noise goes with it
 THIRD_DIFFERENCE = np.array([1.0, -3.0, 3.0, -1.0])  # blind to any parabola; variance 20 for white noise of 1
 MEDIAN_OF_CHI2 = 0.4549  # one degree of freedom
 
@@ -313,11 +313,10 @@ def initial_noise(test: TestRecord, channel: Channel) -> ChannelNoise:
         std = np.hypot(np.maximum(channel.std, floor), part)
         declared = channel.std_source.startswith("declared")
         alike = declared and test.rows_of_log is None and float(np.ptp(channel.std)) == 0.0  # one figure a test
-        found = ChannelNoise(
+        return ChannelNoise(
             std, channel.std_source, True, declared, std, channel.freedom, position_part=channel.position_part,
             position_error=error, level=level if alike else None,
         )  # fmt: skip
-        return _as_neighbours_say(found, test, channel, part)
     repeated = noise_from_repeats(test, channel)
     if repeated is not None:
         alike = repeated.std
@@ -326,11 +325,10 @@ def initial_noise(test: TestRecord, channel: Channel) -> ChannelNoise:
                 part, lambda std: float(np.mean(np.concatenate(repeat_differences(test, channel, std)) ** 2))
             )
         std = np.hypot(np.maximum(np.full(test.rows, alike), floor), part)
-        found = ChannelNoise(
+        return ChannelNoise(
             std, repeated.source, True, False, std, repeated.degrees_of_freedom, position_part=channel.position_part,
             position_error=error, level=level,
         )  # fmt: skip
-        return _as_neighbours_say(found, test, channel, part)
     rough = noise_from_neighbours(test, channel)
     guess = rough.std
     smallest = 1e-4 * max(float(np.ptp(channel.value)), float(np.max(np.abs(channel.value))), 1e-300)
@@ -340,25 +338,6 @@ def initial_noise(test: TestRecord, channel: Channel) -> ChannelNoise:
         std, FROM_RESIDUALS, False, False, std, neighbours=scatter, position_part=channel.position_part,
         position_error=error, level=level,
     )  # fmt: skip
-
-
-def _as_neighbours_say(noise: ChannelNoise, test: TestRecord, channel: Channel, part: np.ndarray) -> ChannelNoise:
-    """Noise of one figure, with the readings as far as third differences along a table's sweeps say that it goes with them.
-
-    part (rows,): what the positions' noise adds to a row, SI.
-    """
-    if noise.level is None or test.in_motion or not noise_from_neighbours(test, channel).valid:
-        return noise
-    square, level, known = [], [], []
-    for start, stop in piece_bounds(sweep_ids(test)):
-        if stop - start >= 4:
-            square.append(divided_third(test.spool_position[start:stop], channel.value[start:stop]) ** 2)
-            level.append((noise.level[start + 1 : stop - 2] + noise.level[start + 2 : stop - 1]) / 2.0)
-            known.append(part[start + 1 : stop - 2] ** 2)
-    squares = np.concatenate(square)
-    left = np.full(len(squares), 1.0 / REDUNDANT)
-    parts = two_parts(squares, np.concatenate(level), np.concatenate(known), left)
-    return noise.of_parts(parts, as_large=True) if parts.share > 0.0 else noise
 
 
 def initial_noises(tests: Iterable[TestRecord]) -> dict[tuple[str, str], ChannelNoise]:
@@ -413,20 +392,20 @@ def shared_variance(noise: Mapping[tuple[str, str], MovedByPositions]) -> dict[t
 def reweighted(noise: ChannelNoise, misfit: np.ndarray, left: np.ndarray) -> ChannelNoise:
     """The noise after a fit whose residuals (SI) are `misfit`, of which the shares `left` (rows,), 0..1, are left to chance.
 
-    Unknown noise becomes the residuals' own, of one part or of two (`two_parts`). Known noise stays what it is, but where the
-    model misses the curve the weights allow for that miss as one more, equal, error of every point: else a channel with very
-    small noise would drag the whole valve into its misfit. Declared noise is obeyed as it stands.
+    Unknown noise becomes the residuals' own, of one part or of two (`two_parts`). Known noise keeps its size, and goes with the
+    readings as the residuals of a model do that meets them. Where it does not the weights of measured noise allow for that miss as one
+    more, equal, error of every point: else a channel with very small noise would drag the whole valve into its misfit.
     """
-    if noise.declared:
-        return replace(noise, used=noise.std)
     square = misfit**2 / left
+    beside = None if noise.position_part is None else noise.position_part**2
     if not noise.known:
-        beside = None if noise.position_part is None else noise.position_part**2
         level = np.zeros(len(square)) if noise.level is None else noise.level
         return replace(noise, level=level).of_parts(two_parts(square, level, beside, left), as_large=False)
-    mean_square = float(left @ square / left.sum())
-    extra = mean_square - float(np.mean(noise.std**2))
-    if extra <= float(np.mean(noise.std**2)):  # less than twice the noise's variance: chance, or nothing to speak of
+    stated, mean_square = float(np.mean(noise.std**2)), float(left @ square / left.sum())
+    if noise.level is not None and mean_square < MET * stated:
+        noise = noise.of_parts(two_parts(square, noise.level, beside, left), as_large=True)
+    extra = mean_square - stated
+    if noise.declared or extra <= stated:  # less than twice the noise's variance: chance, or nothing to speak of
         return replace(noise, used=noise.std)
     return replace(noise, used=np.sqrt(noise.std**2 + extra))
 
