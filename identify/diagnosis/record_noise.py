@@ -170,12 +170,12 @@ def beside_inputs(problem: Problem, fit: Fit, noise: dict[Key, ChannelNoise]) ->
 
 
 def _going_with_readings(noise: ChannelNoise, rest: np.ndarray, kept: np.ndarray) -> ChannelNoise:
-    """A channel's noise, as large as it was, with the readings as what no model explains does. rest (rows,): that, SI, of which a
-    projection has left the shares `kept` (rows,)."""
-    if noise.level is None:
+    """A channel's noise that is not known, with the readings as what no model explains goes. rest (rows,): that, SI, of which a
+    projection has left the shares `kept` (rows,): of few rows it leaves too little to tell."""
+    if noise.known or noise.level is None or float(np.mean(kept)) < 1.0 - MOST_TAKEN:
         return noise
     beside = None if noise.position_part is None else noise.position_part**2
-    return noise.of_parts(two_parts(rest**2 / kept, noise.level, beside, kept), as_large=True)
+    return noise.of_parts(two_parts(rest**2 / kept, noise.level, beside, kept))
 
 
 def _beside_positions(

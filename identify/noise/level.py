@@ -26,7 +26,6 @@ FEWEST_IN_MOTION = 60
 OFFSET, ROWS_OF_OFFSET = 5.0, 8
 SAME_TIME = 1e-6  # s
 MOST_OF_THE_ROWS = 0.9  # that runs which repeat each other share: single bad ones may be gone
-MET = 1.2  # times its variance that a model may leave of a reading whose residuals say how the noise goes with it
 THIRD_DIFFERENCE = np.array([1.0, -3.0, 3.0, -1.0])  # blind to any parabola; variance 20 for white noise of 1
 MEDIAN_OF_CHI2 = 0.4549  # one degree of freedom
 
@@ -268,7 +267,7 @@ class ChannelNoise:
     neighbours: float | None = None  # scatter of neighbouring rows about a smooth curve, where that says something
     position_part: np.ndarray | None = None  # what of `std` the positions' noise makes, row by row
     position_error: np.ndarray | None = None  # standard error of each position (rows,), m, behind that part
-    # Size of each reading (rows,), SI, with which its noise may grow; None: of every row its own noise is known.
+    # Size of each reading (rows,), SI, with which noise that is not known may grow.
     level: np.ndarray | None = None
     parts: TwoParts | None = None  # what `std` is made of beside the positions', where it grows with the reading
 
@@ -286,15 +285,10 @@ class ChannelNoise:
         std = np.hypot(own, part)
         return replace(self, std=std, used=std, position_part=part)
 
-    def of_parts(self, parts: TwoParts, *, as_large: bool) -> "ChannelNoise":
-        """The noise made of these parts and the positions', where it is not known row by row. as_large: in the mean square it stays
-        what it was, and only goes with the reading as they say."""
-        if self.level is None:
-            return self
+    def of_parts(self, parts: TwoParts) -> "ChannelNoise":
+        """The noise made of these parts and the positions'."""
+        assert self.level is not None
         beside = np.zeros(len(self.std)) if self.position_part is None else self.position_part
-        if as_large:
-            own, made = np.mean(np.maximum(self.std**2 - beside**2, 0.0)), np.mean(parts.std(self.level) ** 2)
-            parts = parts.times(float(np.sqrt(own / made))) if made > 0.0 else TwoParts(float(np.sqrt(own)), 0.0)
         std = np.hypot(parts.std(self.level), beside)
         return replace(self, std=std, used=std, parts=parts if parts.share > 0.0 else None)
 
@@ -312,10 +306,9 @@ def initial_noise(test: TestRecord, channel: Channel) -> ChannelNoise:
     if channel.std is not None:
         std = np.hypot(np.maximum(channel.std, floor), part)
         declared = channel.std_source.startswith("declared")
-        alike = declared and test.rows_of_log is None and float(np.ptp(channel.std)) == 0.0  # one figure a test
         return ChannelNoise(
             std, channel.std_source, True, declared, std, channel.freedom, position_part=channel.position_part,
-            position_error=error, level=level if alike else None,
+            position_error=error,
         )  # fmt: skip
     repeated = noise_from_repeats(test, channel)
     if repeated is not None:
@@ -327,7 +320,7 @@ def initial_noise(test: TestRecord, channel: Channel) -> ChannelNoise:
         std = np.hypot(np.maximum(np.full(test.rows, alike), floor), part)
         return ChannelNoise(
             std, repeated.source, True, False, std, repeated.degrees_of_freedom, position_part=channel.position_part,
-            position_error=error, level=level,
+            position_error=error,
         )  # fmt: skip
     rough = noise_from_neighbours(test, channel)
     guess = rough.std
@@ -392,20 +385,20 @@ def shared_variance(noise: Mapping[tuple[str, str], MovedByPositions]) -> dict[t
 def reweighted(noise: ChannelNoise, misfit: np.ndarray, left: np.ndarray) -> ChannelNoise:
     """The noise after a fit whose residuals (SI) are `misfit`, of which the shares `left` (rows,), 0..1, are left to chance.
 
-    Unknown noise becomes the residuals' own, of one part or of two (`two_parts`). Known noise keeps its size, and goes with the
-    readings as the residuals of a model do that meets them. Where it does not the weights of measured noise allow for that miss as one
-    more, equal, error of every point: else a channel with very small noise would drag the whole valve into its misfit.
+    Unknown noise becomes the residuals' own, of one part or of two (`two_parts`). Known noise stays what it is, but where the
+    model misses the curve the weights allow for that miss as one more, equal, error of every point: else a channel with very
+    small noise would drag the whole valve into its misfit. Declared noise is obeyed as it stands.
     """
+    if noise.declared:
+        return replace(noise, used=noise.std)
     square = misfit**2 / left
-    beside = None if noise.position_part is None else noise.position_part**2
     if not noise.known:
+        beside = None if noise.position_part is None else noise.position_part**2
         level = np.zeros(len(square)) if noise.level is None else noise.level
-        return replace(noise, level=level).of_parts(two_parts(square, level, beside, left), as_large=False)
-    stated, mean_square = float(np.mean(noise.std**2)), float(left @ square / left.sum())
-    if noise.level is not None and mean_square < MET * stated:
-        noise = noise.of_parts(two_parts(square, noise.level, beside, left), as_large=True)
-    extra = mean_square - stated
-    if noise.declared or extra <= stated:  # less than twice the noise's variance: chance, or nothing to speak of
+        return replace(noise, level=level).of_parts(two_parts(square, level, beside, left))
+    mean_square = float(left @ square / left.sum())
+    extra = mean_square - float(np.mean(noise.std**2))
+    if extra <= float(np.mean(noise.std**2)):  # less than twice the noise's variance: chance, or nothing to speak of
         return replace(noise, used=noise.std)
     return replace(noise, used=np.sqrt(noise.std**2 + extra))
 

@@ -192,7 +192,8 @@ os.kill(os.getpid(), signal.SIGKILL)
 @pytest.mark.skipif(os.name != "posix", reason="sends POSIX signals")
 def test_it_ends_with_a_starter_that_was_killed(tmp_path):
     (tmp_path / "waits.py").write_text(WAITS_ON_ITS_OWN)
-    path = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
+    # An empty entry would be the working folder, which has the bare source tree.
+    path = os.pathsep.join(filter(None, (str(tmp_path), os.environ.get("PYTHONPATH"))))
     environment = os.environ | {"PYTHONPATH": path, "TMPDIR": str(tmp_path), "ENDED": str(tmp_path / "ended")}
     subprocess.run([sys.executable, "-P", "-c", STARTS], env=environment, timeout=60, check=False)
     end = time.monotonic() + 30

@@ -174,10 +174,10 @@ def test_out_is_checked_before_any_work(bench, monkeypatch, tmp_path):
 
 @pytest.mark.parametrize("command", ["fit", "diagnose", "simulate", "sensitivity", "servo", "seed"])
 def test_a_read_only_folder_is_refused_by_every_command(bench, monkeypatch, tmp_path, command):
-    def mkdtemp(*args, **kwargs):
+    def mkdir(self, *args, **kwargs):
         raise OSError(30, "Read-only file system")
 
-    monkeypatch.setattr("tempfile.mkdtemp", mkdtemp)
+    monkeypatch.setattr("pathlib.Path.mkdir", mkdir)
     out = tmp_path / "not yet there"
     ran = bench(command, *(["bench"] if command not in ("seed", "servo", "sensitivity") else []), "--out", out)
     assert (ran.exit_code, ran.stdout) == (2, "")

@@ -39,7 +39,7 @@ def test_an_effect_and_its_test_are_written_once(monkeypatch, tmp_path, found):
     [
         ("hysteresis", None, 'the library has an effect "hysteresis" already'),
         ("mine", "{}", 'has no "terms"'),
-        ("mine", "no", "is not JSON"),
+        ("mine", "no", "is not valid JSON"),
     ],
 )
 def test_what_is_wrong_is_one_line_and_nothing_is_written(monkeypatch, tmp_path, found, name, content, message):

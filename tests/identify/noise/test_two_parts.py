@@ -44,11 +44,10 @@ def test_each_sixth_scatters_as_it_is_weighed():
     assert_allclose(sixths, 1.0, atol=0.15)
 
 
-def test_stated_noise_goes_with_the_reading_and_keeps_its_size():
-    std = np.full(len(LEVEL), 0.05)
-    found = ChannelNoise(std, "", True, True, std, level=LEVEL).of_parts(TwoParts(0.02, 0.01), as_large=True)
-    assert np.mean(found.std**2) == pytest.approx(0.05**2)
-    assert found.std[-1] / found.std[0] == pytest.approx(np.hypot(0.02, 0.1) / 0.02)
+@pytest.mark.parametrize("declared", [True, False])
+def test_known_noise_stays_what_it_is(declared):
+    known = ChannelNoise(np.full(len(LEVEL), 0.05), "", True, declared, np.full(len(LEVEL), 0.05), level=LEVEL)
+    assert_allclose(reweighted(known, residuals(3, 0.02, 0.01), np.ones(len(LEVEL))).used, 0.05)
 
 
 @settings(max_examples=30)
