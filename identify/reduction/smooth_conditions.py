@@ -141,7 +141,7 @@ def _follows(test: TestRecord, name: str, away: np.ndarray) -> bool | None:
     """
     pieces, _ = monotone_pieces(test)
     supply = np.maximum(test.supply_pressure - test.return_pressure, 1.0)
-    per_unit = WITH_TEMPERATURE if name == "temperature" else 1.0 / supply
+    per_unit = np.full(test.rows, WITH_TEMPERATURE) if name == "temperature" else 1.0 / supply
     product, power, spread = 0.0, 0.0, 0.0
     for channel in test.channels:
         seen, driven = [], []
@@ -149,7 +149,7 @@ def _follows(test: TestRecord, name: str, away: np.ndarray) -> bool | None:
             if stop - start < FEWEST_ROWS:
                 continue
             rows, value = np.arange(float(stop - start)), channel.value[start:stop]
-            level = running_medians(value) * (per_unit if np.ndim(per_unit) == 0 else per_unit[start:stop])
+            level = running_medians(value) * (per_unit[start:stop])
             e, d = divided_third(rows, value), divided_third(rows, level * away[start:stop])
             # A bend of the curve is no noise: each third of a sweep has its own size.
             for cut in np.array_split(np.arange(len(e)), PARTS):
