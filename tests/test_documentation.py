@@ -7,10 +7,13 @@ into the pages.
 import os
 import re
 import shlex
+import shutil
 import subprocess
 import sys
+import tempfile
 import textwrap
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -86,12 +89,24 @@ STATUS = "(exit status"
 AT_ONCE = ("check", "new")  # of the commands; the others where THERMOHYD_TUTORIAL asks for them
 
 
+# Where a terminal's lines end hangs on how long the folder's name is: as long as that of the pages' last writing.
+LENGTH = 61
+
+
+@pytest.fixture
+def folder() -> Iterator[Path]:
+    name = tempfile.gettempdir()
+    made = Path(tempfile.mkdtemp(prefix="p" * max(1, LENGTH - len(name) - 9), dir=name))
+    yield made
+    shutil.rmtree(made, ignore_errors=True)
+
+
 @pytest.mark.parametrize("page", TYPED, ids=lambda page: page.stem)
-def test_a_page_is_typed_as_it_stands(page, tmp_path, monkeypatch):
+def test_a_page_is_typed_as_it_stands(page, folder, monkeypatch):
     """From an empty folder, block by block. One with a title is a file; one of text is all that was printed by the commands, or the
     Python, before it: output, and where the exit status is not 0 that status and what went to stderr. Only of what computes for long a
     page need not show it; then it ends with status 0."""
-    monkeypatch.chdir(tmp_path)
+    monkeypatch.chdir(folder)
     before, said, at_once, wrong = set(th.EFFECTS), "", True, []
     session: dict[str, Any] = {}
     try:
@@ -101,9 +116,9 @@ def test_a_page_is_typed_as_it_stands(page, tmp_path, monkeypatch):
             if title:
                 Path(title).parent.mkdir(parents=True, exist_ok=True)
                 Path(title).write_text(body, encoding="utf-8")
-            elif kind == "text" and said is not None and (differs := where_it_differs(body, said, tmp_path)):
+            elif kind == "text" and said is not None and (differs := where_it_differs(body, said, folder)):
                 wrong.append(differs)
-                written_again(page, body, as_shown(said, tmp_path))
+                written_again(page, body, as_shown(said, folder))
             said = "" if title or kind == "text" else said
             if kind == "python" and not title:
                 ran = run_block(body, session)
