@@ -21,7 +21,7 @@ from .bad_rows import without_outliers_in_log
 from .monotone_pieces import monotone_pieces, piece_bounds, sweep_axis
 from .noise_of_points import Points, points_of
 from .smooth_conditions import with_smooth_conditions
-from .sweep_position import STEPS_ACROSS, Abscissa, curve_slopes, local_line, smooth_abscissa
+from .sweep_position import STEPS_ACROSS, Abscissa, local_line, smooth_abscissa
 from .table_positions import as_measured
 
 
@@ -161,7 +161,7 @@ def _share(density: np.ndarray) -> np.ndarray:
 LOG_ROWS = 2000
 # Rows of a log that gets all its points; fewer and more by the third root of the rows.
 FULL_LOG, LEAST_SHARE = 20_000, 0.3
-MEMORIES = 3.0  # rows of a bin, at least, in independent readings' worth
+MEMORIES = 1.5  # rows of a bin, at least, in independent readings' worth
 # Fewer rows per piece, and they are readings that somebody took one by one; or, where the sweep goes forward from row to row, so
 # far apart that the curve's bends and a noise with a memory look alike in them: rows are then fitted one by one, up to so many.
 ROWS_PER_PIECE, FORWARD_PER_PIECE, ONE_BY_ONE = 200, 600, 6000
@@ -183,25 +183,11 @@ def reduce_test(test: TestRecord, *, max_points: int = 600, log_rows: int = LOG_
     axis = sweep_axis(test)
     readings = [channel.value for channel in test.channels]
     abscissa = smooth_abscissa(axis, pieces, readings)
-    slopes = [curve_slopes(abscissa.position, channel.value, pieces) for channel in test.channels]
-    away = np.where(abscissa.staircase, 0.0, abscissa.position - axis)
-    # Readings are taken along their curve from where the position was read to the smooth sweep. A spool that shakes takes its readings
-    # along, and that goes out; what a transducer scatters by comes in, row by row, and is seen in the readings' own scatter: no error of
-    # the smooth sweep is shared by neighbouring bins.
-    test = replace(
-        test,
-        channels=tuple(
-            replace(c, value=c.value + slope * away, moved=slope * away if away.any() else None)
-            for c, slope in zip(test.channels, slopes, strict=True)
-        ),
-    )
-    carried = [np.abs(slope) * np.where(abscissa.staircase, 0.0, abscissa.scatter) for slope in slopes]
     # Errors from the bins' finite width, where an edge closes within one, must not outgrow the noise of longer logs.
     max_points = round(max_points * max(test.rows / FULL_LOG, LEAST_SHARE) ** (1.0 / 3.0))
     starts = bin_starts(abscissa, readings, pieces, max_points)
-    both = list(zip(test.channels, carried, strict=True))
-    first = [points_of(channel, starts, pieces, abscissa, own) for channel, own in both]
-    remembered = max((p.correlation.rows_per_reading() for p in first if not p.correlation.white), default=0.0)
+    first = [points_of(channel, starts, pieces, abscissa) for channel in test.channels]
+    remembered = max((p.correlation.rows_per_reading() for p in first if p.correlation.white < 1.0), default=0.0)
     if remembered > 0.0:
         # Of a row, were rows independent and their means as uncertain as these are.
         scatter = [p.row_std * np.sqrt(max(p.correlation.rows_per_reading(), 1.0)) for p in first]
@@ -211,8 +197,8 @@ def reduce_test(test: TestRecord, *, max_points: int = 600, log_rows: int = LOG_
     position = mean(abscissa.position)
     held = axis is not test.spool_position
     channels, notes = [], [_what_was_done(test, pieces, starts)]
-    for channel, own in both:
-        points = points_of(channel, starts, pieces, abscissa, own)
+    for channel in test.channels:
+        points = points_of(channel, starts, pieces, abscissa)
         if channel.std is None and np.ptp(channel.value) == 0:
             notes.append(f"{test.name}, {channel.name}: the reading never changes, so nothing is known of its noise")
             channels.append(Channel(channel.name, points.value, sensor=channel.sensor))
@@ -221,18 +207,7 @@ def reduce_test(test: TestRecord, *, max_points: int = 600, log_rows: int = LOG_
         declared = channel.std is not None
         source = "declared noise of a row, averaged over its bin" if declared else "scatter of the log's rows"
         freedom, sensor = points.degrees_of_freedom, channel.sensor
-        channels.append(
-            Channel(
-                channel.name,
-                points.value,
-                points.std,
-                source,
-                points.step,
-                freedom,
-                points.position_part,
-                sensor=sensor,
-            )
-        )
+        channels.append(Channel(channel.name, points.value, points.std, source, points.step, freedom, sensor=sensor))
     return replace(
         test,
         spool_position=mean(test.spool_position) if held else position,
@@ -329,7 +304,7 @@ def _noise_note(test: TestRecord, channel: Channel, points: Points, rows: np.nda
             if channel.std is not None
             else f"scatter of {shown(points.row_std)} of the rows kept as noise"
         )
-        if points.correlation.white:
+        if points.correlation.white == 1.0:
             parts.append(f"{kept}; rows are independent of each other ({n:.0f} in a typical bin)")
         else:
             parts.append(
@@ -355,7 +330,7 @@ def _noise_note(test: TestRecord, channel: Channel, points: Points, rows: np.nda
 
 
 def _memory(test: TestRecord, points: Points) -> str:
-    if points.correlation.share < 0.1:
+    if points.correlation.white > 0.9:
         return ""
     rows = points.correlation.memory
     if test.time is not None and (pace := float(np.median(np.diff(test.time)))) > 0:

@@ -41,7 +41,6 @@ def smooth_abscissa(position: np.ndarray, pieces: np.ndarray, readings: list[np.
     step, read = local_steps(position), reading_steps(position, pieces)
     smooth, staircase = position.copy(), np.zeros(len(position), bool)
     spread, rounding = np.zeros(len(position)), np.zeros(len(position))
-    as_logged = np.zeros(len(position), bool)
     for start, stop in piece_bounds(pieces):
         part = slice(start, stop)
         x = position[part]
@@ -57,7 +56,6 @@ def smooth_abscissa(position: np.ndarray, pieces: np.ndarray, readings: list[np.
         step[part] = read[part]  # an even sweep lies on a grid that no rounding made
         half = _half_window(x, float(step[part].max()))
         if half == 0:
-            as_logged[part] = True
             continue
         line, slope, _ = local_line(x, half)
         scatter = float(np.sqrt(np.mean((x - line) ** 2)))
@@ -66,19 +64,7 @@ def smooth_abscissa(position: np.ndarray, pieces: np.ndarray, readings: list[np.
         correlated = float(np.clip((stop - start) / effective_size(x - line), 1.0, 5.0))
         spread[part] = scatter * np.sqrt(correlated)
         rounding[part] = rounding_error(step[part], scatter, covered)
-    # One transducer has one noise: where the sweep is too fast to be smoothed it is no smaller.
-    spread[as_logged] = transducer_noise(position, pieces)
     return Abscissa(smooth, spread, rounding, staircase, step)
-
-
-def transducer_noise(position: np.ndarray, pieces: np.ndarray) -> float:
-    """Standard deviation of one logged position about any parabola in its rows, dither and rounding included, over all pieces."""
-    seen = [
-        divided_third(np.arange(float(stop - start)), position[start:stop]) ** 2
-        for start, stop in piece_bounds(pieces)
-        if stop - start >= 8 and not _is_staircase(position[start:stop])
-    ]
-    return float(np.sqrt(np.median(np.concatenate(seen)) / MEDIAN_OF_CHI2)) if seen else 0.0
 
 
 def local_line(

@@ -9,7 +9,7 @@ from thermohyd.identify.fitting.fit import fit
 from thermohyd.identify.fitting.row_sizes import padded_size
 from thermohyd.identify.fitting.static_readings import conditions_of, mean_over_nodes, predict, row_weights
 from thermohyd.identify.noise.level import initial_noise
-from thermohyd.identify.reduction.noise_of_logs import LogCorrelation, log_correlation, row_scatter
+from thermohyd.identify.reduction.noise_of_logs import independent_rows, row_scatter
 from thermohyd.identify.reduction.reduce import nodes_of, reduce_test
 
 
@@ -110,17 +110,11 @@ def test_independent_rows_are_told_from_rows_that_remember():
         curve = 20.0 * np.exp(-((np.linspace(-1.0, 1.0, 6000) / 0.05) ** 2))
         white = rng.normal(size=6000)
         slow = np.convolve(rng.normal(size=6010), np.ones(11) / np.sqrt(11), "valid")
-        taken += _remembered(curve + white, pieces).white
+        taken += independent_rows(curve + white, pieces, row_scatter(curve + white, pieces), 16)
         remembering = curve + 0.8 * white + 0.6 * slow
-        kept += _remembered(remembering, pieces).white
+        kept += independent_rows(remembering, pieces, row_scatter(remembering, pieces), 16)
     assert taken >= 59
     assert kept <= 3
-
-
-def _remembered(value: np.ndarray, pieces: np.ndarray) -> LogCorrelation:
-    found = log_correlation(value, pieces, row_scatter(value, pieces).variance)
-    assert found is not None
-    return found
 
 
 def test_one_scatter_unless_it_clearly_varies():

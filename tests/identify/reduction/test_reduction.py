@@ -17,8 +17,7 @@ REAL = Path(__file__).resolve().parents[4] / "shared" / "real" / "servovalve_532
 
 def units(test):
     channel = test.channels[0]
-    part = 0.0 if channel.position_part is None else channel.position_part  # as `initial_noise` puts the two together
-    return test.spool_position / POSITION, channel.value / READING, np.hypot(channel.std, part) / READING
+    return test.spool_position / POSITION, channel.value / READING, channel.std / READING
 
 
 def averaged(curve, test):
