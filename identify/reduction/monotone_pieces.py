@@ -42,6 +42,11 @@ def run_ids(test: TestRecord) -> np.ndarray:
     return _numbered(test.run)
 
 
+def condition_stretches(test: TestRecord) -> np.ndarray:
+    """Number of the stretch of one run and one set of conditions that each row belongs to."""
+    return _numbered(test.run, condition_ids(test))
+
+
 def level_numbers(values: np.ndarray, width: float) -> np.ndarray:
     """Number of the level (rows,) that each value belongs to, the lowest first; levels lie more than `width` apart."""
     order = np.argsort(values, kind="stable")

@@ -20,6 +20,7 @@ from thermohyd.identify.bench.test_record import Channel, Nodes, TestRecord
 from .bad_rows import without_outliers_in_log
 from .monotone_pieces import monotone_pieces, piece_bounds, sweep_axis
 from .noise_of_points import Points, points_of
+from .rounding import joined_steps
 from .smooth_conditions import with_smooth_conditions
 from .sweep_position import STEPS_ACROSS, Abscissa, local_line, smooth_abscissa
 from .table_positions import as_measured
@@ -111,10 +112,7 @@ def _shape(reading: np.ndarray, pieces: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 def _unstepped(reading: np.ndarray) -> np.ndarray:
     """A reading that stands still between the steps of its rounding, joined up through the middles of its steps."""
-    row = 1 + np.flatnonzero(np.diff(reading))
-    if len(row) < 2 or len(row) > 0.5 * len(reading):
-        return reading
-    return np.interp(np.arange(len(reading)), row - 0.5, 0.5 * (reading[row] + reading[row - 1]))
+    return joined_steps(reading) if 2 <= np.count_nonzero(np.diff(reading)) <= 0.5 * len(reading) else reading
 
 
 def local_parabola(values: np.ndarray, half: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

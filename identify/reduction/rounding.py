@@ -102,6 +102,13 @@ def rounding_floor(test: TestRecord, channel: Channel) -> np.ndarray:
     return np.sqrt((local_steps(channel.value) ** 2 + (slope * position_step) ** 2) / 12.0)
 
 
+def joined_steps(values: np.ndarray) -> np.ndarray:
+    """Values that stand still between the steps of their rounding, joined up through the middles of their risers (rows,); before the
+    first and behind the last one they stand still."""
+    row = np.flatnonzero(np.diff(values))
+    return np.interp(np.arange(len(values)), row + 0.5, 0.5 * (values[row] + values[row + 1]))
+
+
 def reading_steps(position: np.ndarray, sweeps: np.ndarray) -> np.ndarray:
     """Rounding steps of positions that were read; 0 for set points and even sweeps, which lie on a grid of their own.
 

@@ -11,10 +11,11 @@ import numpy as np
 from thermohyd.identify.bench.columns import column_unit
 from thermohyd.identify.bench.shown_units import significant
 from thermohyd.identify.bench.test_record import TestRecord
+from thermohyd.identify.noise.correlation import Sums
 from thermohyd.identify.noise.level import MEDIAN_OF_CHI2, divided_third
 
-from .monotone_pieces import condition_ids, monotone_pieces, piece_bounds, running_medians, sweep_axis
-from .rounding import column_step
+from .monotone_pieces import condition_stretches, monotone_pieces, piece_bounds, running_medians, sweep_axis
+from .rounding import column_step, joined_steps
 from .sweep_position import local_line
 
 
@@ -44,7 +45,8 @@ def with_smooth_conditions(test: TestRecord) -> TestRecord:
     """
     if test.in_motion:
         return test
-    stretches, axis = _stretches(test), sweep_axis(test)
+    stretches, axis = condition_stretches(test), sweep_axis(test)
+    pieces = None  # a log of 100,000 rows takes a while to cut
     changed, errors, notes = {}, dict(test.input_error), list(test.notes)
     for name in SMOOTHED:
         column = getattr(test, name)
@@ -57,7 +59,9 @@ def with_smooth_conditions(test: TestRecord) -> TestRecord:
             continue
         # What only rounding has made no reading can follow.
         noisy = np.where(joined, 0.0, away)
-        followed = _follows(test, name, noisy) if noisy.any() else False
+        if noisy.any() and pieces is None:
+            pieces, _ = monotone_pieces(test)
+        followed = False if pieces is None or not noisy.any() else _follows(test, name, noisy, pieces)
         if followed is not False:
             kept = (
                 f"{test.name}: the readings follow the scatter of the {SHOWN.get(name, name)}, which is kept as logged"
@@ -74,14 +78,6 @@ def with_smooth_conditions(test: TestRecord) -> TestRecord:
     return replace(test, **changed, input_error=errors, notes=tuple(notes)) if len(notes) > len(test.notes) else test
 
 
-def _stretches(test: TestRecord) -> np.ndarray:
-    """Number (rows,) of the stretch of one run and one set of conditions that each row belongs to."""
-    cut = np.zeros(test.rows, dtype=bool)
-    for one in (test.run, condition_ids(test)):
-        cut[1:] |= one[1:] != one[:-1]
-    return np.cumsum(cut)
-
-
 def _courses(
     column: np.ndarray, time: np.ndarray | None, stretches: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -95,7 +91,7 @@ def _courses(
             error[part] = step / np.sqrt(12.0)
             continue
         if _only_rounded(values):
-            smooth[part], error[part], joined[part] = _joined(values), 0.5 * step / np.sqrt(12.0), True
+            smooth[part], error[part], joined[part] = joined_steps(values), 0.5 * step / np.sqrt(12.0), True
             continue
         along = None if time is None or not np.all(np.diff(time[part]) > 0.0) else time[part]
         smooth[part], error[part] = _best_lines(values, along)
@@ -127,19 +123,12 @@ def _only_rounded(values: np.ndarray) -> bool:
     return int(np.sum(passes[1:] * passes[:-1] < 0.0)) <= max(TURNS, BACK_AND_FORTH * len(passes))
 
 
-def _joined(values: np.ndarray) -> np.ndarray:
-    """A staircase joined up through the middles of its risers; before the first and behind the last one it stands still."""
-    row = np.flatnonzero(np.diff(values))
-    return np.interp(np.arange(len(values)), row + 0.5, 0.5 * (values[row] + values[row + 1]))
-
-
-def _follows(test: TestRecord, name: str, away: np.ndarray) -> bool | None:
+def _follows(test: TestRecord, name: str, away: np.ndarray, pieces: np.ndarray) -> bool | None:
     """Whether the readings go with a condition's scatter `away` (rows,) about its course, as much as such readings do; None: where they
     would hardly show it.
 
     Third differences from row to row of both; products of two series scatter by their autocorrelations.
     """
-    pieces, _ = monotone_pieces(test)
     supply = np.maximum(test.supply_pressure - test.return_pressure, 1.0)
     per_unit = np.full(test.rows, WITH_TEMPERATURE) if name == "temperature" else 1.0 / supply
     product, power, spread = 0.0, 0.0, 0.0
@@ -149,7 +138,7 @@ def _follows(test: TestRecord, name: str, away: np.ndarray) -> bool | None:
             if stop - start < FEWEST_ROWS:
                 continue
             rows, value = np.arange(float(stop - start)), channel.value[start:stop]
-            level = running_medians(value) * (per_unit[start:stop])
+            level = running_medians(value) * per_unit[start:stop]
             e, d = divided_third(rows, value), divided_third(rows, level * away[start:stop])
             # A bend of the curve is no noise: each third of a sweep has its own size.
             for cut in np.array_split(np.arange(len(e)), PARTS):
@@ -157,20 +146,13 @@ def _follows(test: TestRecord, name: str, away: np.ndarray) -> bool | None:
                 if size > 0.0 and len(cut) > LAGS:
                     seen.append(np.clip(e[cut] / size, -HEAVY, HEAVY))
                     driven.append(d[cut] / size)
-        rho = _autocorrelation(seen)
+        sums = Sums.of(seen, LAGS).products
+        rho = sums / max(float(sums[0]), 1e-300) * np.append(1.0, np.full(LAGS, 2.0))  # a lag counts both ways
         for e, d in zip(seen, driven, strict=True):
             product += float(e @ d)
             power += float(d @ d)
-            alike = sum(
-                (2.0 if lag else 1.0) * rho[lag] * float(d[lag:] @ d[: len(d) - lag]) for lag in range(LAGS + 1)
-            )
+            alike = float(rho @ Sums.of([d], LAGS).products)
             spread += max(alike, 0.0) * float(np.mean(e**2))
     if power == 0.0 or np.sqrt(spread) > KNOWN * power:
         return None
     return product > FOLLOWED * power
-
-
-def _autocorrelation(series: list[np.ndarray]) -> np.ndarray:
-    """(LAGS + 1,) over all series together."""
-    power = sum(float(e @ e) for e in series) or 1.0
-    return np.array([sum(float(e[lag:] @ e[: len(e) - lag]) for e in series) / power for lag in range(LAGS + 1)])
