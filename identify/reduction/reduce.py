@@ -19,10 +19,11 @@ from thermohyd.identify.bench.test_record import Channel, Nodes, TestRecord
 
 from .bad_rows import without_outliers_in_log
 from .monotone_pieces import monotone_pieces, piece_bounds, sweep_axis
+from .noise_of_logs import RowNoise, row_noise
 from .noise_of_points import Points, points_of
-from .rounding import joined_steps
-from .smooth_conditions import with_smooth_conditions
-from .sweep_position import STEPS_ACROSS, Abscissa, local_line, smooth_abscissa
+from .rounding import joined_steps, local_steps
+from .smooth_conditions import followed, with_smooth_conditions
+from .sweep_position import STEPS_ACROSS, Abscissa, curve_slopes, local_line, smooth_abscissa
 from .table_positions import as_measured
 
 
@@ -159,7 +160,7 @@ def _share(density: np.ndarray) -> np.ndarray:
 LOG_ROWS = 2000
 # Rows of a log that gets all its points; fewer and more by the third root of the rows.
 FULL_LOG, LEAST_SHARE = 20_000, 0.3
-MEMORIES = 1.5  # rows of a bin, at least, in independent readings' worth
+MEMORIES = 3.0  # rows of a bin, at least, in independent readings' worth
 # Fewer rows per piece, and they are readings that somebody took one by one; or, where the sweep goes forward from row to row, so
 # far apart that the curve's bends and a noise with a memory look alike in them: rows are then fitted one by one, up to so many.
 ROWS_PER_PIECE, FORWARD_PER_PIECE, ONE_BY_ONE = 200, 600, 6000
@@ -181,11 +182,13 @@ def reduce_test(test: TestRecord, *, max_points: int = 600, log_rows: int = LOG_
     axis = sweep_axis(test)
     readings = [channel.value for channel in test.channels]
     abscissa = smooth_abscissa(axis, pieces, readings)
+    test, noises, position_noise = _along_the_sweep(test, abscissa, pieces)
     # Errors from the bins' finite width, where an edge closes within one, must not outgrow the noise of longer logs.
     max_points = round(max_points * max(test.rows / FULL_LOG, LEAST_SHARE) ** (1.0 / 3.0))
     starts = bin_starts(abscissa, readings, pieces, max_points)
-    first = [points_of(channel, starts, pieces, abscissa) for channel in test.channels]
-    remembered = max((p.correlation.rows_per_reading() for p in first if p.correlation.white < 1.0), default=0.0)
+    both = list(zip(test.channels, noises, strict=True))
+    first = [points_of(channel, starts, pieces, noise) for channel, noise in both]
+    remembered = max((p.correlation.rows_per_reading() for p in first if not p.correlation.white), default=0.0)
     if remembered > 0.0:
         # Of a row, were rows independent and their means as uncertain as these are.
         scatter = [p.row_std * np.sqrt(max(p.correlation.rows_per_reading(), 1.0)) for p in first]
@@ -194,9 +197,11 @@ def reduce_test(test: TestRecord, *, max_points: int = 600, log_rows: int = LOG_
     mean = lambda values: np.add.reduceat(values.astype(float), starts) / rows
     position = mean(abscissa.position)
     held = axis is not test.spool_position
+    sweep = "load_pressure" if held else "spool_position"
     channels, notes = [], [_what_was_done(test, pieces, starts)]
-    for channel in test.channels:
-        points = points_of(channel, starts, pieces, abscissa)
+    error = np.sqrt(position_noise / rows + mean(abscissa.error) ** 2)
+    for channel, noise in both:
+        points = points_of(channel, starts, pieces, noise)
         if channel.std is None and np.ptp(channel.value) == 0:
             notes.append(f"{test.name}, {channel.name}: the reading never changes, so nothing is known of its noise")
             channels.append(Channel(channel.name, points.value, sensor=channel.sensor))
@@ -205,7 +210,10 @@ def reduce_test(test: TestRecord, *, max_points: int = 600, log_rows: int = LOG_
         declared = channel.std is not None
         source = "declared noise of a row, averaged over its bin" if declared else "scatter of the log's rows"
         freedom, sensor = points.degrees_of_freedom, channel.sensor
-        channels.append(Channel(channel.name, points.value, points.std, source, points.step, freedom, sensor=sensor))
+        part = np.abs(curve_slopes(position, points.value, pieces[starts])) * error if error.any() else None
+        channels.append(
+            Channel(channel.name, points.value, points.std, source, points.step, freedom, part, sensor=sensor)
+        )
     return replace(
         test,
         spool_position=mean(test.spool_position) if held else position,
@@ -224,9 +232,39 @@ def reduce_test(test: TestRecord, *, max_points: int = 600, log_rows: int = LOG_
         rows_of_log=rows,
         table=None,
         notes=(*test.notes, *notes),
-        input_error={name: mean(error) for name, error in test.input_error.items()},
-        nodes=nodes_of(abscissa.position, test.time, starts, "load_pressure" if held else "spool_position"),
+        input_error={name: mean(value) for name, value in test.input_error.items()}
+        | ({sweep: error} if error.any() else {}),
+        nodes=nodes_of(abscissa.position, test.time, starts, sweep),
     )
+
+
+def _along_the_sweep(
+    test: TestRecord, abscissa: Abscissa, pieces: np.ndarray
+) -> tuple[TestRecord, list[RowNoise], float]:
+    """The test with readings as they would be on the smooth sweep, the noise of each, and variance of a position's error [m^2 or Pa^2].
+
+    A spool that shakes takes its readings along, what a transducer scatters by they do not follow: readings are taken along their curve
+    to the smooth sweep by the share of the position's scatter that they follow. What is left of it is seen in their own scatter, larger
+    where the curve is steeper, in all channels alike: one transducer has one noise.
+    """
+    slopes = [curve_slopes(abscissa.position, channel.value, pieces) for channel in test.channels]
+    away = np.where(abscissa.staircase, 0.0, abscissa.position - sweep_axis(test))
+    share = followed([c.value for c in test.channels], [-slope * away for slope in slopes], pieces)
+    channels = test.channels
+    if share > 0.0:
+        moves = [share * slope * away for slope in slopes]
+        channels = tuple(replace(c, value=c.value + move, moved=move) for c, move in zip(channels, moves, strict=True))
+    both = list(zip(channels, slopes, strict=True))
+    steps = [local_steps(c.as_read) for c in channels]
+    noises = [
+        row_noise(c.value, pieces, slope, c.std, None, step) for (c, slope), step in zip(both, steps, strict=True)
+    ]
+    weight = np.array([n.position_error**-2.0 if 0.0 < n.position_error < np.inf else 0.0 for n in noises])
+    shared = float(weight @ [n.position for n in noises]) / float(weight.sum()) if weight.any() else 0.0
+    if len(noises) > 1:
+        both = list(zip(channels, slopes, steps, strict=True))
+        noises = [row_noise(c.value, pieces, slope, c.std, shared, step) for c, slope, step in both]
+    return replace(test, channels=channels), noises, shared
 
 
 def nodes_of(axis: np.ndarray, time: np.ndarray | None, starts: np.ndarray, name: str) -> Nodes:
@@ -302,7 +340,7 @@ def _noise_note(test: TestRecord, channel: Channel, points: Points, rows: np.nda
             if channel.std is not None
             else f"scatter of {shown(points.row_std)} of the rows kept as noise"
         )
-        if points.correlation.white == 1.0:
+        if points.correlation.white:
             parts.append(f"{kept}; rows are independent of each other ({n:.0f} in a typical bin)")
         else:
             parts.append(
@@ -328,7 +366,7 @@ def _noise_note(test: TestRecord, channel: Channel, points: Points, rows: np.nda
 
 
 def _memory(test: TestRecord, points: Points) -> str:
-    if points.correlation.white > 0.9:
+    if points.correlation.share < 0.1:
         return ""
     rows = points.correlation.memory
     if test.time is not None and (pace := float(np.median(np.diff(test.time)))) > 0:

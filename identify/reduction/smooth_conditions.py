@@ -14,7 +14,14 @@ from thermohyd.identify.bench.test_record import TestRecord
 from thermohyd.identify.noise.correlation import Sums
 from thermohyd.identify.noise.level import MEDIAN_OF_CHI2, divided_third
 
-from .monotone_pieces import condition_stretches, monotone_pieces, piece_bounds, running_medians, sweep_axis
+from .monotone_pieces import (
+    condition_stretches,
+    monotone_pieces,
+    moving_mean,
+    piece_bounds,
+    running_medians,
+    sweep_axis,
+)
 from .rounding import column_step, joined_steps
 from .sweep_position import local_line
 
@@ -28,7 +35,8 @@ SMALLEST = 1e-9  # of the column's size: no scatter
 # reading follows from this share on, where the share is known to so much.
 WITH_TEMPERATURE = 0.02
 FOLLOWED, KNOWN = 0.3, 0.15
-PARTS = 3  # of a sweep
+CHANCE = 3.0  # standard errors of a share that is told from none
+STRETCH, LEAST_SIZE = 50, 0.1  # rows of about one slope and bend; least scatter of such, in that of all
 LAGS = 6  # of third differences, beyond which those of white noise have nothing in common
 HEAVY = 4.0  # standard deviations, beyond which a third difference is a bend or a bad row
 RARELY = 0.2  # share of the rows at which a column without noise passes from one step of its rounding to the next
@@ -125,34 +133,54 @@ def _only_rounded(values: np.ndarray) -> bool:
 
 def _follows(test: TestRecord, name: str, away: np.ndarray, pieces: np.ndarray) -> bool | None:
     """Whether the readings go with a condition's scatter `away` (rows,) about its course, as much as such readings do; None: where they
-    would hardly show it.
-
-    Third differences from row to row of both; products of two series scatter by their autocorrelations.
-    """
+    would hardly show it."""
     supply = np.maximum(test.supply_pressure - test.return_pressure, 1.0)
     per_unit = np.full(test.rows, WITH_TEMPERATURE) if name == "temperature" else 1.0 / supply
-    product, power, spread = 0.0, 0.0, 0.0
+    driven = []
     for channel in test.channels:
-        seen, driven = [], []
+        level = np.zeros(test.rows)
+        for start, stop in piece_bounds(pieces):
+            level[start:stop] = running_medians(channel.value[start:stop])
+        driven.append(level * per_unit * away)
+    share, error = _share_followed([channel.value for channel in test.channels], driven, pieces)
+    return None if error > KNOWN else share > FOLLOWED
+
+
+def followed(values: list[np.ndarray], driven: list[np.ndarray], pieces: np.ndarray) -> float:
+    """Share, 0..1, of what a shaken input would make of readings (rows,) each, `driven`, that they follow; 0 where they do not show it."""
+    share, error = _share_followed(values, driven, pieces)
+    return min(share, 1.0) if share > CHANCE * error else 0.0
+
+
+def _share_followed(values: list[np.ndarray], driven: list[np.ndarray], pieces: np.ndarray) -> tuple[float, float]:
+    """By how much of `driven` readings go from row to row, and the standard error of it; by third differences of both.
+
+    Products of two series scatter by their autocorrelations.
+    """
+    product, power, spread = 0.0, 0.0, 0.0
+    for value, drive in zip(values, driven, strict=True):
+        cuts = []
         for start, stop in piece_bounds(pieces):
             if stop - start < FEWEST_ROWS:
                 continue
-            rows, value = np.arange(float(stop - start)), channel.value[start:stop]
-            level = running_medians(value) * per_unit[start:stop]
-            e, d = divided_third(rows, value), divided_third(rows, level * away[start:stop])
-            # A bend of the curve is no noise: each third of a sweep has its own size.
-            for cut in np.array_split(np.arange(len(e)), PARTS):
-                size = np.sqrt(np.median(e[cut] ** 2) / MEDIAN_OF_CHI2)
-                if size > 0.0 and len(cut) > LAGS:
-                    seen.append(np.clip(e[cut] / size, -HEAVY, HEAVY))
-                    driven.append(d[cut] / size)
+            rows = np.arange(float(stop - start))
+            e, d = divided_third(rows, value[start:stop]), divided_third(rows, drive[start:stop])
+            # A bend of the curve is no noise: each stretch has a size of its own.
+            for cut in np.array_split(np.arange(len(e)), max(3, len(e) // STRETCH)):
+                size = float(np.sqrt(np.median(e[cut] ** 2) / MEDIAN_OF_CHI2))
+                cuts.append((size, e[cut], d[cut], np.sqrt(np.maximum(moving_mean(d[cut] ** 2, LAGS), 0.0))))
+        # Readings that stand still between steps of their rounding scatter by nothing, most of the time.
+        least = LEAST_SIZE * float(np.sqrt(np.mean([np.mean(e**2) for _, e, *_ in cuts]))) if cuts else 0.0
+        # Of a steep place among flat ones, what the input would make of it is part of its size.
+        cuts = [(np.hypot(max(size, least), own), e, d) for size, e, d, own in cuts if len(e) > LAGS]
+        cuts = [(size, e, d) for size, e, d in cuts if np.all(size > 0.0)]
+        seen = [np.clip(e / size, -HEAVY, HEAVY) for size, e, _ in cuts]
+        shaken = [d / size for size, _, d in cuts]
         sums = Sums.of(seen, LAGS).products
         rho = sums / max(float(sums[0]), 1e-300) * np.append(1.0, np.full(LAGS, 2.0))  # a lag counts both ways
-        for e, d in zip(seen, driven, strict=True):
+        for e, d in zip(seen, shaken, strict=True):
             product += float(e @ d)
             power += float(d @ d)
             alike = float(rho @ Sums.of([d], LAGS).products)
             spread += max(alike, 0.0) * float(np.mean(e**2))
-    if power == 0.0 or np.sqrt(spread) > KNOWN * power:
-        return None
-    return product > FOLLOWED * power
+    return (product / power, float(np.sqrt(spread)) / power) if power > 0.0 else (0.0, np.inf)
