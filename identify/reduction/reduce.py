@@ -1,9 +1,9 @@
 """Reduce a raw log of tens of thousands of rows to a few hundred points with honest noise. NumPy only.
 
 Bins are stretches of neighbouring rows, so that dither and rounding of the position blur nothing, within one run, one monotone
-piece of the sweep and one set of conditions; narrow where the curve is steep or bends, wide where it rests. A point is the mean
-of its rows, and is compared with the model's mean over the same rows: `Nodes` say where to evaluate it. Nothing is assumed
-about the curve inside a bin.
+piece of the sweep and one set of conditions; narrow where the curve is steep or bends, wide where it rests. They end at its corners.
+A point is the mean of its rows, and is compared with the model's mean over the same rows: `Nodes` say where to evaluate it. Nothing
+else is assumed about the curve inside a bin.
 
 A prediction row by row needs the sweep itself (`smooth_sweep`): where the spool was, how fast and which way. From one dithered
 row to the next the position steps back and forth, and effects of direction and rate would follow every step.
@@ -15,10 +15,12 @@ import numpy as np
 
 from thermohyd.identify.bench.columns import reading_unit
 from thermohyd.identify.bench.shown_units import significant
-from thermohyd.identify.bench.test_record import Channel, Nodes, TestRecord
+from thermohyd.identify.bench.test_record import Channel, TestRecord
 
 from .bad_rows import without_outliers_in_log
+from .corners import ending_at_corners
 from .monotone_pieces import monotone_pieces, piece_bounds, sweep_axis
+from .nodes import nodes_of
 from .noise_of_logs import RowNoise, row_noise
 from .noise_of_points import Points, points_of
 from .rounding import joined_steps, local_steps
@@ -193,15 +195,21 @@ def reduce_test(test: TestRecord, *, max_points: int = 600, log_rows: int = LOG_
         # Of a row, were rows independent and their means as uncertain as these are.
         scatter = [p.row_std * np.sqrt(max(p.correlation.rows_per_reading(), 1.0)) for p in first]
         starts = bin_starts(abscissa, readings, pieces, max_points, MEMORIES * remembered, scatter)
+        first = [points_of(channel, starts, pieces, noise) for channel, noise in both]
+    std = [
+        np.hypot(p.std, part)
+        for p, part in zip(first, _moved_by_positions(first, abscissa, pieces, starts, position_noise)[1], strict=True)
+    ]
+    starts = ending_at_corners(starts, pieces, abscissa.position, [c.value for c in test.channels], std)
     rows = np.diff(np.append(starts, test.rows))
     mean = lambda values: np.add.reduceat(values.astype(float), starts) / rows
     position = mean(abscissa.position)
     held = axis is not test.spool_position
     sweep = "load_pressure" if held else "spool_position"
     channels, notes = [], [_what_was_done(test, pieces, starts)]
-    error = np.sqrt(position_noise / rows + mean(abscissa.error) ** 2)
-    for channel, noise in both:
-        points = points_of(channel, starts, pieces, noise)
+    reduced = [points_of(channel, starts, pieces, noise) for channel, noise in both]
+    error, parts = _moved_by_positions(reduced, abscissa, pieces, starts, position_noise)
+    for channel, points, part in zip(test.channels, reduced, parts, strict=True):
         if channel.std is None and np.ptp(channel.value) == 0:
             notes.append(f"{test.name}, {channel.name}: the reading never changes, so nothing is known of its noise")
             channels.append(Channel(channel.name, points.value, sensor=channel.sensor))
@@ -210,9 +218,9 @@ def reduce_test(test: TestRecord, *, max_points: int = 600, log_rows: int = LOG_
         declared = channel.std is not None
         source = "declared noise of a row, averaged over its bin" if declared else "scatter of the log's rows"
         freedom, sensor = points.degrees_of_freedom, channel.sensor
-        part = np.abs(curve_slopes(position, points.value, pieces[starts])) * error if error.any() else None
+        moved = part if error.any() else None
         channels.append(
-            Channel(channel.name, points.value, points.std, source, points.step, freedom, part, sensor=sensor)
+            Channel(channel.name, points.value, points.std, source, points.step, freedom, moved, sensor=sensor)
         )
     return replace(
         test,
@@ -267,31 +275,14 @@ def _along_the_sweep(
     return replace(test, channels=channels), noises, shared
 
 
-def nodes_of(axis: np.ndarray, time: np.ndarray | None, starts: np.ndarray, name: str) -> Nodes:
-    """Two nodes per bin whose weighted sum is the mean over its rows of any cubic along `axis` (rows,), in the order of time.
-
-    Gauss's rule for the rows themselves as the measure: the roots of x^2 - (m3/m2) x - m2, of their central moments.
-    """
-    rows = np.diff(np.append(starts, len(axis)))
+def _moved_by_positions(
+    points: list[Points], abscissa: Abscissa, pieces: np.ndarray, starts: np.ndarray, variance: float
+) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Standard error of each point's position, of whose rows each is read with this variance, and what it makes of each reading (SI)."""
+    rows = np.diff(np.append(starts, len(pieces)))
     mean = lambda values: np.add.reduceat(values, starts) / rows
-    offset = axis - np.repeat(mean(axis), rows)
-    size = np.maximum(np.repeat(np.maximum.reduceat(np.abs(offset), starts), rows), 1e-300)
-    unit = offset / size  # of order one: moments of micrometres must not vanish in rounding
-    second, third = mean(unit**2), mean(unit**3)
-    flat = second <= 1e-20
-    skew = np.where(flat, 0.0, third / np.where(flat, 1.0, second))
-    root = np.sqrt(skew**2 + 4.0 * second)
-    low, high = (skew - root) / 2.0, (skew + root) / 2.0
-    width = np.where(flat, 1.0, high - low)
-    weight = np.stack([np.where(flat, 0.5, high / width), np.where(flat, 0.5, -low / width)], axis=1)
-    places = np.stack([low, high], axis=1)
-    pace = np.zeros(len(starts))
-    if time is not None:
-        late = time - np.repeat(mean(time), rows)
-        pace = np.where(flat, 0.0, mean(unit * late) / np.where(flat, 1.0, second))
-        falling = pace < 0.0
-        places[falling], weight[falling] = places[falling, ::-1], weight[falling, ::-1]
-    return Nodes(places * size[starts][:, None], places * pace[:, None], weight, name)
+    error = np.sqrt(variance / rows + mean(abscissa.error) ** 2)
+    return error, [np.abs(curve_slopes(mean(abscissa.position), p.value, pieces[starts])) * error for p in points]
 
 
 def is_raw_log(test: TestRecord, *, max_points: int = 600, log_rows: int = LOG_ROWS) -> bool:

@@ -9,8 +9,9 @@ from thermohyd.identify.fitting.fit import fit
 from thermohyd.identify.fitting.row_sizes import padded_size
 from thermohyd.identify.fitting.static_readings import conditions_of, mean_over_nodes, predict, row_weights
 from thermohyd.identify.noise.level import initial_noise
+from thermohyd.identify.reduction.nodes import nodes_of
 from thermohyd.identify.reduction.noise_of_logs import row_noise
-from thermohyd.identify.reduction.reduce import nodes_of, reduce_test
+from thermohyd.identify.reduction.reduce import reduce_test
 
 
 NAMES = ("edge_radius", "clearance", "underlap", "null_bias")
