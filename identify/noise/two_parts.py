@@ -9,6 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import minimize
 
+from .correlation import effective_size
+
 
 # Twice the logarithm of the likelihood that a second part must be worth: chance gives it to one channel in a hundred.
 WORTH = 6.0
@@ -69,6 +71,9 @@ def two_parts(
         both, parts = min(
             (best([flat, relative], start) for start in ([-0.7, -0.7], [-4.0, 0.0])), key=lambda end: end[0]
         )
-        if total * (one - both) > WORTH and parts[1] > 2.0 * LEAST:
+        # Where neighbours remember each other, squares do too: they are worth as much less as there are fewer of them.
+        square_of_noise = seen / (parts[0] ** 2 + parts[1] ** 2 * relative + extra)
+        worth = total * (one - both) * effective_size(square_of_noise) / len(square)
+        if worth > WORTH and parts[1] > 2.0 * LEAST:
             return TwoParts(float(parts[0]) * np.sqrt(size), float(parts[1]) * np.sqrt(size) / height)
     return TwoParts(float(alone[0]) * np.sqrt(size), 0.0)
