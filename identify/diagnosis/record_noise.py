@@ -8,7 +8,7 @@ from scipy.special import chdtri
 from thermohyd.identify.bench.test_record import Channel, TestRecord
 from thermohyd.identify.fitting.problem import Key, Problem
 from thermohyd.identify.fitting.problem_fit import Fit
-from thermohyd.identify.fitting.readings import Noise
+from thermohyd.identify.fitting.readings import Noise, parts_of
 from thermohyd.identify.noise.correlation import NoiseCorrelation, ProjectedNoise, Remembered, Sums, noise_correlation
 from thermohyd.identify.noise.level import ChannelNoise, repeat_differences, shared_variance
 from thermohyd.identify.noise.two_parts import TwoParts, two_parts
@@ -93,7 +93,9 @@ def repeats_in(pieces: list[np.ndarray]) -> Repeats | None:
 
 def first_noise(noise: dict[Key, ChannelNoise]) -> Noise:
     """White noise of the size that the plain fit believed: where the search for the real one starts."""
-    return Noise({key: n.std for key, n in noise.items()}, dict.fromkeys(noise, NoiseCorrelation()))
+    return Noise(
+        {key: n.std for key, n in noise.items()}, dict.fromkeys(noise, NoiseCorrelation()), parts=parts_of(noise)
+    )
 
 
 def estimated_noise(
@@ -232,4 +234,4 @@ def noise_of(estimates: dict[Key, NoiseEstimate]) -> Noise:
     more = shared_variance(estimates)
     std = {key: np.sqrt(n.std**2 + more.get(key, 0.0)) for key, n in estimates.items()}
     memory = {key: n.memory * (n.std / std[key]) ** 2 for key, n in estimates.items() if n.memory is not None}
-    return Noise(std, {key: n.correlation for key, n in estimates.items()}, memory)
+    return Noise(std, {key: n.correlation for key, n in estimates.items()}, memory, parts_of(estimates))
