@@ -35,6 +35,8 @@ STEPS = {
     "return_pressure": 1e4,
     "temperature": 0.1,
     "load_pressure": 1e4,
+    "external_force": 1.0,
+    "command": 2e-6,
 }
 
 
@@ -151,16 +153,17 @@ def estimated_noise(
 
 
 def beside_inputs(problem: Problem, fit: Fit, noise: dict[Key, ChannelNoise]) -> dict[Key, ChannelNoise]:
-    """The noise of static tests, with what errors of their logged positions and conditions do to each reading by the slopes of the model.
+    """The noise with what errors of logged positions, conditions and commands do to each reading by the slopes of the model; in motion as
+    if one error were that of a whole run.
 
     problem: weighed by this noise, white.
     """
     tests = problem.tests
-    logged = {name for test in tests.values() if not test.in_motion for name in test.input_error}
+    logged = {name for test in tests.values() for name in test.input_error}
     slopes = slopes_of_inputs(problem, fit, {name: STEPS[name] for name in STEPS if name in logged})
     found = dict(noise)
     for key, rows in problem.rows().items():
-        errors = {} if tests[key[0]].in_motion else tests[key[0]].input_error
+        errors = tests[key[0]].input_error
         parts = [noise[key].std * slopes[name][rows] * error for name, error in errors.items() if name in slopes]
         if parts and np.isfinite(parts).all():
             found[key] = noise[key].beside_inputs(np.sqrt(np.sum(np.square(parts), axis=0)))
