@@ -10,6 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import minimize
 
+from .correlation import effective_size
+
 
 # Twice the logarithm of the likelihood that a further part must be worth: chance gives it to one channel in a hundred.
 WORTH = 6.0
@@ -87,7 +89,11 @@ def parts_of_variance(
             for start in ([*np.log(found) - 0.7, -0.7], [*np.log(found) - 4.0, 0.0]):
                 tried.append((*best([*chosen, i], start), i))
         value, parts, one = min(tried, key=lambda end: end[0], default=(least, found, 0))
-        if not tried or total * (least - value) <= WORTH or parts[-1] <= (2.0 * LEAST) ** 2:
+        if not tried or parts[-1] <= (2.0 * LEAST) ** 2:
+            break
+        # Where neighbours remember each other, squares do too: they are worth as much less as there are fewer of them.
+        variance = sum(part * relative[i] for part, i in zip(parts, [*chosen, one], strict=True)) + extra
+        if total * (least - value) * effective_size(seen / variance) / len(square) <= WORTH:
             break
         least, found, chosen = value, parts, [*chosen, one]
     amounts[chosen] = found * size / scale[chosen]

@@ -172,12 +172,12 @@ FORWARD = 0.7  # of the rows move on with their sweep, where no dither and no ro
 def reduce_test(test: TestRecord, *, max_points: int = 600, log_rows: int = LOG_ROWS) -> TestRecord:
     """The test with about `max_points` points instead of the rows of a raw log, outliers left out; any other with its sweep's rates.
 
-    test: STATIC test, SI. Points keep the order, direction, run, rate and mean time and conditions of their rows;
+    test: SI; one in motion keeps its rows. Points keep the order, direction, run, rate and mean time and conditions of their rows;
     `rows_of_log` counts these, `Channel.std` is the standard error of each point and `std_source`, `notes` say how it
     was found.
     """
     test = with_smooth_conditions(test)
-    if not is_raw_log(test, max_points=max_points, log_rows=log_rows):
+    if test.in_motion or not is_raw_log(test, max_points=max_points, log_rows=log_rows):
         return as_measured(test, along_curve=True)
     test = without_outliers_in_log(test)
     pieces, direction = monotone_pieces(test)

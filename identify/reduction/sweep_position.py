@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from thermohyd.identify.noise.level import MEDIAN_OF_CHI2, divided_third, effective_size
+from thermohyd.identify.noise.correlation import effective_size
+from thermohyd.identify.noise.level import MEDIAN_OF_CHI2, divided_third
 
 from .monotone_pieces import piece_bounds, running_medians
 from .rounding import local_steps, reading_steps, rounding_error

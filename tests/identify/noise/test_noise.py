@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from helpers.raw_logs import READING, correlated_noise, raw_log
 
-from thermohyd.identify.noise.level import effective_size, noise_from_neighbours, noise_from_repeats
+from thermohyd.identify.noise.correlation import effective_size
+from thermohyd.identify.noise.level import noise_from_neighbours, noise_from_repeats
 from thermohyd.identify.reduction.noise_of_logs import LogCorrelation, row_noise
 
 
