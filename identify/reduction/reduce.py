@@ -255,7 +255,7 @@ def _along_the_sweep(
     to the smooth sweep by the share of the position's scatter that they follow. What is left of it is seen in their own scatter, larger
     where the curve is steeper, in all channels alike: one transducer has one noise.
     """
-    slopes = [curve_slopes(abscissa.position, channel.value, pieces) for channel in test.channels]
+    slopes = [curve_slopes(abscissa.position, channel.value, pieces, shrunk=True) for channel in test.channels]
     away = np.where(abscissa.staircase, 0.0, abscissa.position - sweep_axis(test))
     share = followed([c.value for c in test.channels], [-slope * away for slope in slopes], pieces)
     channels = test.channels

@@ -112,11 +112,12 @@ def local_cubic(values: np.ndarray, half: int, along: np.ndarray) -> tuple[np.nd
     return values + fitted[:, 0], fitted[:, 1] / scale, 1.0 - np.sum(inverse[:, 0] ** 2, axis=1)
 
 
-def curve_slopes(position: np.ndarray, value: np.ndarray, pieces: np.ndarray) -> np.ndarray:
+def curve_slopes(position: np.ndarray, value: np.ndarray, pieces: np.ndarray, *, shrunk: bool = False) -> np.ndarray:
     """Slope of a reading's curve at every row (rows,), by lines through as many neighbours as its noise asks for and its bend allows.
 
     The widest of doubling windows whose slope agrees with those of all narrower ones to within `AGREE` standard errors each
-    (Goldenshluger & Nemirovski, Mathematical Methods of Statistics 6, 1997, p. 135).
+    (Goldenshluger & Nemirovski, Mathematical Methods of Statistics 6, 1997, p. 135). shrunk: towards 0 as far as they are unknown, so
+    that where a curve is flat no slope is made of its noise (James & Stein, Berkeley Symposium 4, 1961).
     """
     slope = np.zeros(len(position))
     for start, stop in piece_bounds(pieces):
@@ -124,7 +125,7 @@ def curve_slopes(position: np.ndarray, value: np.ndarray, pieces: np.ndarray) ->
         if count < 3 or np.ptp(x) == 0.0:
             continue
         noise = _noise_around(x, y)
-        found, open_ = np.zeros(count), np.ones(count, dtype=bool)
+        found, unknown, open_ = np.zeros(count), np.zeros(count), np.ones(count, dtype=bool)
         low, high = np.full(count, -np.inf), np.full(count, np.inf)
         half = NEAREST
         while half <= max(NEAREST, count // 4) and open_.any():
@@ -132,8 +133,11 @@ def curve_slopes(position: np.ndarray, value: np.ndarray, pieces: np.ndarray) ->
             error = AGREE * noise / np.sqrt(np.where(spread > 0.0, spread, np.inf))
             low, high = np.maximum(low, slopes - error), np.minimum(high, slopes + error)
             open_ &= (low <= high) | (half == NEAREST)
-            found[open_] = slopes[open_]
+            found[open_], unknown[open_] = slopes[open_], error[open_]
             half *= 2
+        if shrunk:
+            square = np.where(found == 0.0, 1.0, found**2)
+            found = found * np.maximum(1.0 - unknown**2 / square, 0.0)
         slope[start:stop] = found
     return slope
 
