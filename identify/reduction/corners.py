@@ -19,12 +19,12 @@ WINDOWS, FEWEST_AROUND = (0.5, 1.5), 8
 FEWEST_ROWS = 3  # of a bin that is cut: of two rows the mean over two nodes is exact
 DEGREE = 3  # of the curve beside the corner: what two nodes integrate exactly
 MISSED = 0.2  # standard errors of a point by which two nodes may miss its mean
-# Chi-square of a change of slope from which on it is one; where that many bends of other sweeps stand at the same place, less will do.
-SURE, ELSEWHERE, AGAIN = 12.0, 2, 4.0
+# Chi-square of a change of slope from which on it is one; cuts of other sweeps that make one of their own unnecessary.
+SURE, ELSEWHERE = 12.0, 2
 PLACES = 24  # between rows of a bin, at most, that are asked; what is left of it is asked again
 AT_ONCE = 1_000_000  # numbers
 SAME = 4.0  # a place that is worse by so much may still be that of the corner
-ROUNDS, ROUNDS_AGAIN = 3, 2  # a cut leaves two bins, whose windows are narrower
+ROUNDS = 3  # a cut leaves two bins, whose windows are narrower
 MOST_MORE = 0.25  # points, as a share of those there are
 
 
@@ -50,20 +50,35 @@ def ending_at_corners(
     moves = [(y, np.repeat(s * np.sqrt(rows), rows)) for y, s in zip(readings, std, strict=True) if np.ptp(y) > 0]
     sweeps = _Sweeps(position, [y for y, _ in moves], [s for _, s in moves], begin, end)
     most = len(starts) + int(MOST_MORE * len(starts))
-    cut = _cut(starts, np.ones(len(starts), bool), sweeps, SURE, ROUNDS, most)
-    # Sweeps pass the same corners.
-    seen = np.setdiff1d(cut, starts)
+    cut = _cut(starts, sweeps, most)
+    return _cut_as_elsewhere(cut, np.setdiff1d(cut, starts), sweeps, most)
+
+
+def _cut_as_elsewhere(starts: np.ndarray, seen: np.ndarray, sweeps: _Sweeps, most: int) -> np.ndarray:
+    """The bins with those cut, too, in which several cuts of other sweeps, `seen` there (first rows behind them), stand.
+
+    At the first and at the last of these places, and two rows beside them: of two rows the mean over two nodes is exact. Two corners
+    within one bin hide each other.
+    """
+    position = sweeps.position
     places = np.sort(0.5 * (position[seen - 1] + position[seen]))
-    last = np.append(cut[1:], len(pieces)) - 1
-    ends = np.sort(np.stack([position[cut], position[last]]), axis=0)
-    passed = np.diff(np.searchsorted(places, ends), axis=0)[0]
-    return _cut(cut, passed >= ELSEWHERE, sweeps, AGAIN, ROUNDS_AGAIN, most)
+    stops = np.append(starts[1:], len(position))
+    low, high = np.sort(np.stack([position[starts], position[stops - 1]]), axis=0)
+    first, behind = np.searchsorted(places, low, "right"), np.searchsorted(places, high, "left")
+    new = []
+    for i in np.flatnonzero((behind - first >= ELSEWHERE) & (stops - starts >= FEWEST_ROWS)):
+        rows = np.arange(starts[i] + 1, stops[i])
+        between = 0.5 * (position[rows - 1] + position[rows])
+        at = [int(np.argmin(np.abs(between - places[k]))) for k in (first[i], behind[i] - 1)]
+        new += [int(rows[k + beside]) for k in at for beside in (0, -2, 2) if 0 <= k + beside < len(rows)]
+    return np.union1d(starts, np.array(new[: most - len(starts)], dtype=int))
 
 
-def _cut(starts: np.ndarray, asked: np.ndarray, sweeps: _Sweeps, sure: float, rounds: int, most: int) -> np.ndarray:
-    """Bins with those that are asked cut at their corners, the worst first, up to so many bins; then the parts of these."""
-    for _ in range(rounds):
-        missed, at = _corners(starts, asked, sweeps, sure)
+def _cut(starts: np.ndarray, sweeps: _Sweeps, most: int) -> np.ndarray:
+    """Bins cut at their corners, the worst first, up to so many bins; then the parts of these."""
+    asked = np.ones(len(starts), dtype=bool)
+    for _ in range(ROUNDS):
+        missed, at = _corners(starts, asked, sweeps)
         worst = np.argsort(-missed, kind="stable")[: most - len(starts)]
         new = at[worst[missed[worst] > MISSED]]
         if len(new) == 0:
@@ -74,7 +89,7 @@ def _cut(starts: np.ndarray, asked: np.ndarray, sweeps: _Sweeps, sure: float, ro
     return starts
 
 
-def _corners(starts: np.ndarray, asked: np.ndarray, sweeps: _Sweeps, sure: float) -> tuple[np.ndarray, np.ndarray]:
+def _corners(starts: np.ndarray, asked: np.ndarray, sweeps: _Sweeps) -> tuple[np.ndarray, np.ndarray]:
     """For every bin (bins,) by how much two nodes miss its mean for a corner in it, in standard errors, and the first row behind that.
 
     0 where there is none.
@@ -95,7 +110,7 @@ def _corners(starts: np.ndarray, asked: np.ndarray, sweeps: _Sweeps, sure: float
             bends = _Bends.of(sweeps.position[window], ahead, count)
             for reading, std in zip(sweeps.readings, sweeps.row_std, strict=True):
                 gain, error, gap = bends.strongest(reading[window], std[starts[alike]])
-                better = (gain > np.maximum(best[alike], sure)) & (error > MISSED)
+                better = (gain > np.maximum(best[alike], SURE)) & (error > MISSED)
                 chosen = alike[better]
                 best[chosen], missed[chosen], at[chosen] = gain[better], error[better], starts[chosen] + gap[better] + 1
     return missed, at

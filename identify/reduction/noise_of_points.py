@@ -45,9 +45,7 @@ def points_of(channel: Channel, starts: np.ndarray, pieces: np.ndarray, noise: R
         if channel.std is None
         else mean(channel.std**2) / correlation.effective_rows(rows)
     )
-    own = own + np.where(
-        coarse, 0.0, step**2 / 12.0 / rows
-    )  # rounding of readings that scatter forgets from row to row
+    own = own + step**2 / 12.0 / rows  # rounding of readings that scatter forgets from row to row
     sharing = np.where(coarse, _sharing(y, starts), 1.0)
     rounding = rounding_error(step, before, ramp) * np.sqrt(sharing)
     least = 1e-6 * max(float(np.ptp(y)), float(np.max(np.abs(y), initial=0.0)))
