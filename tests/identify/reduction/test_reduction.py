@@ -111,7 +111,7 @@ def test_points_scatter_as_much_as_they_are_said_to(memory):
 
 
 def test_coarse_readings_are_not_overbelieved():
-    rates = {name: covered(case, range(8)).mean() for name, case in COARSE.items()}
+    rates = {name: covered(case, range(16)).mean() for name, case in COARSE.items()}
     print("coverage of 95 % intervals:", {name: f"{rate:.2f}" for name, rate in rates.items()})
     assert min(rates.values()) >= 0.9
 
