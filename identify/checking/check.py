@@ -76,8 +76,8 @@ def check(bench: str | Path, *, progress: Callable[[str], None] | None = None) -
 
 
 def _as_seen(test: TestRecord, turned: tuple[str, ...]) -> TestRecord:
-    """The test as a fit sees it: dynamic ones row by row, of static ones logs reduced and what is no reading left out."""
-    if test.in_motion or not test.channels:
+    """The test as a fit sees it: of static ones logs reduced, and what is no reading left out."""
+    if not test.channels:
         return test
     return reduce_test(without_limits(with_signs_turned(test, turned)))
 

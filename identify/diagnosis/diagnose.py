@@ -18,7 +18,6 @@ from thermohyd.identify.fitting.model_form import with_model_form
 from thermohyd.identify.fitting.outcome import Fitted, Key
 from thermohyd.identify.fitting.parameters import IN_MOTION, ParameterPlan, Prior
 from thermohyd.identify.fitting.problem import Problem
-from thermohyd.identify.fitting.readings import Noise
 from thermohyd.identify.fitting.result import FitResult
 from thermohyd.identify.model.typed_terms import TypedTerm
 from thermohyd.identify.noise.level import repeat_differences
@@ -94,11 +93,12 @@ def open_motion(
             "taken for white",
             n.known,
             degrees_of_freedom=n.degrees_of_freedom,
+            parts=n.parts,
         )
         for key, n in fitted.noise.items()
     }
     correlation = {key: r.correlation for key, r in repeats.items() if r is not None}
-    problem = problem.with_noise(Noise(problem.noise.std, {**problem.noise.correlation, **correlation}))
+    problem = problem.with_noise(replace(problem.noise, correlation={**problem.noise.correlation, **correlation}))
     say("the plain model with its null free")
     base = problem.fit(start=fitted.values, hop_basins=True)
     say("what each effect would do")

@@ -60,7 +60,8 @@ def next_test(
     say("designing the next test")
     found: list[Proposal] = []
     for words, tests in menu(problem.tests):
-        there = lambda here, tests=tests: replace(here, tests=tests, used=None)
+        noise = problem.under(tests, final).noise
+        there = lambda here, tests=tests, noise=noise: replace(here, tests=tests, noise=noise, used=None)
         both_ways = [
             way
             for here, b in pairs
@@ -305,7 +306,7 @@ def _seen_beside(
     record and the tests under the change together, and the cost."""
     here = problem.with_all_columns(fit)
     for words, tests in menu(problem.tests):
-        anew = replace(problem, tests=tests, used=None)
+        anew = problem.under(tests, fit)
         there = anew.with_all_columns(anew.evaluate(fit.values, fit.effects))
         both = lambda name, there=there: np.concatenate(
             [here.column(name), there.column(name)[: -len(problem.parameters)]]

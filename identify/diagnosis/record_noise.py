@@ -8,7 +8,7 @@ from scipy.special import chdtri
 from thermohyd.identify.bench.test_record import Channel, TestRecord
 from thermohyd.identify.fitting.problem import Key, Problem
 from thermohyd.identify.fitting.problem_fit import Fit
-from thermohyd.identify.fitting.readings import Noise
+from thermohyd.identify.fitting.readings import Noise, parts_of
 from thermohyd.identify.noise.correlation import NoiseCorrelation, ProjectedNoise, Remembered, Sums, noise_correlation
 from thermohyd.identify.noise.level import ChannelNoise, repeat_differences, shared_variance
 from thermohyd.identify.noise.two_parts import TwoParts, two_parts
@@ -35,6 +35,8 @@ STEPS = {
     "return_pressure": 1e4,
     "temperature": 0.1,
     "load_pressure": 1e4,
+    "external_force": 1.0,
+    "command": 2e-6,
 }
 
 
@@ -93,7 +95,9 @@ def repeats_in(pieces: list[np.ndarray]) -> Repeats | None:
 
 def first_noise(noise: dict[Key, ChannelNoise]) -> Noise:
     """White noise of the size that the plain fit believed: where the search for the real one starts."""
-    return Noise({key: n.std for key, n in noise.items()}, dict.fromkeys(noise, NoiseCorrelation()))
+    return Noise(
+        {key: n.std for key, n in noise.items()}, dict.fromkeys(noise, NoiseCorrelation()), parts=parts_of(noise)
+    )
 
 
 def estimated_noise(
@@ -149,17 +153,22 @@ def estimated_noise(
 
 
 def beside_inputs(problem: Problem, fit: Fit, noise: dict[Key, ChannelNoise]) -> dict[Key, ChannelNoise]:
-    """The noise of static tests, with what errors of their logged positions and conditions do to each reading by the slopes of the model.
+    """The noise with what errors of logged positions, conditions and commands do to each reading by the slopes of the model; in motion as
+    if one error were that of a whole run.
 
     problem: weighed by this noise, white.
     """
     tests = problem.tests
-    logged = {name for test in tests.values() if not test.in_motion for name in test.input_error}
+    logged = {name for test in tests.values() for name in test.input_error}
     slopes = slopes_of_inputs(problem, fit, {name: STEPS[name] for name in STEPS if name in logged})
     found = dict(noise)
     for key, rows in problem.rows().items():
-        errors = {} if tests[key[0]].in_motion else tests[key[0]].input_error
+        errors = tests[key[0]].input_error
         parts = [noise[key].std * slopes[name][rows] * error for name, error in errors.items() if name in slopes]
+        if (
+            noise[key].position_part is not None and "spool_position" not in errors
+        ):  # of a log, by the slope of its curve
+            parts.append(noise[key].position_part)
         if parts and np.isfinite(parts).all():
             found[key] = noise[key].beside_inputs(np.sqrt(np.sum(np.square(parts), axis=0)))
     return found
@@ -232,4 +241,4 @@ def noise_of(estimates: dict[Key, NoiseEstimate]) -> Noise:
     more = shared_variance(estimates)
     std = {key: np.sqrt(n.std**2 + more.get(key, 0.0)) for key, n in estimates.items()}
     memory = {key: n.memory * (n.std / std[key]) ** 2 for key, n in estimates.items() if n.memory is not None}
-    return Noise(std, {key: n.correlation for key, n in estimates.items()}, memory)
+    return Noise(std, {key: n.correlation for key, n in estimates.items()}, memory, parts_of(estimates))

@@ -10,6 +10,7 @@ from thermohyd.identify.bench.test_record import TestRecord
 from thermohyd.identify.noise.level import ChannelNoise, initial_noises
 from thermohyd.identify.reduction.bad_rows import beside_the_fit
 from thermohyd.identify.reduction.limits import without_limits
+from thermohyd.identify.reduction.reduce import reduce_test
 from thermohyd.side_by_side import each
 
 from .fit_effects import settled
@@ -53,7 +54,9 @@ def run_fit_motion(
     """
     say = progress or (lambda _: None)
     plans = plan_motion(record.valve, require_actuator(record), record.start, known)
-    tests: dict[str, TestRecord] = {name: without_limits(test) for name, test in record.dynamic_tests.items()}
+    tests: dict[str, TestRecord] = {
+        name: reduce_test(without_limits(test)) for name, test in record.dynamic_tests.items()
+    }
     plans = with_relatives(plans | sensor_plans(tests, record), tests, record)
     free, readings = free_parameters(record, plans, tests), readings_of(tests)
     noise = initial_noises(tests.values())

@@ -99,6 +99,16 @@ class Problem:
     def with_noise(self, noise: Noise) -> "Problem":
         return replace(self, noise=noise)
 
+    def under(self, tests: Mapping[str, TestRecord], fit: Fit) -> "Problem":
+        """The same readings under other conditions, with the noise of those that a fit predicts there."""
+        anew = replace(self, tests=dict(tests), used=None)
+        if not self.noise.parts:
+            return anew
+        at = replace(anew, noise=self.noise.white, discrepancy=None).evaluate(fit.values, fit.effects).residual
+        before = {(test.name, c.name): c.value for test in self.tests.values() for c in test.channels}
+        after = {key: before[key] + at[rows] * self.noise.std[key] for key, rows in anew.rows().items()}
+        return anew.with_noise(self.noise.elsewhere(before, after))
+
     def with_rows(self, used: np.ndarray | None) -> "Problem":
         """The same problem fitted to some rows only (priors are always used)."""
         return replace(self, used=used)

@@ -19,6 +19,7 @@ from thermohyd.identify.model.term_variables import States, of_the_oil
 from thermohyd.identify.model.typed_terms import TypedTerm, entry_shifts, reading_shifts
 from thermohyd.identify.noise.correlation import NoiseCorrelation
 from thermohyd.identify.noise.level import ChannelNoise
+from thermohyd.identify.noise.two_parts import TwoParts
 from thermohyd.identify.noise.whitening import Whitening, whiten_on_host, whitening_of
 from thermohyd.identify.reduction.monotone_pieces import run_ids
 from thermohyd.side_by_side import LastAsked
@@ -54,17 +55,27 @@ Evaluation = Callable[[np.ndarray], tuple[Any, Any]]
 class Noise:
     """The noise of each channel as a problem weighs it: standard deviation per row (SI) and correlation.
 
-    memory: what part of each row's variance (rows,) that correlation is of, where not of all: a position's noise has none.
+    memory: what part of each row's variance (rows,) that correlation is of, where not of all: a position's noise has none. parts: of
+    channels whose noise goes with the reading.
     """
 
     std: dict[Key, np.ndarray]
     correlation: dict[Key, NoiseCorrelation]
     memory: Mapping[Key, np.ndarray] = field(default_factory=dict)
+    parts: Mapping[Key, TwoParts] = field(default_factory=dict)
 
     @property
     def white(self) -> "Noise":
         """The same without memory: residuals and columns are then weighted, not whitened."""
-        return Noise(self.std, dict.fromkeys(self.correlation, NoiseCorrelation()))
+        return replace(self, correlation=dict.fromkeys(self.correlation, NoiseCorrelation()), memory={})
+
+    def elsewhere(self, before: Mapping[Key, np.ndarray], after: Mapping[Key, np.ndarray]) -> "Noise":
+        """The noise of readings `after` (rows,), SI, where that of readings `before` is this one."""
+        std = dict(self.std)
+        for key, parts in self.parts.items():
+            more = np.square(parts.share) * (after[key] ** 2 - before[key] ** 2)
+            std[key] = np.sqrt(np.maximum(std[key] ** 2 + more, parts.own**2))
+        return replace(self, std=std)
 
     def whitening(self, key: Key, test: TestRecord, used: Mapping[Key, np.ndarray] | None, padded: int) -> Whitening:
         """The filter of a channel's rows; used: of each channel, None where all are."""
@@ -74,7 +85,14 @@ class Noise:
 
 def white_noise(noise: Mapping[Key, ChannelNoise]) -> Noise:
     """Independent readings with the standard deviations that a plain fit uses."""
-    return Noise({key: n.used for key, n in noise.items()}, dict.fromkeys(noise, NoiseCorrelation()))
+    return Noise(
+        {key: n.used for key, n in noise.items()}, dict.fromkeys(noise, NoiseCorrelation()), parts=parts_of(noise)
+    )
+
+
+def parts_of(noise: Mapping[Key, Any]) -> dict[Key, TwoParts]:
+    """Of the channels whose noise goes with the reading."""
+    return {key: n.parts for key, n in noise.items() if n.parts is not None}
 
 
 @runtime_checkable

@@ -24,6 +24,26 @@ FEWEST, PER_PARAMETER = 20, 15
 SIGNIFICANT = 2.5  # fitted share in units of its standard error under white noise, below which noise counts as white
 
 
+def effective_size(residual: np.ndarray) -> float:
+    """n / (1 + 2 sum rho) of a series in its order: how many independent readings it is worth, between 1 and n.
+
+    The sum stops where a pair of neighbouring correlations turns negative (Geyer, Statistical Science 7, 1992, sec.
+    3.3).
+    """
+    e = np.asarray(residual, float) - np.mean(residual)
+    n = len(e)
+    power = float(e @ e)
+    if n < 4 or power == 0:
+        return float(n)
+    total = -1.0
+    for lag in range(0, n - 1, 2):
+        pair = float(e[: n - lag] @ e[lag:] + e[: n - lag - 1] @ e[lag + 1 :]) / power
+        if pair <= 0:
+            break
+        total += 2.0 * pair
+    return float(np.clip(n / max(total, 1e-9), 1.0, n))
+
+
 @dataclass(frozen=True)
 class NoiseCorrelation:
     """Stationary noise: rho_0 = 1, rho_l = share phi^l. share 0 is white; 1 is AR(1); between them AR(1) plus white."""

@@ -15,6 +15,7 @@ from thermohyd.identify.bench.test_record import Channel, TestRecord
 from thermohyd.identify.reduction.monotone_pieces import monotone_pieces, piece_bounds, sweep_ids
 from thermohyd.identify.reduction.rounding import local_steps
 
+from .correlation import effective_size
 from .two_parts import TwoParts, two_parts
 
 
@@ -53,26 +54,6 @@ class NeighbourNoise:
 
     std: float
     valid: bool
-
-
-def effective_size(residual: np.ndarray) -> float:
-    """n / (1 + 2 sum rho) of a series in its order: how many independent readings it is worth, between 1 and n.
-
-    The sum stops where a pair of neighbouring correlations turns negative (Geyer, Statistical Science 7, 1992, sec.
-    3.3).
-    """
-    e = np.asarray(residual, float) - np.mean(residual)
-    n = len(e)
-    power = float(e @ e)
-    if n < 4 or power == 0:
-        return float(n)
-    total = -1.0
-    for lag in range(0, n - 1, 2):
-        pair = float(e[: n - lag] @ e[lag:] + e[: n - lag - 1] @ e[lag + 1 :]) / power
-        if pair <= 0:
-            break
-        total += 2.0 * pair
-    return float(np.clip(n / max(total, 1e-9), 1.0, n))
 
 
 def noise_from_repeats(test: TestRecord, channel: Channel) -> RepeatNoise | None:
@@ -301,7 +282,7 @@ def initial_noise(test: TestRecord, channel: Channel) -> ChannelNoise:
     # Positions are left out of it: in a table of a few hundred rows an even grid is a choice, not a rounding.
     floor = local_steps(channel.as_read) / np.sqrt(12.0)
     part = np.zeros(test.rows) if channel.position_part is None else channel.position_part
-    error = None if test.in_motion else test.input_error.get("spool_position")
+    error = test.input_error.get("spool_position")
     level = np.abs(channel.as_read) if test.axis != "frequency" else None
     if channel.std is not None:
         std = np.hypot(np.maximum(channel.std, floor), part)

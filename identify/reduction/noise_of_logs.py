@@ -1,123 +1,335 @@
-"""Estimate the scatter of a raw log's rows about a smooth curve, and how long that noise lasts. NumPy only.
+"""Estimate the scatter of a raw log's rows about a smooth curve, what it is made of, and how long it lasts. NumPy and SciPy only.
 
-Third differences along the log are blind to any parabola, so that neither slope nor bend of the curve counts as noise.
-Rows are independent unless the log says clearly otherwise: then the mean of n of them is known to 1/sqrt(n) of one,
-whatever the bin, and nothing is estimated bin by bin.
+Third differences along the log are blind to any parabola, so that neither slope nor bend of the curve counts as noise; those of noise
+alternate in sign, those of a curve do not. A meter that is read faster than it measures shows none of its noise from row to row: the
+rows that are compared lie as far apart as they have to.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.special import chdtrc, polygamma
 
-from .monotone_pieces import piece_bounds
+from thermohyd.identify.noise.two_parts import TwoParts, parts_of_variance
+
+from .monotone_pieces import moving_mean, piece_bounds
+from .rounding import scatter_before_rounding
 
 
-Values = float | np.ndarray
+Values = Any  # a number, or an array of them
 
-PENALTY = 6.0  # in chi-square: white noise, unless the scales say clearly otherwise
-MEDIAN_OF_CHI2 = 0.4549  # one degree of freedom
+PENALTY = 9.0  # in chi-square: white noise, unless the scales say clearly otherwise
 REDUNDANT = 2.31  # neighbouring third differences that are worth one independent one: 1 + 2 sum of squared correlations
 STRETCH, FEW = 48, 12  # third differences that are judged together
-AROUND = 5  # stretches whose median is local
+AROUND, LEAST_LEFT = 5, 0.1  # stretches whose median is local; what positions leave of it, at least
 UNEQUAL = 1e-4  # probability of stretches as unequal as this by chance, below which the noise varies along the log
-ALTERNATES = 0.62  # share of neighbouring third differences of opposite sign: 0.77 in noise, however long its memory
-ROWS_ALTERNATE = 0.7  # the same of single rows, where no bend of a curve shows
-CLEARLY = 4.0  # standard errors
-RESOLVED = 150  # means per sweep between which a valve's curve hardly bends
+ALTERNATES, MOVES = (
+    0.62,
+    0.1,
+)  # share of neighbouring third differences of opposite sign: 0.77 in white noise, less in one with a memory
+MOSTLY = 0.6  # of the stretches must show noise alone for a lag to say anything
+FAR = 4.0  # times what was expected: such a stretch holds a bend or a bad row
+# Of the readings' own variance: what positions may make of it in stretches that are asked for the memory of the rest; of these so many.
+MINOR, ENOUGH = (0.2, 0.5, 1.0), 20
+STEPS_AROUND = 6  # stretches on either side, whose readings lie anywhere between two steps
+COARSE = 0.3  # of a step: readings that scatter by less show their rounding rather than their noise
+FADED = 0.7  # share of a variance that a lag shows, from which on it shows enough
+CLEARLY = 0.95  # of the stretches that show noise alone at the best lag, so many must at another
+SMOOTH = 1e-4  # of a reading's range: what scatters by less is as good as exact
+RESOLVED = 110  # parts of a sweep within which a valve's curve hardly bends
+LAGS = (1, 2, 3, 5, 8, 13, 21, 34, 55)  # rows between the readings of a third difference
+SHARES, PHIS = np.linspace(0.0, 1.0, 41)[1:], np.concatenate([np.arange(0.1, 0.9, 0.02), np.arange(0.9, 0.995, 0.005)])
+TRUSTED = 0.03  # relative error to which any lag's ratio is trusted at best
 
 
 @dataclass(frozen=True)
 class LogCorrelation:
-    """How the mean of n neighbouring rows of a log scatters, in units of `log_scatter` (the variance of third differences).
+    """Noise of neighbouring rows: a share of its variance forgets by the factor phi from row to row, the rest is white."""
 
-    Noise = white share + a share that forgets over `memory` rows, of this `variance`; `sizes` and `excess` say by how
-    much the means of so many rows scatter more or less than that (ripple does). `row_variance`: what one row scatters
-    by about a smooth curve.
-    """
+    share: float = 0.0
+    phi: float = 0.0
 
-    variance: float = 1.0
-    white: float = 1.0
-    memory: float = 0.0
-    row_variance: float = 1.0
-    sizes: np.ndarray = field(default_factory=lambda: np.ones(1))
-    excess: np.ndarray = field(default_factory=lambda: np.ones(1))
+    @property
+    def white(self) -> bool:
+        return self.share == 0.0 or self.phi == 0.0
+
+    @property
+    def memory(self) -> float:
+        """Rows over which it fades to 1/e."""
+        return 0.0 if self.white else -1.0 / float(np.log(self.phi))
 
     def of_mean(self, rows: Values) -> Values:
-        """Variance of the mean of `rows` neighbouring rows."""
+        """Variance of the mean of `rows` neighbouring rows, as a share of a row's."""
         n = np.asarray(rows, float)[()]
-        excess = np.exp(np.interp(np.log(n), np.log(self.sizes), np.log(self.excess)))
-        return self.variance * excess * _sum_variance(n, self.white, self.memory) / n**2
+        return _sum_variance(n, self.share, self.phi) / n**2
 
     def effective_rows(self, rows: Values) -> Values:
         """Independent rows that the mean of `rows` neighbouring ones is worth."""
-        return np.clip(self.row_variance / self.of_mean(rows), 1.0, rows)
+        return np.clip(1.0 / self.of_mean(rows), 1.0, rows)
 
-    def rows_per_reading(self, rows: float | None = None) -> float:
-        """Rows that one independent reading takes, for means of `rows` rows (default: of many more than seen)."""
-        n = 4.0 * float(self.sizes[-1]) if rows is None else rows
-        return float(np.maximum(n * self.of_mean(n) / self.row_variance, 1e-9))
+    def rows_per_reading(self) -> float:
+        """Rows that one independent reading takes, for means of many."""
+        return 1.0 if self.white else float(1.0 + 2.0 * self.share * self.phi / (1.0 - self.phi))
 
     def of_neighbours(self, rows: float) -> float:
         """Correlation between the means of two neighbouring bins of `rows` rows."""
-        one, two = (_sum_variance(k * rows, self.white, self.memory) for k in (1.0, 2.0))
+        one, two = (_sum_variance(k * rows, self.share, self.phi) for k in (1.0, 2.0))
         return float(two / (2.0 * one) - 1.0)
 
 
 @dataclass(frozen=True)
-class RowScatter:
-    """Scatter of a log's rows about a smooth curve, as if rows were independent: variance (rows,), and what it was estimated from."""
+class RowNoise:
+    """Noise of a log's rows: own variance (rows,), SI; what a position's error does is not in it.
 
-    variance: np.ndarray
-    degrees_of_freedom: float
-
-
-def row_scatter(value: np.ndarray, pieces: np.ndarray) -> RowScatter:
-    """Variance of the rows from third differences of neighbours: one figure for the whole log, unless it clearly varies.
-
-    By stretches of some dozens of rows, whose median no bend and no spike moves. Where the stretches differ by more than
-    chance, each row takes the median of the stretches around it.
+    position: variance of one position's error, m^2, that readings show by their slope; its standard error. parts: what `own` is made
+    of, where it is of two parts; degrees_of_freedom: from which it was estimated.
     """
-    variance, middle, piece = _stretches(value, pieces)
-    if not len(variance) or not np.median(variance) > 0.0:
-        return RowScatter(np.zeros(len(value)), 1.0)
-    share = STRETCH / REDUNDANT
-    level = float(np.median(variance)) / _median_of_mean(share)
-    positive = np.maximum(variance, 1e-12 * level)
-    spread = np.log(positive) - np.log(np.median(positive))
-    unequal = float(np.sum(spread**2) / polygamma(1, share / 2.0))
-    # One figure's error: that of a median, whose efficiency is 2/pi.
-    degrees_of_freedom = 2.0 / np.pi * share * len(variance)
-    if len(variance) < 2 * AROUND or chdtrc(len(variance), unequal) > UNEQUAL:
-        return RowScatter(np.full(len(value), level), degrees_of_freedom)
-    local = np.empty(len(variance))
-    for one in np.unique(piece):
-        inside = np.flatnonzero(piece == one)
-        reach = min(AROUND // 2, (len(inside) - 1) // 2)
-        padded = np.pad(variance[inside], reach, mode="reflect") if reach else variance[inside]
-        local[inside] = np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1), axis=1)
-    local /= _median_of_mean(share)
-    by_row = np.zeros(len(value))
-    for start, stop in piece_bounds(pieces):
-        inside = piece == pieces[start]
-        if inside.any():
-            by_row[start:stop] = np.interp(np.arange(start, stop), middle[inside], local[inside])
-    return RowScatter(np.where(by_row > 0.0, by_row, level), degrees_of_freedom)
+
+    own: np.ndarray
+    position: float
+    position_error: float
+    parts: TwoParts | None
+    degrees_of_freedom: float
+    correlation: LogCorrelation = LogCorrelation()
 
 
-def _stretches(value: np.ndarray, pieces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(variance of a row, middle row, piece) of stretches of rows, from third differences."""
-    variance, middle, piece = [], [], []
+@dataclass(frozen=True)
+class _Stretches:
+    """Of stretches of rows: mean square of third differences / 20, whether they move at all and alternate, first and last row, piece."""
+
+    square: np.ndarray
+    moves: np.ndarray
+    alternates: np.ndarray
+    first: np.ndarray
+    last: np.ndarray
+    piece: np.ndarray
+
+    def mean(self, values: np.ndarray) -> np.ndarray:
+        sums = np.concatenate([[0.0], np.cumsum(values)])
+        return (sums[self.last + 1] - sums[self.first]) / (self.last + 1 - self.first)
+
+    def only(self, kept: np.ndarray) -> "_Stretches":
+        return _Stretches(
+            *(getattr(self, n)[kept] for n in ("square", "moves", "alternates", "first", "last", "piece"))
+        )
+
+    @property
+    def clear(self) -> float:
+        """Share that shows noise alone, of those that move: readings that rest on a step of their rounding say nothing."""
+        return float(np.mean(self.alternates[self.moves])) if self.moves.any() else 0.0
+
+    def without_bends(self) -> "_Stretches":
+        return self.only(self.alternates | ~self.moves)
+
+
+def row_noise(
+    value: np.ndarray,
+    pieces: np.ndarray,
+    slope: np.ndarray | None = None,
+    stated: np.ndarray | None = None,
+    position: float | None = None,
+    step: np.ndarray | None = None,
+) -> RowNoise:
+    """Noise of a log's readings (rows,): of its own, in proportion to the reading, by the position's error, and what it remembers.
+
+    By stretches of some dozens of rows. Where these scatter beyond what such parts explain, each row takes the median of the stretches
+    around it. slope (rows,): of the curve along the position; stated (rows,): standard deviation of a row, where it is; position:
+    variance of the position's error [m^2], where it is known.
+    """
+    slope = np.zeros(len(value)) if slope is None else slope
+    step = np.zeros(len(value)) if step is None else step
+    lag, found = _shortest(value, pieces)
+    if not np.any(found.square > 0.0):
+        return RowNoise(np.zeros(len(value)), 0.0, np.inf, None, 1.0)
+    noise = first = _clear_parts(value, pieces, found, slope, step, lag, stated, position)
+    if _only_rounding(found, step):
+        return first
+    told = log_correlation(value, pieces, first.own, first.position * slope**2, lag, step)
+    if told is None:
+        return _untold(value, pieces, first)
+    if not told.white:
+        # What positions make of it shows best in neighbours, what is remembered in rows farther apart.
+        lag, found = _faded(value, pieces, told, lag)
+        noise = _clear_parts(value, pieces, found, slope, step, lag, stated, first.position, told)
+    return replace(noise, position_error=first.position_error, correlation=told)
+
+
+def _clear_parts(
+    value: np.ndarray,
+    pieces: np.ndarray,
+    found: _Stretches,
+    slope: np.ndarray,
+    step: np.ndarray,
+    lag: int,
+    stated: np.ndarray | None,
+    position: float | None,
+    correlation: LogCorrelation = LogCorrelation(),
+) -> RowNoise:
+    """The parts behind stretches without those that hold a bend, a bad row or nothing but their rounding."""
+    kept = found.without_bends() if found.clear >= MOSTLY else found
+    kept = _before_rounding(kept, step)
+    shown = float(_seen_at(lag, correlation.share, correlation.phi))
+    for _ in range(2):
+        noise = _parts(value, pieces, kept, slope, lag, stated, position, shown)
+        far = kept.square > FAR * kept.mean(shown * noise.own + noise.position * slope**2)
+        if not far.any() or np.mean(far) > 1.0 - MOSTLY:
+            break
+        kept = kept.only(~far)
+    return noise
+
+
+def _untold(value: np.ndarray, pieces: np.ndarray, noise: RowNoise) -> RowNoise:
+    """Noise of a log at whose rows noise and bends look alike: as large as what the longest lag shows, and remembered as long."""
+    lags = [lag for lag in LAGS if lag <= _longest(pieces)]
+    found = _stretches(value, pieces, lags[-1])
+    seen = float(np.median(found.square)) if len(found.square) else 0.0
+    if seen <= (SMOOTH * float(np.ptp(value))) ** 2:
+        return noise  # next to nothing, and bends make most of that
+    correlation = LogCorrelation(1.0, float(np.exp(-1.0 / lags[-1])))
+    return replace(noise, own=np.maximum(noise.own, seen), parts=None, correlation=correlation)
+
+
+def _before_rounding(stretches: _Stretches, step: np.ndarray) -> _Stretches:
+    """The stretches with the squares that readings had before they were rounded; where enough are left, without those that show their
+    rounding alone."""
+    if not step.any():
+        return stretches
+    # Rows near each other share what rounding does to all of them, so that third differences do not show it; stretches differ by where
+    # between two steps they lie.
+    steps = stretches.mean(step)
+    around = np.maximum(moving_mean(stretches.square, STEPS_AROUND), 0.0)
+    before = scatter_before_rounding(np.sqrt(around), steps, 0.0)
+    share = np.divide(before**2, around, out=np.ones(len(around)), where=around > 0.0)
+    stretches, fine = replace(stretches, square=stretches.square * share), before >= COARSE * steps
+    return stretches.only(fine) if np.sum(fine) >= ENOUGH else stretches
+
+
+def _only_rounding(stretches: _Stretches, step: np.ndarray) -> bool:
+    """Whether a log shows its rounding rather than its noise, all over: nothing then tells what the noise remembers."""
+    left = _before_rounding(stretches, step)
+    return bool(step.any() and np.sqrt(np.mean(left.square)) < COARSE * np.mean(left.mean(step)))
+
+
+def _faded(value: np.ndarray, pieces: np.ndarray, correlation: LogCorrelation, shortest: int) -> tuple[int, _Stretches]:
+    """The shortest lag that shows most of a noise with a memory, or the longest that shows noise at all, and its stretches."""
+    lags = [lag for lag in LAGS if shortest <= lag <= _longest(pieces)]
+    all_ = {lag: found for lag in lags if len((found := _stretches(value, pieces, lag)).square)}
+    clear = {lag: found.clear for lag, found in all_.items()}
+    told = [lag for lag in all_ if clear[lag] >= max(MOSTLY, CLEARLY * max(clear.values()))] or [shortest]
+    enough = [lag for lag in told if _seen_at(lag, correlation.share, correlation.phi) > FADED]
+    lag = min(enough, default=max(told))
+    return lag, all_[lag]
+
+
+def _longest(pieces: np.ndarray) -> float:
+    """Rows that a lag may have: within so many, a valve's curve hardly bends."""
+    return max(float(np.median(np.bincount(pieces - pieces.min()))) / RESOLVED, float(LAGS[2]))
+
+
+def _parts(
+    value: np.ndarray,
+    pieces: np.ndarray,
+    stretches: _Stretches,
+    slope: np.ndarray,
+    lag: int,
+    stated: np.ndarray | None,
+    position: float | None,
+    shown: float,
+) -> RowNoise:
+    """The parts, by stretches of third differences at a `lag` that show the share `shown` of the readings' own variance."""
+    level = np.abs(_levels(value, pieces, 2 * STRETCH))
+    size, steep = stretches.mean(level**2), stretches.mean(slope**2)
+    freedom = STRETCH / REDUNDANT / np.sqrt(lag)
+    weight = np.full(len(size), freedom)
+    known = np.zeros(len(size)) if position is None else position * steep
+    if stated is not None:
+        if position is not None:
+            return RowNoise(stated**2, position, 0.0, None, np.inf)
+        own = shown * stretches.mean(stated**2)
+        [amount] = parts_of_variance(stretches.square, [steep], own, weight)
+        return RowNoise(stated**2, float(amount), _error(amount * steep + own, steep, freedom), None, np.inf)
+    shapes = [np.full(len(size), shown), shown * size, *([steep] if position is None else [])]
+    amounts = parts_of_variance(stretches.square, shapes, known, weight)
+    own = amounts[0] + amounts[1] * level**2
+    across = float(amounts[2]) if position is None else position
+    expected = shown * stretches.mean(own) + across * steep
+    error = _error(expected, steep, freedom) if position is None else 0.0
+    parts = TwoParts(float(np.sqrt(amounts[0])), float(np.sqrt(amounts[1]))) if amounts[1] > 0.0 else None
+    ratio = np.maximum(stretches.square / expected, 1e-12)
+    spread = np.log(ratio) - np.log(np.median(ratio))
+    unequal = float(np.sum(spread**2) / polygamma(1, freedom / 2.0))
+    if len(ratio) >= 2 * AROUND and chdtrc(len(ratio), unequal) < UNEQUAL:
+        left = np.maximum(stretches.square - across * steep, LEAST_LEFT * stretches.square)
+        own, parts = _around(left, stretches, pieces) / (shown * _median_of_mean(freedom)), None
+    return RowNoise(own, across, error, parts, freedom * len(size))
+
+
+def _error(expected: np.ndarray, shape: np.ndarray, freedom: float) -> float:
+    """Standard error of a shape's amount."""
+    information = 0.5 * freedom * float(np.sum((shape / np.maximum(expected, 1e-300)) ** 2))
+    return 1.0 / np.sqrt(information) if information > 0.0 else np.inf
+
+
+def _around(of_stretches: np.ndarray, stretches: _Stretches, pieces: np.ndarray) -> np.ndarray:
+    """Median of the stretches around every row (rows,), within its piece."""
+    by_row = np.full(len(pieces), np.median(of_stretches))
+    middle = 0.5 * (stretches.first + stretches.last)
     for start, stop in piece_bounds(pieces):
-        square = np.diff(value[start:stop], n=3) ** 2 / 20.0
-        count = len(square) // STRETCH
-        if count:
-            variance.append(square[: count * STRETCH].reshape(count, STRETCH).mean(axis=1))
-            middle.append(start + STRETCH * (np.arange(count) + 0.5) + 1.5)
-            piece.append(np.full(count, pieces[start]))
-    if not variance:
-        return np.zeros(0), np.zeros(0), np.zeros(0, dtype=int)
-    return np.concatenate(variance), np.concatenate(middle), np.concatenate(piece)
+        inside = stretches.piece == pieces[start]
+        if not inside.any():
+            continue
+        values = of_stretches[inside]
+        reach = min(AROUND // 2, (len(values) - 1) // 2)
+        padded = np.pad(values, reach, mode="reflect") if reach else values
+        local = np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1), axis=1)
+        by_row[start:stop] = np.interp(np.arange(start, stop), middle[inside], local)
+    return by_row
+
+
+def _levels(value: np.ndarray, pieces: np.ndarray, rows: int) -> np.ndarray:
+    """Means over so many rows around (rows,), piece by piece."""
+    level = value.astype(float).copy()
+    for start, stop in piece_bounds(pieces):
+        level[start:stop] = moving_mean(level[start:stop], rows // 2)
+    return level
+
+
+def _shortest(value: np.ndarray, pieces: np.ndarray) -> tuple[int, _Stretches]:
+    """The shortest lag at which third differences show noise, and its stretches; where none does, of neighbours."""
+    neighbours = _stretches(value, pieces, 1)
+    for lag in LAGS:
+        found = neighbours if lag == 1 else _stretches(value, pieces, lag)
+        if lag > _longest(pieces) or not len(found.square):
+            break
+        if found.clear >= MOSTLY:
+            return lag, found
+    return 1, neighbours
+
+
+def _stretches(value: np.ndarray, pieces: np.ndarray, lag: int) -> _Stretches:
+    """Stretches of rows and their third differences between rows `lag` apart."""
+    square, moves, alternates, first, piece = [], [], [], [], []
+    for start, stop in piece_bounds(pieces):
+        y = value[start:stop]
+        if stop - start < STRETCH + 4 * lag:
+            continue
+        third = y[: -3 * lag] - 3.0 * y[lag : -2 * lag] + 3.0 * y[2 * lag : -lag] - y[3 * lag :]
+        turns = np.sign(third[lag:] * third[:-lag])
+        count = len(turns) // STRETCH
+        cut = lambda values, count=count: values[: count * STRETCH].reshape(count, STRETCH).mean(axis=1)
+        square.append(cut(third**2 / 20.0))
+        moves.append(cut(turns != 0.0) > MOVES)
+        alternates.append(cut(turns < 0.0) > ALTERNATES * cut(turns != 0.0))
+        first.append(start + STRETCH * np.arange(count))
+        piece.append(np.full(count, pieces[start]))
+    if not square:
+        none = np.zeros(0, dtype=int)
+        return _Stretches(np.zeros(0), none.astype(bool), none.astype(bool), none, none, none)
+    square, moves, alternates, first, piece = (
+        np.concatenate(each) for each in (square, moves, alternates, first, piece)
+    )
+    return _Stretches(square, moves, alternates, first, first + STRETCH + 3 * lag - 1, piece)
 
 
 def _median_of_mean(degrees_of_freedom: float) -> float:
@@ -125,150 +337,77 @@ def _median_of_mean(degrees_of_freedom: float) -> float:
     return (1.0 - 2.0 / (9.0 * degrees_of_freedom)) ** 3
 
 
-def independent_rows(value: np.ndarray, pieces: np.ndarray, scatter: RowScatter, most: int) -> bool:
-    """Whether means of 2, 4, ... up to `most` neighbouring rows scatter as those of independent rows do.
+def log_correlation(
+    value: np.ndarray,
+    pieces: np.ndarray,
+    own: np.ndarray,
+    white: np.ndarray | None = None,
+    shortest: int = 1,
+    step: np.ndarray | None = None,
+) -> LogCorrelation | None:
+    """How a log's noise forgets: third differences between rows farther and farther apart beside the variance at the shortest lag.
 
-    Third differences of such means against what `scatter` says of one row, stretch by stretch, median over stretches. A
-    scale at which the curve's own bends show (their third differences do not alternate in sign, or the sweep is but a
-    few such means long) says nothing. What remembers longer shows between the points of a fit. Rows that do not alternate
-    among themselves, such as those of a meter that is read faster than it measures, are not independent.
+    value, pieces (n,); own (n,): that variance; white (n,): what positions add to it, which remembers nothing; step (n,): of
+    rounding. None: too few rows say anything. Medians over stretches keep bends and jumps of the curve out, and a lag at which its
+    bends show says nothing.
     """
-    single = [np.diff(value[start:stop], n=3) for start, stop in piece_bounds(pieces)]
-    if np.mean(np.concatenate([third[1:] * third[:-1] < 0 for third in single])) < ROWS_ALTERNATE:
-        return False
-    size = 2
-    most = min(most, max(2, int(np.median(np.bincount(pieces - pieces.min()))) // RESOLVED))
-    while size <= most:
-        ratios, alternating = [], []
-        for start, stop in piece_bounds(pieces):
-            count = (stop - start) // size
-            if count < 8:
-                continue
-            rows = slice(start, start + count * size)
-            stated = scatter.variance[rows].reshape(count, size).mean(axis=1) / size
-            third = np.diff(value[rows].reshape(count, size).mean(axis=1), n=3)
-            expected = (stated[:-3] + stated[1:-2] + stated[2:-1] + stated[3:]) / 4.0
-            usable = expected > 0.0
-            ratio = (third**2 / 20.0)[usable] / expected[usable]
-            whole = len(ratio) // FEW * FEW
-            ratios.append(ratio[:whole].reshape(-1, FEW).mean(axis=1))
-            alternating.append((third[1:] * third[:-1] < 0)[usable[1:] & usable[:-1]])
-        found = np.concatenate(ratios) if ratios else np.zeros(0)
-        if len(found) < 6:
-            break
-        if np.mean(np.concatenate(alternating)) > ALTERNATES:
-            share = FEW / REDUNDANT
-            ratio = float(np.median(found)) / _median_of_mean(share)
-            error = np.sqrt(np.pi / (share * len(found)) + 2.0 / scatter.degrees_of_freedom)
-            if abs(ratio - 1.0) > CLEARLY * error:
-                return False
-        size *= 2
-    return True
-
-
-def log_scatter(value: np.ndarray, pieces: np.ndarray, lag: int) -> np.ndarray:
-    """Squared third difference per row at a lag of some rows, over 20: local variance about a local parabola; same shape.
-
-    Rows near a piece's ends repeat the nearest difference inside it.
-    """
-    scatter = np.zeros(len(value))
-    for start, stop in piece_bounds(pieces):
-        n = stop - start
-        k = min(lag, (n - 1) // 3)
-        if k == 0:
-            continue
-        y = value[start:stop]
-        d = (y[: n - 3 * k] - 3 * y[k : n - 2 * k] + 3 * y[2 * k : n - k] - y[3 * k :]) ** 2 / 20.0
-        centre = np.clip(np.arange(n) - (3 * k) // 2, 0, len(d) - 1)
-        scatter[start:stop] = d[centre]
-    return scatter
-
-
-def log_correlation(value: np.ndarray, local: np.ndarray, pieces: np.ndarray, bin_rows: int) -> LogCorrelation:
-    """How fast means of neighbouring rows settle: third differences of means over half a bin to four bins, against `local`.
-
-    value, pieces (n,); local (n,): smoothed `log_scatter`, 0 where it says nothing (constant or coarsely rounded
-    readings). Medians over the log keep bends and jumps of the curve out. A white and a forgetful share are fitted to
-    the scales.
-    """
-    sizes = sorted({max(1, bin_rows // 4), max(1, bin_rows // 2), bin_rows, 2 * bin_rows, 4 * bin_rows})
-    rows, ratios, weights = [], [], []
-    for size in sizes:
-        samples, alternating = [], []
-        for start, stop in piece_bounds(pieces):
-            count = (stop - start) // size
-            if count < 6:
-                continue
-            y = value[start : start + count * size].reshape(count, size).mean(axis=1)
-            s = local[start : start + count * size].reshape(count, size)
-            s = np.where((s > 0).all(axis=1), s.mean(axis=1), 0.0)
-            third = y[:-3] - 3 * y[1:-2] + 3 * y[2:-1] - y[3:]
-            scale = (s[:-3] + s[1:-2] + s[2:-1] + s[3:]) / 4.0
-            usable = np.minimum(np.minimum(s[:-3], s[1:-2]), np.minimum(s[2:-1], s[3:])) > 0
-            samples.append(third[usable] ** 2 / 20.0 / scale[usable])
-            alternating.append((third[1:] * third[:-1] < 0)[usable[1:] & usable[:-1]])
-        sample = np.concatenate(samples) if samples else np.zeros(0)
-        # Third differences of noise alternate, however long its memory; those of the curve do not.
-        noise = len(sample) >= 20 and float(np.mean(np.concatenate(alternating))) > ALTERNATES
-        if noise and np.median(sample) > 0:
-            rows.append(size)
-            ratios.append(np.median(sample) / MEDIAN_OF_CHI2)
-            weights.append(len(sample) / 4.0)
-    if not rows:
+    white = np.zeros(len(own)) if white is None else white
+    step = np.zeros(len(own)) if step is None else step
+    lags = [lag for lag in LAGS if shortest <= lag <= _longest(pieces)]
+    kept = [(lag, *of_lag) for lag in lags if (of_lag := _at_lag(value, pieces, own, white, step, lag)) is not None]
+    if len(kept) < 3 or kept[0][0] != shortest:
+        return None
+    lags, ratio, error = (np.array(each, float) for each in zip(*kept, strict=True))
+    seen, weight = np.log(ratio), 1.0 / (error**2 + TRUSTED**2)
+    weight /= weight.sum()
+    away = seen - np.log(_seen_at(lags, SHARES[:, None, None], PHIS[:, None]))
+    size = np.sum(weight * away, axis=-1)  # logarithm of a row's variance, in `own`
+    independent = float(np.sum(1.0 / (error**2 + TRUSTED**2)))
+    cost = independent * np.sum(weight * (away - size[..., None]) ** 2, axis=-1)
+    best = np.unravel_index(int(np.argmin(cost)), cost.shape)
+    if independent * float(weight @ (seen - weight @ seen) ** 2) - float(cost[best]) < PENALTY:
         return LogCorrelation()
-    fitted = _fit_shares(np.array(rows, float), np.array(ratios), np.array(weights))
-    return replace(fitted, row_variance=max(_row_variance(value, local, pieces, 2 * bin_rows), 1e-12))
+    return LogCorrelation(float(SHARES[best[0]]), float(PHIS[best[1]]))
 
 
-def _row_variance(value: np.ndarray, local: np.ndarray, pieces: np.ndarray, size: int) -> float:
-    """Variance of a row about parabolas over blocks of `size` rows, against `local`; median over the blocks."""
-    size = max(size, 12)
-    t = np.linspace(-1.0, 1.0, size)
-    basis, _ = np.linalg.qr(np.stack([np.ones(size), t, t**2], axis=1))
-    ratios = []
-    for start, stop in piece_bounds(pieces):
-        count = (stop - start) // size
-        y = value[start : start + count * size].reshape(count, size)
-        s = local[start : start + count * size].reshape(count, size)
-        usable = (s > 0).all(axis=1)
-        y = y[usable] - y[usable].mean(axis=1, keepdims=True)
-        rest = y - (y @ basis) @ basis.T
-        ratios.append(np.sum(rest**2, axis=1) / (size - 3) / s[usable].mean(axis=1))
-    pooled = np.concatenate(ratios) if ratios else np.zeros(0)
-    return float(np.median(pooled)) if len(pooled) else 1.0
+def _at_lag(
+    value: np.ndarray, pieces: np.ndarray, own: np.ndarray, white: np.ndarray, step: np.ndarray, lag: int
+) -> tuple[float, float] | None:
+    """Variance that third differences between rows `lag` apart show, beside `own`, and its relative error; None: it says nothing.
+
+    By stretches, without those where the curve's bends show: there differences do not alternate in sign.
+    """
+    found = _before_rounding(_stretches(value, pieces, lag), step)
+    if not len(found.square):
+        return None
+    for most in MINOR:
+        minor = found.mean(white) < most * found.mean(own)
+        if np.sum(minor) >= ENOUGH:
+            found = found.only(minor)
+            break
+    asked = len(found.square)
+    found = found.without_bends()
+    found = found.only(found.mean(own) > 0.0)
+    if len(found.square) < max(6, MOSTLY * asked):
+        return None
+    ratios = np.maximum(found.square - found.mean(white), 0.0) / found.mean(own)
+    spread = float(np.var(np.log(np.maximum(ratios, 1e-12))))
+    # The further apart, the fewer independent differences a stretch holds: from how far the logarithms of stretches scatter.
+    freedom = 2.0 * (1.0 + 0.5 * spread) / max(spread, 1e-12)
+    return float(np.median(ratios)) / _median_of_mean(max(freedom, 1.0)), float(
+        np.sqrt(np.pi / 2.0 * spread / len(ratios))
+    )
 
 
-def _fit_shares(rows: np.ndarray, ratios: np.ndarray, weights: np.ndarray) -> LogCorrelation:
-    """The share of white noise and the memory of the rest that agree best with the scatter of means of so many rows."""
-    # Scales share their rows, and ripple is neither white nor forgetful: no scale is trusted beyond 10 %.
-    trust = 1.0 / (0.1**2 + 2.0 / weights)
-    memories = np.geomspace(1.0, 2.0 * rows.max(), 24)
-    best, least = LogCorrelation(), np.inf
-    for white in (1.0, 0.95, 0.9, 0.8, 0.65, 0.5, 0.35, 0.2, 0.1, 0.0):
-        memory = np.zeros(1) if white == 1.0 else memories
-        misfit = np.log(ratios) - np.log(_third_difference_of_means(rows, white, memory[:, None]))
-        level = np.sum(weights * misfit, axis=1) / np.sum(weights)
-        cost = np.sum(trust * (misfit - level[:, None]) ** 2, axis=1) + (0.0 if white == 1.0 else PENALTY)
-        k = int(np.argmin(cost))
-        if cost[k] < least:
-            least = float(cost[k])
-            excess = np.exp((misfit[k] - level[k]) * weights / (weights + 20.0))
-            best = LogCorrelation(float(np.exp(level[k])), white, float(memory[k]), sizes=rows, excess=excess)
-    return best
+def _seen_at(lag: Values, share: Values, phi: Values) -> Any:
+    """Variance that third differences between rows `lag` apart show of noise of variance 1."""
+    rho = lambda rows: share * np.power(phi, rows)
+    return 1.0 - 1.5 * rho(lag) + 0.6 * rho(2 * lag) - 0.1 * rho(3 * lag)
 
 
-def _third_difference_of_means(rows: np.ndarray, white: float, memory: np.ndarray) -> np.ndarray:
-    """Variance (over 20) of third differences between means of `rows` neighbouring rows, for noise of variance 1."""
-    total = [_sum_variance(k * rows, white, memory) for k in range(5)]
-    covariance = [total[1], *((total[k + 1] - 2 * total[k] + total[k - 1]) / 2.0 for k in (1, 2, 3))]
-    seen = 20 * covariance[0] - 30 * covariance[1] + 12 * covariance[2] - 2 * covariance[3]
-    return np.maximum(seen, 1e-300) / (20.0 * rows**2)
-
-
-def _sum_variance(n: Values, white: float, memory: Values) -> Values:
-    """Variance of the sum of n neighbouring rows of unit variance: white share, and the rest AR(1) with the given memory."""
-    if white == 1.0:
-        return n + 0.0 * memory
-    a = np.exp(-1.0 / memory)
-    forgetful = n * (1 + a) / (1 - a) - 2 * a * (1 - a**n) / (1 - a) ** 2
-    return white * n + (1 - white) * forgetful
+def _sum_variance(n: Values, share: float, phi: float) -> Values:
+    """Variance of the sum of n neighbouring rows of unit variance."""
+    if share == 0.0 or phi == 0.0:
+        return n
+    forgetful = n * (1 + phi) / (1 - phi) - 2 * phi * (1 - phi**n) / (1 - phi) ** 2
+    return (1.0 - share) * n + share * forgetful

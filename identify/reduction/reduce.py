@@ -1,9 +1,9 @@
 """Reduce a raw log of tens of thousands of rows to a few hundred points with honest noise. NumPy only.
 
 Bins are stretches of neighbouring rows, so that dither and rounding of the position blur nothing, within one run, one monotone
-piece of the sweep and one set of conditions; narrow where the curve is steep or bends, wide where it rests. A point is the mean
-of its rows, and is compared with the model's mean over the same rows: `Nodes` say where to evaluate it. Nothing is assumed
-about the curve inside a bin.
+piece of the sweep and one set of conditions; narrow where the curve is steep or bends, wide where it rests. They end at its corners.
+A point is the mean of its rows, and is compared with the model's mean over the same rows: `Nodes` say where to evaluate it. Nothing
+else is assumed about the curve inside a bin.
 
 A prediction row by row needs the sweep itself (`smooth_sweep`): where the spool was, how fast and which way. From one dithered
 row to the next the position steps back and forth, and effects of direction and rate would follow every step.
@@ -15,14 +15,17 @@ import numpy as np
 
 from thermohyd.identify.bench.columns import reading_unit
 from thermohyd.identify.bench.shown_units import significant
-from thermohyd.identify.bench.test_record import Channel, Nodes, TestRecord
+from thermohyd.identify.bench.test_record import Channel, TestRecord
 
 from .bad_rows import without_outliers_in_log
+from .corners import ending_at_corners
 from .monotone_pieces import monotone_pieces, piece_bounds, sweep_axis
+from .nodes import nodes_of
+from .noise_of_logs import RowNoise, row_noise
 from .noise_of_points import Points, points_of
-from .rounding import joined_steps
-from .smooth_conditions import with_smooth_conditions
-from .sweep_position import STEPS_ACROSS, Abscissa, local_line, smooth_abscissa
+from .rounding import joined_steps, local_steps
+from .smooth_conditions import followed, with_smooth_conditions
+from .sweep_position import STEPS_ACROSS, Abscissa, curve_slopes, local_line, smooth_abscissa
 from .table_positions import as_measured
 
 
@@ -159,7 +162,7 @@ def _share(density: np.ndarray) -> np.ndarray:
 LOG_ROWS = 2000
 # Rows of a log that gets all its points; fewer and more by the third root of the rows.
 FULL_LOG, LEAST_SHARE = 20_000, 0.3
-MEMORIES = 1.5  # rows of a bin, at least, in independent readings' worth
+MEMORIES = 3.0  # rows of a bin, at least, in independent readings' worth
 # Fewer rows per piece, and they are readings that somebody took one by one; or, where the sweep goes forward from row to row, so
 # far apart that the curve's bends and a noise with a memory look alike in them: rows are then fitted one by one, up to so many.
 ROWS_PER_PIECE, FORWARD_PER_PIECE, ONE_BY_ONE = 200, 600, 6000
@@ -169,34 +172,44 @@ FORWARD = 0.7  # of the rows move on with their sweep, where no dither and no ro
 def reduce_test(test: TestRecord, *, max_points: int = 600, log_rows: int = LOG_ROWS) -> TestRecord:
     """The test with about `max_points` points instead of the rows of a raw log, outliers left out; any other with its sweep's rates.
 
-    test: STATIC test, SI. Points keep the order, direction, run, rate and mean time and conditions of their rows;
+    test: SI; one in motion keeps its rows. Points keep the order, direction, run, rate and mean time and conditions of their rows;
     `rows_of_log` counts these, `Channel.std` is the standard error of each point and `std_source`, `notes` say how it
     was found.
     """
     test = with_smooth_conditions(test)
-    if not is_raw_log(test, max_points=max_points, log_rows=log_rows):
+    if test.in_motion or not is_raw_log(test, max_points=max_points, log_rows=log_rows):
         return as_measured(test, along_curve=True)
     test = without_outliers_in_log(test)
     pieces, direction = monotone_pieces(test)
     axis = sweep_axis(test)
     readings = [channel.value for channel in test.channels]
     abscissa = smooth_abscissa(axis, pieces, readings)
+    test, noises, position_noise = _along_the_sweep(test, abscissa, pieces)
     # Errors from the bins' finite width, where an edge closes within one, must not outgrow the noise of longer logs.
     max_points = round(max_points * max(test.rows / FULL_LOG, LEAST_SHARE) ** (1.0 / 3.0))
     starts = bin_starts(abscissa, readings, pieces, max_points)
-    first = [points_of(channel, starts, pieces, abscissa) for channel in test.channels]
-    remembered = max((p.correlation.rows_per_reading() for p in first if p.correlation.white < 1.0), default=0.0)
+    both = list(zip(test.channels, noises, strict=True))
+    first = [points_of(channel, starts, pieces, noise) for channel, noise in both]
+    remembered = max((p.correlation.rows_per_reading() for p in first if not p.correlation.white), default=0.0)
     if remembered > 0.0:
         # Of a row, were rows independent and their means as uncertain as these are.
         scatter = [p.row_std * np.sqrt(max(p.correlation.rows_per_reading(), 1.0)) for p in first]
         starts = bin_starts(abscissa, readings, pieces, max_points, MEMORIES * remembered, scatter)
+        first = [points_of(channel, starts, pieces, noise) for channel, noise in both]
+    std = [
+        np.hypot(p.std, part)
+        for p, part in zip(first, _moved_by_positions(first, abscissa, pieces, starts, position_noise)[1], strict=True)
+    ]
+    starts = ending_at_corners(starts, pieces, abscissa.position, [c.value for c in test.channels], std)
     rows = np.diff(np.append(starts, test.rows))
     mean = lambda values: np.add.reduceat(values.astype(float), starts) / rows
     position = mean(abscissa.position)
     held = axis is not test.spool_position
+    sweep = "load_pressure" if held else "spool_position"
     channels, notes = [], [_what_was_done(test, pieces, starts)]
-    for channel in test.channels:
-        points = points_of(channel, starts, pieces, abscissa)
+    reduced = [points_of(channel, starts, pieces, noise) for channel, noise in both]
+    error, parts = _moved_by_positions(reduced, abscissa, pieces, starts, position_noise)
+    for channel, points, part in zip(test.channels, reduced, parts, strict=True):
         if channel.std is None and np.ptp(channel.value) == 0:
             notes.append(f"{test.name}, {channel.name}: the reading never changes, so nothing is known of its noise")
             channels.append(Channel(channel.name, points.value, sensor=channel.sensor))
@@ -205,7 +218,10 @@ def reduce_test(test: TestRecord, *, max_points: int = 600, log_rows: int = LOG_
         declared = channel.std is not None
         source = "declared noise of a row, averaged over its bin" if declared else "scatter of the log's rows"
         freedom, sensor = points.degrees_of_freedom, channel.sensor
-        channels.append(Channel(channel.name, points.value, points.std, source, points.step, freedom, sensor=sensor))
+        moved = part if error.any() else None
+        channels.append(
+            Channel(channel.name, points.value, points.std, source, points.step, freedom, moved, sensor=sensor)
+        )
     return replace(
         test,
         spool_position=mean(test.spool_position) if held else position,
@@ -224,36 +240,49 @@ def reduce_test(test: TestRecord, *, max_points: int = 600, log_rows: int = LOG_
         rows_of_log=rows,
         table=None,
         notes=(*test.notes, *notes),
-        input_error={name: mean(error) for name, error in test.input_error.items()},
-        nodes=nodes_of(abscissa.position, test.time, starts, "load_pressure" if held else "spool_position"),
+        input_error={name: mean(value) for name, value in test.input_error.items()}
+        | ({sweep: error} if error.any() else {}),
+        nodes=nodes_of(abscissa.position, test.time, starts, sweep),
     )
 
 
-def nodes_of(axis: np.ndarray, time: np.ndarray | None, starts: np.ndarray, name: str) -> Nodes:
-    """Two nodes per bin whose weighted sum is the mean over its rows of any cubic along `axis` (rows,), in the order of time.
+def _along_the_sweep(
+    test: TestRecord, abscissa: Abscissa, pieces: np.ndarray
+) -> tuple[TestRecord, list[RowNoise], float]:
+    """The test with readings as they would be on the smooth sweep, the noise of each, and variance of a position's error [m^2 or Pa^2].
 
-    Gauss's rule for the rows themselves as the measure: the roots of x^2 - (m3/m2) x - m2, of their central moments.
+    A spool that shakes takes its readings along, what a transducer scatters by they do not follow: readings are taken along their curve
+    to the smooth sweep by the share of the position's scatter that they follow. What is left of it is seen in their own scatter, larger
+    where the curve is steeper, in all channels alike: one transducer has one noise.
     """
-    rows = np.diff(np.append(starts, len(axis)))
+    slopes = [curve_slopes(abscissa.position, channel.value, pieces, shrunk=True) for channel in test.channels]
+    away = np.where(abscissa.staircase, 0.0, abscissa.position - sweep_axis(test))
+    share = followed([c.value for c in test.channels], [-slope * away for slope in slopes], pieces)
+    channels = test.channels
+    if share > 0.0:
+        moves = [share * slope * away for slope in slopes]
+        channels = tuple(replace(c, value=c.value + move, moved=move) for c, move in zip(channels, moves, strict=True))
+    both = list(zip(channels, slopes, strict=True))
+    steps = [local_steps(c.as_read) for c in channels]
+    noises = [
+        row_noise(c.value, pieces, slope, c.std, None, step) for (c, slope), step in zip(both, steps, strict=True)
+    ]
+    weight = np.array([n.position_error**-2.0 if 0.0 < n.position_error < np.inf else 0.0 for n in noises])
+    shared = float(weight @ [n.position for n in noises]) / float(weight.sum()) if weight.any() else 0.0
+    if len(noises) > 1:
+        both = list(zip(channels, slopes, steps, strict=True))
+        noises = [row_noise(c.value, pieces, slope, c.std, shared, step) for c, slope, step in both]
+    return replace(test, channels=channels), noises, shared
+
+
+def _moved_by_positions(
+    points: list[Points], abscissa: Abscissa, pieces: np.ndarray, starts: np.ndarray, variance: float
+) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Standard error of each point's position, of whose rows each is read with this variance, and what it makes of each reading (SI)."""
+    rows = np.diff(np.append(starts, len(pieces)))
     mean = lambda values: np.add.reduceat(values, starts) / rows
-    offset = axis - np.repeat(mean(axis), rows)
-    size = np.maximum(np.repeat(np.maximum.reduceat(np.abs(offset), starts), rows), 1e-300)
-    unit = offset / size  # of order one: moments of micrometres must not vanish in rounding
-    second, third = mean(unit**2), mean(unit**3)
-    flat = second <= 1e-20
-    skew = np.where(flat, 0.0, third / np.where(flat, 1.0, second))
-    root = np.sqrt(skew**2 + 4.0 * second)
-    low, high = (skew - root) / 2.0, (skew + root) / 2.0
-    width = np.where(flat, 1.0, high - low)
-    weight = np.stack([np.where(flat, 0.5, high / width), np.where(flat, 0.5, -low / width)], axis=1)
-    places = np.stack([low, high], axis=1)
-    pace = np.zeros(len(starts))
-    if time is not None:
-        late = time - np.repeat(mean(time), rows)
-        pace = np.where(flat, 0.0, mean(unit * late) / np.where(flat, 1.0, second))
-        falling = pace < 0.0
-        places[falling], weight[falling] = places[falling, ::-1], weight[falling, ::-1]
-    return Nodes(places * size[starts][:, None], places * pace[:, None], weight, name)
+    error = np.sqrt(variance / rows + mean(abscissa.error) ** 2)
+    return error, [np.abs(curve_slopes(mean(abscissa.position), p.value, pieces[starts])) * error for p in points]
 
 
 def is_raw_log(test: TestRecord, *, max_points: int = 600, log_rows: int = LOG_ROWS) -> bool:
@@ -302,7 +331,7 @@ def _noise_note(test: TestRecord, channel: Channel, points: Points, rows: np.nda
             if channel.std is not None
             else f"scatter of {shown(points.row_std)} of the rows kept as noise"
         )
-        if points.correlation.white == 1.0:
+        if points.correlation.white:
             parts.append(f"{kept}; rows are independent of each other ({n:.0f} in a typical bin)")
         else:
             parts.append(
@@ -328,7 +357,7 @@ def _noise_note(test: TestRecord, channel: Channel, points: Points, rows: np.nda
 
 
 def _memory(test: TestRecord, points: Points) -> str:
-    if points.correlation.white > 0.9:
+    if points.correlation.share < 0.1:
         return ""
     rows = points.correlation.memory
     if test.time is not None and (pace := float(np.median(np.diff(test.time)))) > 0:

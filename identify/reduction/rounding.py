@@ -15,6 +15,7 @@ from .monotone_pieces import piece_bounds, sweep_ids
 
 Values = float | np.ndarray
 
+FLICKERS = 0.1  # share of a position's moves that go back: more than bad rows and turning points make
 LATTICE_TOLERANCE = 0.1  # of a step: files print converted values with few digits
 # Of a rounding error's sawtooth, which fall as 1/k^2 in its power: the rest is 7 % of it, made up for below.
 HARMONICS = np.arange(1, 9)
@@ -119,7 +120,12 @@ def reading_steps(position: np.ndarray, sweeps: np.ndarray) -> np.ndarray:
     size = np.where(step > 0, step, 1.0)[1:-1]
     change = np.abs(np.diff(position, n=2))[within] / size[within]
     single = np.abs(change - 1.0) < LATTICE_TOLERANCE
-    return step if len(single) and float(np.mean(single)) > 0.15 else np.zeros(len(position))
+    if len(single) and float(np.mean(single)) > 0.15:
+        return step
+    # Where it mostly stands still: it goes back and forth between two steps, as no set point does.
+    move = np.diff(position)[sweeps[1:] == sweeps[:-1]]
+    move = move[move != 0.0]
+    return step if len(move) and float(np.mean(move[1:] * move[:-1] < 0.0)) > FLICKERS else np.zeros(len(position))
 
 
 def _distinct(values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

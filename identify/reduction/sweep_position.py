@@ -4,15 +4,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from thermohyd.identify.noise.level import MEDIAN_OF_CHI2, divided_third, effective_size
+from thermohyd.identify.noise.correlation import effective_size
+from thermohyd.identify.noise.level import MEDIAN_OF_CHI2, divided_third
 
-from .monotone_pieces import piece_bounds
+from .monotone_pieces import piece_bounds, running_medians
 from .rounding import local_steps, reading_steps, rounding_error
 
 
 NEAREST = 2  # rows either side of the narrowest line through a curve
 # Standard errors; of 0.5 to 3 this comes nearest to the slopes of a tanh in noise of a thousandth to a hundredth of its height.
 AGREE = 3.0
+AROUND, FEW_AROUND, FEWER = (
+    49,
+    5,
+    0.01,
+)  # rows that are of about one slope; pieces of few such; least share of the whole piece's variance
+NOISELESS = 0.01  # of the way from row to row: a position that scatters by less is exact
 STEPS_ACROSS = 3.0  # a window over this many steps of the log averages its rounding away
 
 
@@ -20,15 +27,12 @@ STEPS_ACROSS = 3.0  # a window over this many steps of the log averages its roun
 class Abscissa:
     """The sweep's position behind a log, one entry per row (SI).
 
-    position: smoothed; scatter: of one row about it, for the mean of n rows to be divided by sqrt(n) although the
-    smoothing averages over more, because neighbouring bins then share an error; rounding: what dither and sweep leave
-    of the log's rounding.
+    position: smoothed; error: standard error of it, what dither and sweep leave of the log's rounding included.
     staircase: True in pieces whose spool stands still between steps, so that bins had better end with a step.
     """
 
     position: np.ndarray
-    scatter: np.ndarray
-    rounding: np.ndarray
+    error: np.ndarray
     staircase: np.ndarray
     step: np.ndarray
 
@@ -40,7 +44,7 @@ def smooth_abscissa(position: np.ndarray, pieces: np.ndarray, readings: list[np.
     """
     step, read = local_steps(position), reading_steps(position, pieces)
     smooth, staircase = position.copy(), np.zeros(len(position), bool)
-    spread, rounding = np.zeros(len(position)), np.zeros(len(position))
+    error = np.zeros(len(position))
     for start, stop in piece_bounds(pieces):
         part = slice(start, stop)
         x = position[part]
@@ -57,14 +61,14 @@ def smooth_abscissa(position: np.ndarray, pieces: np.ndarray, readings: list[np.
         half = _half_window(x, float(step[part].max()))
         if half == 0:
             continue
-        line, slope, _ = local_line(x, half)
+        line, slope, kept = local_line(x, half)
         scatter = float(np.sqrt(np.mean((x - line) ** 2)))
-        covered = np.abs(slope) * (2 * half + 1)
         smooth[part] = line
         correlated = float(np.clip((stop - start) / effective_size(x - line), 1.0, 5.0))
-        spread[part] = scatter * np.sqrt(correlated)
-        rounding[part] = rounding_error(step[part], scatter, covered)
-    return Abscissa(smooth, spread, rounding, staircase, step)
+        covered = np.abs(slope) * (2 * half + 1)
+        known = scatter * np.sqrt(correlated * np.clip(1.0 - kept, 0.0, 1.0))
+        error[part] = np.hypot(known, rounding_error(step[part], scatter, covered))
+    return Abscissa(smooth, error, staircase, step)
 
 
 def local_line(
@@ -108,19 +112,20 @@ def local_cubic(values: np.ndarray, half: int, along: np.ndarray) -> tuple[np.nd
     return values + fitted[:, 0], fitted[:, 1] / scale, 1.0 - np.sum(inverse[:, 0] ** 2, axis=1)
 
 
-def curve_slopes(position: np.ndarray, value: np.ndarray, pieces: np.ndarray) -> np.ndarray:
+def curve_slopes(position: np.ndarray, value: np.ndarray, pieces: np.ndarray, *, shrunk: bool = False) -> np.ndarray:
     """Slope of a reading's curve at every row (rows,), by lines through as many neighbours as its noise asks for and its bend allows.
 
     The widest of doubling windows whose slope agrees with those of all narrower ones to within `AGREE` standard errors each
-    (Goldenshluger & Nemirovski, Mathematical Methods of Statistics 6, 1997, p. 135).
+    (Goldenshluger & Nemirovski, Mathematical Methods of Statistics 6, 1997, p. 135). shrunk: towards 0 as far as they are unknown, so
+    that where a curve is flat no slope is made of its noise (James & Stein, Berkeley Symposium 4, 1961).
     """
     slope = np.zeros(len(position))
     for start, stop in piece_bounds(pieces):
         x, y, count = position[start:stop], value[start:stop], stop - start
         if count < 3 or np.ptp(x) == 0.0:
             continue
-        noise = float(np.sqrt(np.median(divided_third(x, y) ** 2) / MEDIAN_OF_CHI2)) if count >= 4 else 0.0
-        found, open_ = np.zeros(count), np.ones(count, dtype=bool)
+        noise = _noise_around(x, y)
+        found, unknown, open_ = np.zeros(count), np.zeros(count), np.ones(count, dtype=bool)
         low, high = np.full(count, -np.inf), np.full(count, np.inf)
         half = NEAREST
         while half <= max(NEAREST, count // 4) and open_.any():
@@ -128,10 +133,25 @@ def curve_slopes(position: np.ndarray, value: np.ndarray, pieces: np.ndarray) ->
             error = AGREE * noise / np.sqrt(np.where(spread > 0.0, spread, np.inf))
             low, high = np.maximum(low, slopes - error), np.minimum(high, slopes + error)
             open_ &= (low <= high) | (half == NEAREST)
-            found[open_] = slopes[open_]
+            found[open_], unknown[open_] = slopes[open_], error[open_]
             half *= 2
+        if shrunk:
+            square = np.where(found == 0.0, 1.0, found**2)
+            found = found * np.maximum(1.0 - unknown**2 / square, 0.0)
         slope[start:stop] = found
     return slope
+
+
+def _noise_around(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Standard deviation of readings about their curve, by third differences: of all rows, of many of those around (rows,)."""
+    if len(x) < 4:
+        return np.zeros(len(x))
+    square = divided_third(x, y) ** 2
+    if len(x) < FEW_AROUND * AROUND:
+        return np.full(len(x), np.sqrt(np.median(square) / MEDIAN_OF_CHI2))
+    # A spool that shakes makes a steep curve scatter more than a flat one.
+    around = running_medians(np.pad(square, (1, 2), mode="edge"), AROUND)
+    return np.sqrt(np.maximum(around, FEWER * np.median(square)) / MEDIAN_OF_CHI2)
 
 
 def _is_staircase(x: np.ndarray) -> bool:
@@ -177,24 +197,26 @@ def _half_window(x: np.ndarray, step: float) -> int:
     if dither == 0.0 and step == 0.0:
         return 0
     wanted = STEPS_ACROSS * step / (2.0 * pace) if pace > 0 else 0.0
-    half = int(np.clip(max(wanted, 10.0 if dither > 0.5 * pace else 0.0), 0, n // 20))
+    half = int(np.clip(max(wanted, 10.0 if dither > NOISELESS * pace else 0.0), 0, n // 20))
     allowed = 1.5 * max(dither, step / np.sqrt(12.0))
     while half > 0:
         line, *_ = local_line(x, half)
         if np.sqrt(np.mean((x - line) ** 2)) <= allowed:
-            return _widened(x, line, half)
+            return _widened(x, line, half, step)
         half //= 2
     return 0
 
 
-def _widened(x: np.ndarray, line: np.ndarray, half: int) -> int:
+def _widened(x: np.ndarray, line: np.ndarray, half: int, step: float) -> int:
     """The window doubled as long as its lines agree with those of half of it to within what these are known to: no bend shows.
 
     Lepskii, Theory of Probability and its Applications 35, 1991: of estimates that agree the widest.
     """
+    pace = abs(float(x[-1] - x[0])) / len(x)
     while 2 * half <= len(x) // 4:
         wider, *_ = local_line(x, 2 * half)
         known = np.mean((x - line) ** 2) / (2 * half + 1) * float(len(x) / effective_size(x - line))
+        known += float(rounding_error(step, 0.0, pace * (2 * half + 1))) ** 2
         if np.mean((wider - line) ** 2) > known:
             break
         line, half = wider, 2 * half

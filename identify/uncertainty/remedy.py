@@ -5,7 +5,6 @@ parameter has its own answer, as a reader looks for it in that parameter's row.
 """
 
 from collections.abc import Callable, Iterable
-from dataclasses import replace
 
 import numpy as np
 
@@ -37,7 +36,7 @@ def remedies(
     today = _spread(now)
     found: dict[str, Remedy] = {}
     for words, tests in menu(problem.tests):
-        there = replace(problem, tests=tests, used=None).evaluate(values, effects)
+        there = problem.under(tests, here).evaluate(values, effects)
         columns = there.columns[: -len(problem.parameters), [there.order.index(name) for name in free]] * scale
         if not np.isfinite(columns).all():
             continue

@@ -1,6 +1,7 @@
 """`thermohyd check`: what it says of good, bad and bare records, what it writes, and that it never imports JAX."""
 
 import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -10,6 +11,7 @@ import pytest
 from helpers.bench_folder import LEAKAGE, TOML, write_record
 from helpers.commands import command
 from helpers.pictures import is_drawn
+from helpers.short_servo import HIDDEN
 
 from thermohyd.data import sample_record
 from thermohyd.identify import check
@@ -190,3 +192,16 @@ def test_completion_knows_the_commands():
     }
     ran = subprocess.run([script], env=asked, capture_output=True, text=True)
     assert ran.stdout.split() == ["check"]
+
+
+def test_a_supply_in_motion_that_scatters_is_said(tmp_path):
+    shutil.copytree(HIDDEN / "servo_2", tmp_path / "servo")
+    path = tmp_path / "servo" / "step.csv"
+    comment, head, *rows = path.read_text().splitlines()
+    supply = np.round((210.0 + 0.05 * np.random.default_rng(1).standard_normal(len(rows))) / 0.1) * 0.1
+    logged = [f"{row},{value:.1f}" for row, value in zip(rows, supply, strict=True)]
+    path.write_text("\n".join([comment, f"{head},supply_pressure [bar]", *logged]) + "\n")
+    (note,) = check(tmp_path / "servo").tests["step"].notes
+    assert note.startswith("step: supply pressure scatters by 0.05")
+    assert note.endswith("bar about a smooth course, which readings in motion hardly show: taken for the gauge's noise")
+    assert check(HIDDEN / "servo_2").tests["step"].notes == ()

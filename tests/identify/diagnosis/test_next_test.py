@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.linear_fit import linear_library
 from helpers.small_bench import REACH, conditions_only
 from helpers.small_diagnosis import small_case
 
@@ -12,10 +13,28 @@ from thermohyd.identify.diagnosis.result import Proposal, Region, Suspect, Varia
 from thermohyd.identify.diagnosis.rivals import Rival, Rivals
 from thermohyd.identify.diagnosis.screening import Projection
 from thermohyd.identify.fitting.problem_fit import Fit
+from thermohyd.identify.noise.two_parts import TwoParts
 
 
 def bench(**columns):
     return {name: replace(conditions_only(name), **columns) for name in REACH}
+
+
+def test_noise_that_goes_with_the_reading_is_that_of_the_one_to_come():
+    """Readings that halve where the record says 0.01 of its own and 0.1 of the reading; all else is known as before."""
+    rows = sum(test.rows for test in bench().values())
+    problem = linear_library(np.zeros(rows), np.zeros((rows, 1)), {})
+    key, other = list(problem.rows())[:2]
+    level, own = np.linspace(0.0, 4.0, problem.tests[key[0]].rows), TwoParts(0.01, 0.1)
+    channels = tuple(replace(c, value=level) for c in problem.tests[key[0]].channels)
+    tests = {**problem.tests, key[0]: replace(problem.tests[key[0]], channels=channels)}
+    std = {**problem.noise.std, key: np.hypot(own.std(level), 0.02)}  # beside it what positions add
+    misfit = np.zeros(rows)
+    misfit[problem.rows()[key]] = -0.5 * level / std[key]
+    problem = replace(problem, tests=tests, misfit=misfit, noise=replace(problem.noise, std=std, parts={key: own}))
+    there = problem.under(tests, problem.evaluate({})).noise
+    np.testing.assert_allclose(there.std[key], np.hypot(own.std(0.5 * level), 0.02))
+    np.testing.assert_array_equal(there.std[other], problem.noise.std[other])
 
 
 def test_what_a_bench_can_change():

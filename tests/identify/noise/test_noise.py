@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from helpers.raw_logs import READING, correlated_noise, raw_log
 
-from thermohyd.identify.noise.level import effective_size, noise_from_neighbours, noise_from_repeats
-from thermohyd.identify.reduction.noise_of_logs import LogCorrelation, log_correlation, log_scatter
+from thermohyd.identify.noise.correlation import effective_size
+from thermohyd.identify.noise.level import noise_from_neighbours, noise_from_repeats
+from thermohyd.identify.reduction.noise_of_logs import LogCorrelation, row_noise
 
 
 def test_repeats_measure_the_noise():
@@ -91,8 +92,8 @@ def test_scatter_of_means_is_foretold(memory):
     for seed in range(6):
         y = correlated_noise(np.random.default_rng(seed), n, memory) + 50 * np.sin(np.arange(n) / 1500)
         pieces = np.zeros(n, int)
-        local = np.full(n, log_scatter(y, pieces, 5).mean())
-        foretold.append(log_correlation(y, local, pieces, size).of_mean(size) * local[0])
+        found = row_noise(y, pieces)
+        foretold.append(found.correlation.of_mean(size) * found.own[0])
     a = np.exp(-1.0 / memory) if memory else 0.0
     exact = ((1 + a) / (1 - a) - 2 * a * (1 - a**size) / (size * (1 - a) ** 2)) / size
     assert np.mean(foretold) == pytest.approx(exact, rel=0.2)

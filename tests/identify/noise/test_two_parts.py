@@ -1,11 +1,15 @@
 """Noise of its own and noise in proportion to the reading are told apart, and one is enough where the second is not worth it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from helpers.moving_machine import ROWS, RUNS, moving, steps
 from hypothesis import given, settings, strategies as st
 from numpy.testing import assert_allclose
+from scipy.signal import lfilter
 
-from thermohyd.identify.noise.level import ChannelNoise, reweighted
+from thermohyd.identify.noise.level import ChannelNoise, initial_noise, reweighted
 from thermohyd.identify.noise.two_parts import TwoParts, two_parts
 
 
@@ -61,3 +65,36 @@ def test_units_change_nothing(unit, seed):
 @pytest.mark.parametrize("rest", [np.zeros(50), np.zeros(0)])
 def test_no_scatter_is_no_noise(rest):
     assert two_parts(rest, np.ones(len(rest))) == TwoParts(0.0, 0.0)
+
+
+@pytest.mark.parametrize("phi", [0.5, 0.9])
+def test_a_memory_is_no_second_part(phi):
+    """Rows in motion: readings rise and settle, and noise that remembers them seems to go along."""
+    row = np.arange(600)
+    level = 5.0 + 50.0 * np.exp(-(row % 200) / 30.0)
+    white = lambda seed: (
+        np.append(1.0, np.full(599, np.sqrt(1.0 - phi**2))) * np.random.default_rng(seed).standard_normal(600)
+    )
+    noise = lambda seed: np.asarray(lfilter([1.0], [1.0, -phi], white(seed)))
+    even = [two_parts((0.3 * noise(seed)) ** 2, level) for seed in range(60)]
+    assert sum(parts.share > 0.0 for parts in even) <= 4
+    both = [two_parts((np.hypot(0.3, 0.03 * level) * noise(seed)) ** 2, level) for seed in range(20)]
+    assert sum(parts.share > 0.0 for parts in both) >= (19 if phi < 0.9 else 12)
+    assert np.median([parts.share for parts in both if parts.share]) == pytest.approx(0.03, rel=0.2)
+
+
+def test_noise_of_readings_in_motion_has_two_parts_too():
+    test = moving(command=steps() * np.repeat([1.0, 0.6, 1.4], ROWS))  # no run repeats another
+    random = np.random.default_rng(1)
+    scatter = {c.name: np.hypot(1e-6, 0.03 * c.value) * random.standard_normal(test.rows) for c in test.channels}
+    for name in ("spool_position", "piston_position"):
+        unknown = initial_noise(test, test.channel(name))
+        found = reweighted(unknown, scatter[name], np.ones(test.rows))
+        assert not unknown.known
+        assert found.parts is not None
+        assert (found.parts.own, found.parts.share) == (pytest.approx(1e-6, rel=0.15), pytest.approx(0.03, rel=0.25))
+
+
+def test_of_a_frequency_response_it_has_one():
+    test = replace(moving(), frequency=np.linspace(1.0, 100.0, ROWS * RUNS))
+    assert initial_noise(test, test.channels[0]).level is None

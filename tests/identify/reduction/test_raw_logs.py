@@ -9,8 +9,9 @@ from thermohyd.identify.fitting.fit import fit
 from thermohyd.identify.fitting.row_sizes import padded_size
 from thermohyd.identify.fitting.static_readings import conditions_of, mean_over_nodes, predict, row_weights
 from thermohyd.identify.noise.level import initial_noise
-from thermohyd.identify.reduction.noise_of_logs import independent_rows, row_scatter
-from thermohyd.identify.reduction.reduce import nodes_of, reduce_test
+from thermohyd.identify.reduction.nodes import nodes_of
+from thermohyd.identify.reduction.noise_of_logs import row_noise
+from thermohyd.identify.reduction.reduce import reduce_test
 
 
 NAMES = ("edge_radius", "clearance", "underlap", "null_bias")
@@ -110,9 +111,9 @@ def test_independent_rows_are_told_from_rows_that_remember():
         curve = 20.0 * np.exp(-((np.linspace(-1.0, 1.0, 6000) / 0.05) ** 2))
         white = rng.normal(size=6000)
         slow = np.convolve(rng.normal(size=6010), np.ones(11) / np.sqrt(11), "valid")
-        taken += independent_rows(curve + white, pieces, row_scatter(curve + white, pieces), 16)
+        taken += row_noise(curve + white, pieces).correlation.white
         remembering = curve + 0.8 * white + 0.6 * slow
-        kept += independent_rows(remembering, pieces, row_scatter(remembering, pieces), 16)
+        kept += row_noise(remembering, pieces).correlation.white
     assert taken >= 59
     assert kept <= 3
 
@@ -121,9 +122,9 @@ def test_one_scatter_unless_it_clearly_varies():
     pieces = np.repeat([0, 1], 3000)
     rng = np.random.default_rng(8)
     even = rng.normal(size=6000)
-    assert np.ptp(row_scatter(even, pieces).variance) == 0.0
-    assert row_scatter(even, pieces).variance[0] == pytest.approx(1.0, abs=0.12)
+    assert np.ptp(row_noise(even, pieces).own) == 0.0
+    assert row_noise(even, pieces).own[0] == pytest.approx(1.0, abs=0.12)
     louder = even * np.where(np.arange(6000) % 3000 < 1500, 1.0, 4.0)
-    found = np.sqrt(row_scatter(louder, pieces).variance)
+    found = np.sqrt(row_noise(louder, pieces).own)
     assert found[700] == pytest.approx(1.0, abs=0.2)
     assert found[2300] == pytest.approx(4.0, abs=0.8)

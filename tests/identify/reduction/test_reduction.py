@@ -9,6 +9,7 @@ import pytest
 from helpers.raw_logs import POSITION, READING, TRUTH, peak, raw_log, steep
 
 from thermohyd.identify.bench.test_record import Channel, TestRecord
+from thermohyd.identify.reduction.noise_of_logs import LogCorrelation
 from thermohyd.identify.reduction.reduce import is_raw_log, reduce_test
 
 
@@ -17,7 +18,8 @@ REAL = Path(__file__).resolve().parents[4] / "shared" / "real" / "servovalve_532
 
 def units(test):
     channel = test.channels[0]
-    return test.spool_position / POSITION, channel.value / READING, channel.std / READING
+    part = 0.0 if channel.position_part is None else channel.position_part  # as `initial_noise` puts the two together
+    return test.spool_position / POSITION, channel.value / READING, np.hypot(channel.std, part) / READING
 
 
 def averaged(curve, test):
@@ -71,7 +73,8 @@ COARSE = {
 
 
 def covered(case: dict, seeds: range) -> np.ndarray:
-    """Whether the 95 % intervals of the curve's two factors and its shift hold the truth, from points and their std alone."""
+    """Whether the 95 % intervals of the curve's two factors and its shift hold the truth, from points, their std and what neighbouring
+    points still share of a noise with a memory."""
     curve = case.get("curve", peak)
     moved = lambda x: (curve(x - 1e-4) - curve(x + 1e-4)) / 2e-4
     inside = []
@@ -81,7 +84,11 @@ def covered(case: dict, seeds: range) -> np.ndarray:
         shift = averaged(moved, test) @ TRUTH
         J = np.column_stack([averaged(curve, test), shift]) / s[:, None]
         covariance = np.linalg.inv(J.T @ J)
-        deviation = covariance @ J.T @ ((y - averaged(curve, test) @ TRUTH) / s)
+        z = (y - averaged(curve, test) @ TRUTH) / s
+        deviation = covariance @ J.T @ z
+        if "memory" in case:
+            remembered = LogCorrelation(1.0, float(np.exp(-1.0 / case["memory"])))
+            covariance *= 1.0 + 2.0 * remembered.of_neighbours(float(np.median(test.rows_of_log)))
         inside.append(np.abs(deviation) < 1.96 * np.sqrt(np.diag(covariance)))
     return np.array(inside)
 
@@ -93,8 +100,18 @@ def test_intervals_cover_the_truth():
     assert min(rates.values()) > 0.8
 
 
+@pytest.mark.parametrize("memory", [0.0, 3.0, 10.0])
+def test_points_scatter_as_much_as_they_are_said_to(memory):
+    squares = []
+    for seed in range(6):
+        test = reduce_test(raw_log(seed, rows=12000, memory=memory))
+        _, y, s = units(test)
+        squares.append(np.mean(((y - averaged(peak, test) @ TRUTH) / s) ** 2))
+    assert np.mean(squares) == pytest.approx(1.0, abs=0.2)
+
+
 def test_coarse_readings_are_not_overbelieved():
-    rates = {name: covered(case, range(8)).mean() for name, case in COARSE.items()}
+    rates = {name: covered(case, range(16)).mean() for name, case in COARSE.items()}
     print("coverage of 95 % intervals:", {name: f"{rate:.2f}" for name, rate in rates.items()})
     assert min(rates.values()) >= 0.9
 
@@ -131,11 +148,11 @@ def test_conditions_are_not_mixed():
 def test_declared_noise_is_obeyed_and_averaged():
     log = raw_log(3)
     channel = replace(log.channels[0], std=np.full(log.rows, 0.04 * READING), std_source="declared")
-    measured, declared = reduce_test(log).channels[0], reduce_test(replace(log, channels=(channel,))).channels[0]
-    assert declared.std_source.startswith("declared")
-    assert declared.std is not None
-    assert measured.std is not None
-    assert np.median(declared.std / measured.std) == pytest.approx(2.0, rel=0.15)
+    measured, declared = reduce_test(log), reduce_test(replace(log, channels=(channel,)))
+    assert declared.channels[0].std_source.startswith("declared")
+    # Of a row: where bins end goes with what is known of the noise.
+    of_row = lambda points: np.median(points.channels[0].std * np.sqrt(points.rows_of_log))
+    assert of_row(declared) / of_row(measured) == pytest.approx(2.0, rel=0.15)
 
 
 def test_correlation_is_told():
