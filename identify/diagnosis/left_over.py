@@ -116,22 +116,31 @@ def misfit_left(problem: Problem, fit: Fit, block: np.ndarray) -> LackOfFit:
 
     Those have few columns each: what goes with one quantity is found where it is too small for a test of a hundred curves.
     """
+    families = families_left(problem, fit, block)
+    found, alike = min(
+        ((one, len(family)) for family in families.values() for one in family), key=lambda of: of[0].p_value * of[1]
+    )
+    return replace(found, p_value=min(1.0, sum(map(bool, families.values())) * alike * found.p_value))
+
+
+def families_left(problem: Problem, fit: Fit, block: np.ndarray) -> dict[str, list[LackOfFit]]:
+    """The tests of `misfit_left` by what they ask: "curves", "positions", "conditions", "readings"; in motion curves alone.
+
+    The p-value of each test alone is uniform where nothing is left.
+    """
     ask = CurvesBeside.of(fit)
-    curves = ask(block)
     if problem.in_motion:
-        return curves
+        return {"curves": [ask(block)]}
     at = _white(problem, fit)
     along = _along_the_position(problem, at)
-    families = [
-        [curves],
-        [] if along is None else [ask(along)],
-        [ask.few(pair.columns) for pair in _pairs(problem, at, DEGREE, _rank) if not pair.of_the_position],
-        [ask.few(columns) for columns in _bent_readings(problem, at)],
-    ]
-    found, alike = min(
-        ((one, len(family)) for family in families for one in family), key=lambda of: of[0].p_value * of[1]
-    )
-    return replace(found, p_value=min(1.0, sum(map(bool, families)) * alike * found.p_value))
+    return {
+        "curves": [ask(block)],
+        "positions": [] if along is None else [ask(along)],
+        "conditions": [
+            ask.few(pair.columns) for pair in _pairs(problem, at, DEGREE, _rank) if not pair.of_the_position
+        ],
+        "readings": [ask.few(columns) for columns in _bent_readings(problem, at)],
+    }
 
 
 def _along_the_position(problem: Problem, at: Fit) -> np.ndarray | None:
