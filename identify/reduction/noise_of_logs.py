@@ -14,26 +14,22 @@ from scipy.special import chdtrc, polygamma
 from thermohyd.identify.noise.two_parts import TwoParts, parts_of_variance
 
 from .monotone_pieces import moving_mean, piece_bounds
-from .rounding import scatter_before_rounding
+from .third_differences import COARSE, ENOUGH, STRETCH, Stretches, before_rounding, median_of_mean, stretches_of
 
 
 Values = Any  # a number, or an array of them
 
 PENALTY = 9.0  # in chi-square: white noise, unless the scales say clearly otherwise
 REDUNDANT = 2.31  # neighbouring third differences that are worth one independent one: 1 + 2 sum of squared correlations
-STRETCH, FEW = 48, 12  # third differences that are judged together
 AROUND, LEAST_LEFT = 5, 0.1  # stretches whose median is local; what positions leave of it, at least
 UNEQUAL = 1e-4  # probability of stretches as unequal as this by chance, below which the noise varies along the log
-ALTERNATES, MOVES = (
-    0.62,
-    0.1,
-)  # share of neighbouring third differences of opposite sign: 0.77 in white noise, less in one with a memory
 MOSTLY = 0.6  # of the stretches must show noise alone for a lag to say anything
 FAR = 4.0  # times what was expected: such a stretch holds a bend or a bad row
-# Of the readings' own variance: what positions may make of it in stretches that are asked for the memory of the rest; of these so many.
-MINOR, ENOUGH = (0.2, 0.5, 1.0), 20
-STEPS_AROUND = 6  # stretches on either side, whose readings lie anywhere between two steps
-COARSE = 0.3  # of a step: readings that scatter by less show their rounding rather than their noise
+MINOR = (
+    0.2,
+    0.5,
+    1.0,
+)  # of the readings' own variance: what positions make in stretches that are asked for the memory, at most
 FADED = 0.7  # share of a variance that a lag shows, from which on it shows enough
 CLEARLY = 0.95  # of the stretches that show noise alone at the best lag, so many must at another
 SMOOTH = 1e-4  # of a reading's range: what scatters by less is as good as exact
@@ -94,35 +90,6 @@ class RowNoise:
     correlation: LogCorrelation = LogCorrelation()
 
 
-@dataclass(frozen=True)
-class _Stretches:
-    """Of stretches of rows: mean square of third differences / 20, whether they move at all and alternate, first and last row, piece."""
-
-    square: np.ndarray
-    moves: np.ndarray
-    alternates: np.ndarray
-    first: np.ndarray
-    last: np.ndarray
-    piece: np.ndarray
-
-    def mean(self, values: np.ndarray) -> np.ndarray:
-        sums = np.concatenate([[0.0], np.cumsum(values)])
-        return (sums[self.last + 1] - sums[self.first]) / (self.last + 1 - self.first)
-
-    def only(self, kept: np.ndarray) -> "_Stretches":
-        return _Stretches(
-            *(getattr(self, n)[kept] for n in ("square", "moves", "alternates", "first", "last", "piece"))
-        )
-
-    @property
-    def clear(self) -> float:
-        """Share that shows noise alone, of those that move: readings that rest on a step of their rounding say nothing."""
-        return float(np.mean(self.alternates[self.moves])) if self.moves.any() else 0.0
-
-    def without_bends(self) -> "_Stretches":
-        return self.only(self.alternates | ~self.moves)
-
-
 def row_noise(
     value: np.ndarray,
     pieces: np.ndarray,
@@ -158,7 +125,7 @@ def row_noise(
 def _clear_parts(
     value: np.ndarray,
     pieces: np.ndarray,
-    found: _Stretches,
+    found: Stretches,
     slope: np.ndarray,
     step: np.ndarray,
     lag: int,
@@ -168,7 +135,7 @@ def _clear_parts(
 ) -> RowNoise:
     """The parts behind stretches without those that hold a bend, a bad row or nothing but their rounding."""
     kept = found.without_bends() if found.clear >= MOSTLY else found
-    kept = _before_rounding(kept, step)
+    kept = before_rounding(kept, step)
     shown = float(_seen_at(lag, correlation.share, correlation.phi))
     for _ in range(2):
         noise = _parts(value, pieces, kept, slope, lag, stated, position, shown)
@@ -182,7 +149,7 @@ def _clear_parts(
 def _untold(value: np.ndarray, pieces: np.ndarray, noise: RowNoise) -> RowNoise:
     """Noise of a log at whose rows noise and bends look alike: as large as what the longest lag shows, and remembered as long."""
     lags = [lag for lag in LAGS if lag <= _longest(pieces)]
-    found = _stretches(value, pieces, lags[-1])
+    found = stretches_of(value, pieces, lags[-1])
     seen = float(np.median(found.square)) if len(found.square) else 0.0
     if seen <= (SMOOTH * float(np.ptp(value))) ** 2:
         return noise  # next to nothing, and bends make most of that
@@ -190,31 +157,16 @@ def _untold(value: np.ndarray, pieces: np.ndarray, noise: RowNoise) -> RowNoise:
     return replace(noise, own=np.maximum(noise.own, seen), parts=None, correlation=correlation)
 
 
-def _before_rounding(stretches: _Stretches, step: np.ndarray) -> _Stretches:
-    """The stretches with the squares that readings had before they were rounded; where enough are left, without those that show their
-    rounding alone."""
-    if not step.any():
-        return stretches
-    # Rows near each other share what rounding does to all of them, so that third differences do not show it; stretches differ by where
-    # between two steps they lie.
-    steps = stretches.mean(step)
-    around = np.maximum(moving_mean(stretches.square, STEPS_AROUND), 0.0)
-    before = scatter_before_rounding(np.sqrt(around), steps, 0.0)
-    share = np.divide(before**2, around, out=np.ones(len(around)), where=around > 0.0)
-    stretches, fine = replace(stretches, square=stretches.square * share), before >= COARSE * steps
-    return stretches.only(fine) if np.sum(fine) >= ENOUGH else stretches
-
-
-def _only_rounding(stretches: _Stretches, step: np.ndarray) -> bool:
+def _only_rounding(stretches: Stretches, step: np.ndarray) -> bool:
     """Whether a log shows its rounding rather than its noise, all over: nothing then tells what the noise remembers."""
-    left = _before_rounding(stretches, step)
+    left = before_rounding(stretches, step)
     return bool(step.any() and np.sqrt(np.mean(left.square)) < COARSE * np.mean(left.mean(step)))
 
 
-def _faded(value: np.ndarray, pieces: np.ndarray, correlation: LogCorrelation, shortest: int) -> tuple[int, _Stretches]:
+def _faded(value: np.ndarray, pieces: np.ndarray, correlation: LogCorrelation, shortest: int) -> tuple[int, Stretches]:
     """The shortest lag that shows most of a noise with a memory, or the longest that shows noise at all, and its stretches."""
     lags = [lag for lag in LAGS if shortest <= lag <= _longest(pieces)]
-    all_ = {lag: found for lag in lags if len((found := _stretches(value, pieces, lag)).square)}
+    all_ = {lag: found for lag in lags if len((found := stretches_of(value, pieces, lag)).square)}
     clear = {lag: found.clear for lag, found in all_.items()}
     told = [lag for lag in all_ if clear[lag] >= max(MOSTLY, CLEARLY * max(clear.values()))] or [shortest]
     enough = [lag for lag in told if _seen_at(lag, correlation.share, correlation.phi) > FADED]
@@ -230,7 +182,7 @@ def _longest(pieces: np.ndarray) -> float:
 def _parts(
     value: np.ndarray,
     pieces: np.ndarray,
-    stretches: _Stretches,
+    stretches: Stretches,
     slope: np.ndarray,
     lag: int,
     stated: np.ndarray | None,
@@ -261,7 +213,7 @@ def _parts(
     unequal = float(np.sum(spread**2) / polygamma(1, freedom / 2.0))
     if len(ratio) >= 2 * AROUND and chdtrc(len(ratio), unequal) < UNEQUAL:
         left = np.maximum(stretches.square - across * steep, LEAST_LEFT * stretches.square)
-        own, parts = _around(left, stretches, pieces) / (shown * _median_of_mean(freedom)), None
+        own, parts = _around(left, stretches, pieces) / (shown * median_of_mean(freedom)), None
     return RowNoise(own, across, error, parts, freedom * len(size))
 
 
@@ -271,7 +223,7 @@ def _error(expected: np.ndarray, shape: np.ndarray, freedom: float) -> float:
     return 1.0 / np.sqrt(information) if information > 0.0 else np.inf
 
 
-def _around(of_stretches: np.ndarray, stretches: _Stretches, pieces: np.ndarray) -> np.ndarray:
+def _around(of_stretches: np.ndarray, stretches: Stretches, pieces: np.ndarray) -> np.ndarray:
     """Median of the stretches around every row (rows,), within its piece."""
     by_row = np.full(len(pieces), np.median(of_stretches))
     middle = 0.5 * (stretches.first + stretches.last)
@@ -295,46 +247,16 @@ def _levels(value: np.ndarray, pieces: np.ndarray, rows: int) -> np.ndarray:
     return level
 
 
-def _shortest(value: np.ndarray, pieces: np.ndarray) -> tuple[int, _Stretches]:
+def _shortest(value: np.ndarray, pieces: np.ndarray) -> tuple[int, Stretches]:
     """The shortest lag at which third differences show noise, and its stretches; where none does, of neighbours."""
-    neighbours = _stretches(value, pieces, 1)
+    neighbours = stretches_of(value, pieces, 1)
     for lag in LAGS:
-        found = neighbours if lag == 1 else _stretches(value, pieces, lag)
+        found = neighbours if lag == 1 else stretches_of(value, pieces, lag)
         if lag > _longest(pieces) or not len(found.square):
             break
         if found.clear >= MOSTLY:
             return lag, found
     return 1, neighbours
-
-
-def _stretches(value: np.ndarray, pieces: np.ndarray, lag: int) -> _Stretches:
-    """Stretches of rows and their third differences between rows `lag` apart."""
-    square, moves, alternates, first, piece = [], [], [], [], []
-    for start, stop in piece_bounds(pieces):
-        y = value[start:stop]
-        if stop - start < STRETCH + 4 * lag:
-            continue
-        third = y[: -3 * lag] - 3.0 * y[lag : -2 * lag] + 3.0 * y[2 * lag : -lag] - y[3 * lag :]
-        turns = np.sign(third[lag:] * third[:-lag])
-        count = len(turns) // STRETCH
-        cut = lambda values, count=count: values[: count * STRETCH].reshape(count, STRETCH).mean(axis=1)
-        square.append(cut(third**2 / 20.0))
-        moves.append(cut(turns != 0.0) > MOVES)
-        alternates.append(cut(turns < 0.0) > ALTERNATES * cut(turns != 0.0))
-        first.append(start + STRETCH * np.arange(count))
-        piece.append(np.full(count, pieces[start]))
-    if not square:
-        none = np.zeros(0, dtype=int)
-        return _Stretches(np.zeros(0), none.astype(bool), none.astype(bool), none, none, none)
-    square, moves, alternates, first, piece = (
-        np.concatenate(each) for each in (square, moves, alternates, first, piece)
-    )
-    return _Stretches(square, moves, alternates, first, first + STRETCH + 3 * lag - 1, piece)
-
-
-def _median_of_mean(degrees_of_freedom: float) -> float:
-    """Median of chi-square over its degrees of freedom (Wilson and Hilferty, PNAS 17, 1931)."""
-    return (1.0 - 2.0 / (9.0 * degrees_of_freedom)) ** 3
 
 
 def log_correlation(
@@ -377,7 +299,7 @@ def _at_lag(
 
     By stretches, without those where the curve's bends show: there differences do not alternate in sign.
     """
-    found = _before_rounding(_stretches(value, pieces, lag), step)
+    found = before_rounding(stretches_of(value, pieces, lag), step)
     if not len(found.square):
         return None
     for most in MINOR:
@@ -394,7 +316,7 @@ def _at_lag(
     spread = float(np.var(np.log(np.maximum(ratios, 1e-12))))
     # The further apart, the fewer independent differences a stretch holds: from how far the logarithms of stretches scatter.
     freedom = 2.0 * (1.0 + 0.5 * spread) / max(spread, 1e-12)
-    return float(np.median(ratios)) / _median_of_mean(max(freedom, 1.0)), float(
+    return float(np.median(ratios)) / median_of_mean(max(freedom, 1.0)), float(
         np.sqrt(np.pi / 2.0 * spread / len(ratios))
     )
 

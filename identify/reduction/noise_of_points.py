@@ -6,8 +6,9 @@ import numpy as np
 
 from thermohyd.identify.bench.test_record import Channel
 
-from .noise_of_logs import COARSE, LogCorrelation, RowNoise
+from .noise_of_logs import LogCorrelation, RowNoise
 from .rounding import local_steps, rounding_error
+from .third_differences import COARSE
 
 
 @dataclass(frozen=True)
