@@ -22,7 +22,7 @@ MISSED = 0.2  # standard errors of a point by which two nodes may miss its mean
 # Chi-square of a change of slope from which on it is one; cuts of other sweeps that make one of their own unnecessary.
 SURE, ELSEWHERE = 12.0, 2
 PLACES = 24  # between rows of a bin, at most, that are asked; what is left of it is asked again
-AT_ONCE = 1_000_000  # numbers
+AT_ONCE = 250_000  # numbers
 SAME = 4.0  # a place that is worse by so much may still be that of the corner
 ROUNDS = 3  # a cut leaves two bins, whose windows are narrower
 MOST_MORE = 0.25  # points, as a share of those there are

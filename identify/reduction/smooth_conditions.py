@@ -170,20 +170,25 @@ def _best_lines(values: np.ndarray, along: np.ndarray | None) -> tuple[np.ndarra
     """The mean or local lines that predict a row left out best, of windows that double up to the whole stretch; and their errors.
 
     The widest that is worse by no more than one standard error: of ten rows chance would choose."""
-    half, n = NARROWEST, len(values)
-    tried = []
-    while True:
-        line, _, kept = local_line(values, half, along)
-        tried.append((line, kept))
-        if half >= n:
+    n = len(values)
+    halves = [NARROWEST]
+    while halves[-1] < n:
+        halves.append(2 * halves[-1])
+
+    def lines(half: int | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Line, share of a row's noise that is left in its distance, and squared error of its prediction; half: None, the mean."""
+        line, kept = np.full(n, values.mean()), np.full(n, 1.0 - 1.0 / n)
+        if half is not None:
+            line, _, kept = local_line(values, half, along)
+        return line, kept, ((values - line) / np.maximum(kept, 1e-3)) ** 2
+
+    widths = [*halves, None]  # of a log of 100,000 rows no two are kept
+    least = lines(min(widths, key=lambda half: float(np.mean(lines(half)[2]))))[2]
+    for half in reversed(widths):
+        line, kept, missed = lines(half)
+        worse = missed - least
+        if np.mean(worse) <= np.std(worse) / np.sqrt(n):
             break
-        half *= 2
-    tried.append((np.full(n, values.mean()), np.full(n, 1.0 - 1.0 / n)))
-    missed = [((values - line) / np.maximum(kept, 1e-3)) ** 2 for line, kept in tried]
-    least = min(missed, key=np.mean)
-    worse = [m - least for m in missed]
-    chosen = max(i for i, w in enumerate(worse) if np.mean(w) <= np.std(w) / np.sqrt(n))
-    line, kept = tried[chosen]
     variance = float(np.sum((values - line) ** 2) / max(np.sum(kept), 1.0))
     return line, np.sqrt(variance * np.clip(1.0 - kept, 0.0, 1.0))
 

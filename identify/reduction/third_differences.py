@@ -16,6 +16,7 @@ STRETCH = 48  # third differences that are judged together
 ALTERNATES, MOVES = 0.62, 0.1
 STEPS_AROUND = 6  # stretches on either side, whose readings lie anywhere between two steps
 COARSE = 0.3  # of a step: readings that scatter by less show their rounding rather than their noise
+AT_ONCE = 100  # stretches: what is tried for each takes 4 kB
 ENOUGH = 20  # stretches that are worth more than all of them
 
 
@@ -80,7 +81,8 @@ def before_rounding(stretches: Stretches, step: np.ndarray) -> Stretches:
     # between two steps they lie.
     steps = stretches.mean(step)
     around = np.maximum(moving_mean(stretches.square, STEPS_AROUND), 0.0)
-    before = scatter_before_rounding(np.sqrt(around), steps, 0.0)
+    blocks = np.array_split(np.arange(len(around)), len(around) // AT_ONCE + 1)
+    before = np.concatenate([scatter_before_rounding(np.sqrt(around[part]), steps[part], 0.0) for part in blocks])
     share = np.divide(before**2, around, out=np.ones(len(around)), where=around > 0.0)
     stretches, fine = replace(stretches, square=stretches.square * share), before >= COARSE * steps
     return stretches.only(fine) if np.sum(fine) >= ENOUGH else stretches
