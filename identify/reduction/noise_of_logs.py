@@ -137,12 +137,10 @@ def _clear_parts(
     kept = found.without_bends() if found.clear >= MOSTLY else found
     kept = before_rounding(kept, step)
     shown = float(_seen_at(lag, correlation.share, correlation.phi))
-    for _ in range(2):
-        noise = _parts(value, pieces, kept, slope, lag, stated, position, shown)
-        far = kept.square > FAR * kept.mean(shown * noise.own + noise.position * slope**2)
-        if not far.any() or np.mean(far) > 1.0 - MOSTLY:
-            break
-        kept = kept.only(~far)
+    noise = _parts(value, pieces, kept, slope, lag, stated, position, shown)
+    far = kept.square > FAR * kept.mean(shown * noise.own + noise.position * slope**2)
+    if far.any() and np.mean(far) <= 1.0 - MOSTLY:
+        noise = _parts(value, pieces, kept.only(~far), slope, lag, stated, position, shown)
     return noise
 
 

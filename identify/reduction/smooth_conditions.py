@@ -184,11 +184,9 @@ def _best_lines(values: np.ndarray, along: np.ndarray | None) -> tuple[np.ndarra
 
     widths = [*halves, None]  # of a log of 100,000 rows no two are kept
     least = lines(min(widths, key=lambda half: float(np.mean(lines(half)[2]))))[2]
-    for half in reversed(widths):
-        line, kept, missed = lines(half)
-        worse = missed - least
-        if np.mean(worse) <= np.std(worse) / np.sqrt(n):
-            break
+    worse = (lines(half)[2] - least for half in reversed(widths))
+    chosen = next(i for i, w in enumerate(worse) if np.mean(w) <= np.std(w) / np.sqrt(n))
+    line, kept, _ = lines(widths[-1 - chosen])
     variance = float(np.sum((values - line) ** 2) / max(np.sum(kept), 1.0))
     return line, np.sqrt(variance * np.clip(1.0 - kept, 0.0, 1.0))
 
