@@ -165,10 +165,6 @@ def beside_inputs(problem: Problem, fit: Fit, noise: dict[Key, ChannelNoise]) ->
     for key, rows in problem.rows().items():
         errors = tests[key[0]].input_error
         parts = [noise[key].std * slopes[name][rows] * error for name, error in errors.items() if name in slopes]
-        if (
-            noise[key].position_part is not None and "spool_position" not in errors
-        ):  # of a log, by the slope of its curve
-            parts.append(noise[key].position_part)
         if parts and np.isfinite(parts).all():
             found[key] = noise[key].beside_inputs(np.sqrt(np.sum(np.square(parts), axis=0)))
     return found

@@ -57,7 +57,7 @@ WHITE = 2.0  # ratio of variances, about a course and of third differences, up t
 SMALL = 0.01  # of a command's travel: noise; beyond it a command may well be meant so
 
 
-def with_smooth_conditions(test: TestRecord) -> TestRecord:
+def with_smooth_conditions[Test: TestRecord](test: Test) -> Test:
     """The test with each logged condition on its smooth course, run by run, where the readings do not follow its scatter.
 
     By straight lines over as many rows around as predict a row that is left out best; a course that only rounding has broken
