@@ -23,6 +23,7 @@ Key = tuple[str, str]  # test, channel
 FLAT = 1e-7
 # Share of a parameter in a flat unit direction from which on the direction, and not rounding, decides its error bar.
 TAKES_PART = 1e-4
+MISSES = 4.0  # mean square of a channel's residuals, in variances, from which on a model's slopes are not the curve's
 
 
 @dataclass(frozen=True)
@@ -155,13 +156,15 @@ def settled_noise(
     """Noise re-estimated from whitened residuals, where it is not known; each channel pays its share of the parameters.
 
     rows: of each channel in `residual` (n,) and in `jacobian` (n, p), whose columns are in the parameters' natural steps.
-    position (n,): the residuals' slopes to the position [1/m], by which its errors count; None: by those of neighbouring rows.
+    position (n,): the residuals' slopes to the position [1/m], by which its errors count; None: by those of neighbouring rows, as where
+    a model misses a channel by far: its slopes are not the curve's there.
     """
     leverage = leverage_of(jacobian)
     found = {}
     for key, own in rows.items():
         misfit = residual[own] * noise[key].used
-        there = noise[key] if position is None else noise[key].by_slopes(position[own] * noise[key].used)
+        by_model = position is not None and float(np.mean((misfit / noise[key].std) ** 2)) < MISSES
+        there = noise[key].by_slopes(position[own] * noise[key].used) if by_model else noise[key]
         found[key] = reweighted(there, misfit, np.maximum(1.0 - leverage[own], 0.05))
     return counted_once(found)
 
