@@ -81,9 +81,8 @@ def slopes_of_inputs(problem: Problem, fit: Fit, steps: Mapping[str, float]) -> 
     here = white.evaluate(fit.values, fit.effects).residual
     found = {}
     for column, step in steps.items():
-        read = {name: getattr(test, column, None) for name, test in problem.tests.items()}
         moved = {
-            name: test if read[name] is None else replace(test, **{column: read[name] - step})
+            name: test if (read := getattr(test, column, None)) is None else replace(test, **{column: read - step})
             for name, test in problem.tests.items()
         }
         found[column] = (replace(white, tests=moved).evaluate(fit.values, fit.effects).residual - here) / step

@@ -162,9 +162,9 @@ def settled_noise(
     leverage = leverage_of(jacobian)
     found = {}
     for key, own in rows.items():
-        misfit = residual[own] * noise[key].used
-        by_model = position is not None and float(np.mean((misfit / noise[key].std) ** 2)) < MISSES
-        there = noise[key].by_slopes(position[own] * noise[key].used) if by_model else noise[key]
+        there, misfit = noise[key], residual[own] * noise[key].used
+        if position is not None and float(np.mean((misfit / there.std) ** 2)) < MISSES:
+            there = there.by_slopes(position[own] * there.used)
         found[key] = reweighted(there, misfit, np.maximum(1.0 - leverage[own], 0.05))
     return counted_once(found)
 

@@ -367,8 +367,9 @@ def reweighted(noise: ChannelNoise, misfit: np.ndarray, left: np.ndarray) -> Cha
     """The noise after a fit whose residuals (SI) are `misfit`, of which the shares `left` (rows,), 0..1, are left to chance.
 
     Unknown noise becomes the residuals' own, of one part or of two (`two_parts`). Known noise stays what it is, but where the
-    model misses the curve the weights allow for that miss as one more, equal, error of every point: else a channel with very
-    small noise would drag the whole valve into its misfit. Declared noise is obeyed as it stands.
+    model misses the curve the weights allow for that miss as one more, equal, error of every point, as large as makes the mean square of
+    the weighted misfits 1 (Mandel and Paule, Anal. Chem. 42, 1970): else a channel with very small noise would drag the whole valve into
+    its misfit. Declared noise is obeyed as it stands.
     """
     if noise.declared:
         return replace(noise, used=noise.std)
@@ -377,11 +378,10 @@ def reweighted(noise: ChannelNoise, misfit: np.ndarray, left: np.ndarray) -> Cha
         beside = None if noise.position_part is None else noise.position_part**2
         level = np.zeros(len(square)) if noise.level is None else noise.level
         return replace(noise, level=level).of_parts(two_parts(square, level, beside, left))
-    mean_square = float(left @ square / left.sum())
-    extra = mean_square - float(np.mean(noise.std**2))
-    if extra <= float(np.mean(noise.std**2)):  # less than twice the noise's variance: chance, or nothing to speak of
+    mean_square = lambda used: float(left @ (square / used**2) / left.sum())
+    if mean_square(noise.std) <= 2.0:  # less than twice the noise's variance: chance, or nothing to speak of
         return replace(noise, used=noise.std)
-    return replace(noise, used=np.sqrt(noise.std**2 + extra))
+    return replace(noise, used=np.hypot(noise.std, noise_beside(noise.std, mean_square)))
 
 
 def noise_beside(part: np.ndarray, mean_square: Callable[[np.ndarray], float]) -> float:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtrc, polygamma
 
-from thermohyd.identify.noise.two_parts import TwoParts, parts_of_variance
+from thermohyd.identify.noise.two_parts import parts_of_variance
 
 from .monotone_pieces import moving_mean, piece_bounds
 from .third_differences import COARSE, ENOUGH, STRETCH, Stretches, before_rounding, median_of_mean, stretches_of
@@ -25,15 +25,13 @@ AROUND, LEAST_LEFT = 5, 0.1  # stretches whose median is local; what positions l
 UNEQUAL = 1e-4  # probability of stretches as unequal as this by chance, below which the noise varies along the log
 MOSTLY = 0.6  # of the stretches must show noise alone for a lag to say anything
 FAR = 4.0  # times what was expected: such a stretch holds a bend or a bad row
-MINOR = (
-    0.2,
-    0.5,
-    1.0,
-)  # of the readings' own variance: what positions make in stretches that are asked for the memory, at most
+# Of the readings' own variance: what positions make in stretches that are asked for the memory, at most.
+MINOR = (0.2, 0.5, 1.0)
 FADED = 0.7  # share of a variance that a lag shows, from which on it shows enough
 CLEARLY = 0.95  # of the stretches that show noise alone at the best lag, so many must at another
 SMOOTH = 1e-4  # of a reading's range: what scatters by less is as good as exact
 RESOLVED = 110  # parts of a sweep within which a valve's curve hardly bends
+UNTOLD = 3.0  # rows that count as one reading where rounding hides what noise remembers
 LAGS = (1, 2, 3, 5, 8, 13, 21, 34, 55)  # rows between the readings of a third difference
 SHARES, PHIS = np.linspace(0.0, 1.0, 41)[1:], np.concatenate([np.arange(0.1, 0.9, 0.02), np.arange(0.9, 0.995, 0.005)])
 TRUSTED = 0.03  # relative error to which any lag's ratio is trusted at best
@@ -41,10 +39,14 @@ TRUSTED = 0.03  # relative error to which any lag's ratio is trusted at best
 
 @dataclass(frozen=True)
 class LogCorrelation:
-    """Noise of neighbouring rows: a share of its variance forgets by the factor phi from row to row, the rest is white."""
+    """Noise of neighbouring rows: a share of its variance forgets by the factor phi from row to row, the rest is white.
+
+    assumed: rounding, or bends that look like noise, hide what rows remember.
+    """
 
     share: float = 0.0
     phi: float = 0.0
+    assumed: bool = False
 
     @property
     def white(self) -> bool:
@@ -78,16 +80,17 @@ class LogCorrelation:
 class RowNoise:
     """Noise of a log's rows: own variance (rows,), SI; what a position's error does is not in it.
 
-    position: variance of one position's error, m^2, that readings show by their slope; its standard error. parts: what `own` is made
-    of, where it is of two parts; degrees_of_freedom: from which it was estimated.
+    position: variance of one position's error, m^2, that readings show by their slope; its standard error. degrees_of_freedom: from
+    which it was estimated. coarse (rows,): standard deviation where readings rest on steps of their rounding, elsewhere infinite; None: not
+    asked.
     """
 
     own: np.ndarray
     position: float
     position_error: float
-    parts: TwoParts | None
     degrees_of_freedom: float
     correlation: LogCorrelation = LogCorrelation()
+    coarse: np.ndarray | None = None
 
 
 def row_noise(
@@ -106,20 +109,32 @@ def row_noise(
     """
     slope = np.zeros(len(value)) if slope is None else slope
     step = np.zeros(len(value)) if step is None else step
-    lag, found = _shortest(value, pieces)
-    if not np.any(found.square > 0.0):
-        return RowNoise(np.zeros(len(value)), 0.0, np.inf, None, 1.0)
-    noise = first = _clear_parts(value, pieces, found, slope, step, lag, stated, position)
-    if _only_rounding(found, step):
-        return first
-    told = log_correlation(value, pieces, first.own, first.position * slope**2, lag, step)
+    lags = [lag for lag in LAGS if lag <= _longest(pieces)]
+    found = {lag: stretches for lag in lags if len((stretches := stretches_of(value, pieces, lag)).square)}
+    # The shortest distance at which noise shows; where it shows at none, neighbours.
+    lag = next((lag for lag, stretches in found.items() if stretches.clear >= MOSTLY), LAGS[0])
+    if lag not in found or not np.any(found[lag].square > 0.0):
+        return RowNoise(np.zeros(len(value)), 0.0, np.inf, 1.0)
+    parts_at = lambda lag, position, correlation: _clear_parts(
+        value, pieces, found[lag], slope, step, lag, stated, position, correlation
+    )
+    noise = first = parts_at(lag, position, LogCorrelation())
+    if _only_rounding(found[lag], step):
+        return replace(first, correlation=_one_reading_in(UNTOLD))
+    told = _correlation(found, first.own, first.position * slope**2, lag, step)
     if told is None:
-        return _untold(value, pieces, first)
-    if not told.white:
+        return _untold(value, found.get(lags[-1]), lags[-1], first)
+    if told.white and lag > 1:
+        told = _one_reading_in(lag)  # rows nearer than that are one reading
+    elif not told.white:
         # What positions make of it shows best in neighbours, what is remembered in rows farther apart.
-        lag, found = _faded(value, pieces, told, lag)
-        noise = _clear_parts(value, pieces, found, slope, step, lag, stated, first.position, told)
+        noise = parts_at(_faded(found, told, lag), first.position, told)
     return replace(noise, position_error=first.position_error, correlation=told)
+
+
+def _one_reading_in(rows: float) -> LogCorrelation:
+    """Noise of which so many rows are worth one independent reading."""
+    return LogCorrelation(1.0, (rows - 1.0) / (rows + 1.0), assumed=True)
 
 
 def _clear_parts(
@@ -131,7 +146,7 @@ def _clear_parts(
     lag: int,
     stated: np.ndarray | None,
     position: float | None,
-    correlation: LogCorrelation = LogCorrelation(),
+    correlation: LogCorrelation,
 ) -> RowNoise:
     """The parts behind stretches without those that hold a bend, a bad row or nothing but their rounding."""
     kept = found.without_bends() if found.clear >= MOSTLY else found
@@ -144,15 +159,14 @@ def _clear_parts(
     return noise
 
 
-def _untold(value: np.ndarray, pieces: np.ndarray, noise: RowNoise) -> RowNoise:
+def _untold(value: np.ndarray, longest: Stretches | None, lag: int, noise: RowNoise) -> RowNoise:
     """Noise of a log at whose rows noise and bends look alike: as large as what the longest lag shows, and remembered as long."""
-    lags = [lag for lag in LAGS if lag <= _longest(pieces)]
-    found = stretches_of(value, pieces, lags[-1])
-    seen = float(np.median(found.square)) if len(found.square) else 0.0
+    seen = 0.0 if longest is None else float(np.median(longest.square))
     if seen <= (SMOOTH * float(np.ptp(value))) ** 2:
         return noise  # next to nothing, and bends make most of that
-    correlation = LogCorrelation(1.0, float(np.exp(-1.0 / lags[-1])))
-    return replace(noise, own=np.maximum(noise.own, seen), parts=None, correlation=correlation)
+    return replace(
+        noise, own=np.maximum(noise.own, seen), correlation=LogCorrelation(1.0, float(np.exp(-1.0 / lag)), True)
+    )
 
 
 def _only_rounding(stretches: Stretches, step: np.ndarray) -> bool:
@@ -161,15 +175,12 @@ def _only_rounding(stretches: Stretches, step: np.ndarray) -> bool:
     return bool(step.any() and np.sqrt(np.mean(left.square)) < COARSE * np.mean(left.mean(step)))
 
 
-def _faded(value: np.ndarray, pieces: np.ndarray, correlation: LogCorrelation, shortest: int) -> tuple[int, Stretches]:
-    """The shortest lag that shows most of a noise with a memory, or the longest that shows noise at all, and its stretches."""
-    lags = [lag for lag in LAGS if shortest <= lag <= _longest(pieces)]
-    all_ = {lag: found for lag in lags if len((found := stretches_of(value, pieces, lag)).square)}
-    clear = {lag: found.clear for lag, found in all_.items()}
-    told = [lag for lag in all_ if clear[lag] >= max(MOSTLY, CLEARLY * max(clear.values()))] or [shortest]
+def _faded(found: dict[int, Stretches], correlation: LogCorrelation, shortest: int) -> int:
+    """The shortest lag that shows most of a noise with a memory, or the longest that shows noise at all."""
+    clear = {lag: stretches.clear for lag, stretches in found.items() if lag >= shortest}
+    told = [lag for lag in clear if clear[lag] >= max(MOSTLY, CLEARLY * max(clear.values()))] or [shortest]
     enough = [lag for lag in told if _seen_at(lag, correlation.share, correlation.phi) > FADED]
-    lag = min(enough, default=max(told))
-    return lag, all_[lag]
+    return min(enough, default=max(told))
 
 
 def _longest(pieces: np.ndarray) -> float:
@@ -195,24 +206,23 @@ def _parts(
     known = np.zeros(len(size)) if position is None else position * steep
     if stated is not None:
         if position is not None:
-            return RowNoise(stated**2, position, 0.0, None, np.inf)
+            return RowNoise(stated**2, position, 0.0, np.inf)
         own = shown * stretches.mean(stated**2)
         [amount] = parts_of_variance(stretches.square, [steep], own, weight)
-        return RowNoise(stated**2, float(amount), _error(amount * steep + own, steep, freedom), None, np.inf)
+        return RowNoise(stated**2, float(amount), _error(amount * steep + own, steep, freedom), np.inf)
     shapes = [np.full(len(size), shown), shown * size, *([steep] if position is None else [])]
     amounts = parts_of_variance(stretches.square, shapes, known, weight)
     own = amounts[0] + amounts[1] * level**2
     across = float(amounts[2]) if position is None else position
     expected = shown * stretches.mean(own) + across * steep
     error = _error(expected, steep, freedom) if position is None else 0.0
-    parts = TwoParts(float(np.sqrt(amounts[0])), float(np.sqrt(amounts[1]))) if amounts[1] > 0.0 else None
     ratio = np.maximum(stretches.square / expected, 1e-12)
     spread = np.log(ratio) - np.log(np.median(ratio))
     unequal = float(np.sum(spread**2) / polygamma(1, freedom / 2.0))
     if len(ratio) >= 2 * AROUND and chdtrc(len(ratio), unequal) < UNEQUAL:
         left = np.maximum(stretches.square - across * steep, LEAST_LEFT * stretches.square)
-        own, parts = _around(left, stretches, pieces) / (shown * median_of_mean(freedom)), None
-    return RowNoise(own, across, error, parts, freedom * len(size))
+        own = _around(left, stretches, pieces) / (shown * median_of_mean(freedom))
+    return RowNoise(own, across, error, freedom * len(size))
 
 
 def _error(expected: np.ndarray, shape: np.ndarray, freedom: float) -> float:
@@ -245,36 +255,16 @@ def _levels(value: np.ndarray, pieces: np.ndarray, rows: int) -> np.ndarray:
     return level
 
 
-def _shortest(value: np.ndarray, pieces: np.ndarray) -> tuple[int, Stretches]:
-    """The shortest lag at which third differences show noise, and its stretches; where none does, of neighbours."""
-    neighbours = stretches_of(value, pieces, 1)
-    for lag in LAGS:
-        found = neighbours if lag == 1 else stretches_of(value, pieces, lag)
-        if lag > _longest(pieces) or not len(found.square):
-            break
-        if found.clear >= MOSTLY:
-            return lag, found
-    return 1, neighbours
-
-
-def log_correlation(
-    value: np.ndarray,
-    pieces: np.ndarray,
-    own: np.ndarray,
-    white: np.ndarray | None = None,
-    shortest: int = 1,
-    step: np.ndarray | None = None,
+def _correlation(
+    found: dict[int, Stretches], own: np.ndarray, white: np.ndarray, shortest: int, step: np.ndarray
 ) -> LogCorrelation | None:
     """How a log's noise forgets: third differences between rows farther and farther apart beside the variance at the shortest lag.
 
-    value, pieces (n,); own (n,): that variance; white (n,): what positions add to it, which remembers nothing; step (n,): of
-    rounding. None: too few rows say anything. Medians over stretches keep bends and jumps of the curve out, and a lag at which its
-    bends show says nothing.
+    own (n,): that variance; white (n,): what positions add to it, which remembers nothing; step (n,): of rounding. None: too few rows
+    say anything. Medians over stretches keep bends and jumps of the curve out, and a lag at which its bends show says nothing.
     """
-    white = np.zeros(len(own)) if white is None else white
-    step = np.zeros(len(own)) if step is None else step
-    lags = [lag for lag in LAGS if shortest <= lag <= _longest(pieces)]
-    kept = [(lag, *of_lag) for lag in lags if (of_lag := _at_lag(value, pieces, own, white, step, lag)) is not None]
+    at_lags = ((lag, _at_lag(stretches, own, white, step)) for lag, stretches in found.items() if lag >= shortest)
+    kept = [(lag, *of_lag) for lag, of_lag in at_lags if of_lag is not None]
     if len(kept) < 3 or kept[0][0] != shortest:
         return None
     lags, ratio, error = (np.array(each, float) for each in zip(*kept, strict=True))
@@ -290,16 +280,12 @@ def log_correlation(
     return LogCorrelation(float(SHARES[best[0]]), float(PHIS[best[1]]))
 
 
-def _at_lag(
-    value: np.ndarray, pieces: np.ndarray, own: np.ndarray, white: np.ndarray, step: np.ndarray, lag: int
-) -> tuple[float, float] | None:
-    """Variance that third differences between rows `lag` apart show, beside `own`, and its relative error; None: it says nothing.
+def _at_lag(stretches: Stretches, own: np.ndarray, white: np.ndarray, step: np.ndarray) -> tuple[float, float] | None:
+    """Variance that third differences at one lag show, beside `own`, and its relative error; None: it says nothing.
 
     By stretches, without those where the curve's bends show: there differences do not alternate in sign.
     """
-    found = before_rounding(stretches_of(value, pieces, lag), step)
-    if not len(found.square):
-        return None
+    found = before_rounding(stretches, step)
     for most in MINOR:
         minor = found.mean(white) < most * found.mean(own)
         if np.sum(minor) >= ENOUGH:

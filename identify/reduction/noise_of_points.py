@@ -39,6 +39,9 @@ def points_of(channel: Channel, starts: np.ndarray, pieces: np.ndarray, noise: R
     step = _known_steps(channel.as_read, starts)
     ramp = _ramp(value, piece)
     before = np.sqrt(mean(noise.own))
+    if channel.std is None and noise.coarse is not None:
+        # What readings scatter by elsewhere they need not on a step of their rounding.
+        before = np.minimum(before, mean(noise.coarse))
     coarse = before < COARSE * step  # the log shows its own rounding rather than the noise
     # What is declared is of one row.
     own = (

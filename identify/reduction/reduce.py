@@ -27,6 +27,7 @@ from .rounding import joined_steps, local_steps
 from .smooth_conditions import followed, with_smooth_conditions
 from .sweep_position import STEPS_ACROSS, Abscissa, curve_slopes, local_line, smooth_abscissa
 from .table_positions import as_measured
+from .third_differences import coarse_scatter
 
 
 CELLS = 400  # per piece: the resolution at which the curve's shape is judged
@@ -272,6 +273,8 @@ def _along_the_sweep(
     if len(noises) > 1:
         both = list(zip(channels, slopes, steps, strict=True))
         noises = [row_noise(c.value, pieces, slope, c.std, shared, step) for c, slope, step in both]
+    coarse = [coarse_scatter(c.value, pieces, step) for c, step in zip(channels, steps, strict=True)]
+    noises = [replace(n, coarse=rows) for n, rows in zip(noises, coarse, strict=True)]
     return replace(test, channels=channels), noises, shared
 
 
@@ -339,7 +342,12 @@ def _noise_note(test: TestRecord, channel: Channel, points: Points, rows: np.nda
             )
         pause = _memory(test, points)
         if pause:
-            parts.append(f"neighbouring rows correlate over {pause}")
+            told = (
+                "what neighbouring rows remember cannot be seen, taken for"
+                if points.correlation.assumed
+                else "neighbouring rows correlate over"
+            )
+            parts.append(f"{told} {pause}")
         neighbours = points.correlation.of_neighbours(n)
         if neighbours > 0.1:
             parts.append(f"neighbouring points still correlate by {neighbours:.2f}")

@@ -77,15 +77,37 @@ def before_rounding(stretches: Stretches, step: np.ndarray) -> Stretches:
     rounding alone."""
     if not step.any():
         return stretches
-    # Rows near each other share what rounding does to all of them, so that third differences do not show it; stretches differ by where
-    # between two steps they lie.
-    steps = stretches.mean(step)
-    around = np.maximum(moving_mean(stretches.square, STEPS_AROUND), 0.0)
-    blocks = np.array_split(np.arange(len(around)), len(around) // AT_ONCE + 1)
-    before = np.concatenate([scatter_before_rounding(np.sqrt(around[part]), steps[part], 0.0) for part in blocks])
+    around, before = _before(stretches, step)
     share = np.divide(before**2, around, out=np.ones(len(around)), where=around > 0.0)
-    stretches, fine = replace(stretches, square=stretches.square * share), before >= COARSE * steps
+    stretches, fine = replace(stretches, square=stretches.square * share), before >= COARSE * stretches.mean(step)
     return stretches.only(fine) if np.sum(fine) >= ENOUGH else stretches
+
+
+def coarse_scatter(value: np.ndarray, pieces: np.ndarray, step: np.ndarray) -> np.ndarray:
+    """Standard deviation (rows,) that readings had before they were rounded, where they show little but their rounding; else infinite."""
+    found = np.full(len(value), np.inf)
+    stretches = stretches_of(value, pieces, 1)
+    if not step.any() or not len(stretches.square):
+        return found
+    _, before = _before(stretches, step)
+    before[before >= COARSE * stretches.mean(step)] = np.inf
+    for start, stop in piece_bounds(pieces):
+        inside = np.flatnonzero(stretches.piece == pieces[start])
+        if len(inside):
+            nearest = np.searchsorted(stretches.first[inside], np.arange(start, stop), "right") - 1
+            found[start:stop] = before[inside[np.maximum(nearest, 0)]]
+    return found
+
+
+def _before(stretches: Stretches, step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Mean square of the stretches around each (stretches,), and the standard deviation before rounding behind it.
+
+    Rows near each other share what rounding does to all of them, so that third differences do not show it; stretches differ by where
+    between two steps they lie.
+    """
+    steps, around = stretches.mean(step), np.maximum(moving_mean(stretches.square, STEPS_AROUND), 0.0)
+    blocks = np.array_split(np.arange(len(around)), len(around) // AT_ONCE + 1)
+    return around, np.concatenate([scatter_before_rounding(np.sqrt(around[part]), steps[part], 0.0) for part in blocks])
 
 
 def median_of_mean(degrees_of_freedom: float) -> float:

@@ -54,6 +54,17 @@ def test_known_noise_stays_what_it_is(declared):
     assert_allclose(reweighted(known, residuals(3, 0.02, 0.01), np.ones(len(LEVEL))).used, 0.05)
 
 
+def test_a_missed_curve_is_widened_where_its_fine_points_show_it():
+    """Half of the readings rest on coarse steps: their variance says nothing of what the model misses the fine ones by."""
+    std = np.where(LEVEL < 5.0, 0.01, 1.0)
+    misfit = std * np.random.default_rng(4).standard_normal(len(LEVEL)) + np.where(LEVEL < 5.0, 0.1, 0.0)
+    known = ChannelNoise(std, "", True, False, std, level=LEVEL)
+    found = reweighted(known, misfit, np.ones(len(LEVEL)))
+    assert np.mean((misfit / found.used) ** 2) == pytest.approx(1.0, rel=1e-3)
+    assert_allclose(found.std, std)
+    assert np.all(found.used > std)
+
+
 @settings(max_examples=30)
 @given(st.floats(1e-9, 1e9), st.integers(0, 3))
 def test_units_change_nothing(unit, seed):

@@ -40,6 +40,7 @@ def off_by(log, points: TestRecord) -> np.ndarray:
     turns = np.add.reduceat(direction, starts) != rows * points.direction
     off = []
     for channel in points.channels:
+        assert channel.std is not None
         mean = np.add.reduceat(exact[channel.name], starts) / rows
         found = np.sum(curve[channel.name].reshape(-1, nodes.count) * nodes.weight, axis=1)
         off.append(np.where(turns, 0.0, (found - mean) / channel.std))

@@ -87,6 +87,7 @@ def covered(case: dict, seeds: range) -> np.ndarray:
         z = (y - averaged(curve, test) @ TRUTH) / s
         deviation = covariance @ J.T @ z
         if "memory" in case:
+            assert test.rows_of_log is not None
             remembered = LogCorrelation(1.0, float(np.exp(-1.0 / case["memory"])))
             covariance *= 1.0 + 2.0 * remembered.of_neighbours(float(np.median(test.rows_of_log)))
         inside.append(np.abs(deviation) < 1.96 * np.sqrt(np.diag(covariance)))
