@@ -34,6 +34,7 @@ ASIDE, NOW_AND_THEN = 0.2, 0.02  # steps, of a third difference as if of noise; 
 MOVED = 9.0
 # Shares of the scatter that readings may follow; of barely any, positions are as good along the curve.
 SHARES, BARELY = np.linspace(0.0, 1.0, 21), 0.15
+NEARLY = 0.05  # that a share of all may seem to lack: slopes are known to some per cent
 HEAVY = 3.0  # standard deviations beyond which a third difference is the curve's bend rather than noise
 # Rows either side of a cubic; lines over more than `ENOUGH` are as good as any.
 WIDEST, NARROWEST, ENOUGH = 64, 3, 16
@@ -106,7 +107,7 @@ def _where_it_was(
     Of a scatter of variance s^2 the spool made share s^2; of where it was is known, beside the line, all but
     share (1 - share) s^2 (Fuller 1987, sec. 1.2), and where it did not move the line is, by the root of its rows.
     """
-    if share >= 1.0 - BARELY:  # slopes are known to some per cent, and with them the share: what is left is rounding
+    if share >= 1.0 - NEARLY:  # what is left is rounding
         return _with_parts(test, min(rounding, noise * np.sqrt(BARELY)), test.spool_position, pieces)
     value = lines.value + share * (test.spool_position - lines.value)
     left = noise * np.sqrt((1.0 - share) * (share + (1.0 - share) * lines.error))
@@ -260,6 +261,8 @@ def _followed(test: TestRecord, lines: _Lines, pieces: np.ndarray) -> tuple[bool
         if size > 0.0:
             losses += [_loss(r / size) for r in rest]
     best = int(np.argmin(losses))
+    if SHARES[best] >= 1.0 - BARELY and losses[-1] - losses[best] < MOVED:
+        best = len(SHARES) - 1  # all of it is not excluded
     return bool(max(losses[0], losses[-1]) - losses[best] > MOVED), float(SHARES[best])
 
 
