@@ -11,6 +11,9 @@ from .rounding import local_steps, rounding_error
 from .third_differences import COARSE
 
 
+FLICKERS = 0.6  # of a step: a noise as large rests on none, wherever between two of them the reading lies
+
+
 @dataclass(frozen=True)
 class Points:
     """The means of one reading over bins, with standard errors; one entry per bin (SI).
@@ -40,8 +43,8 @@ def points_of(channel: Channel, starts: np.ndarray, pieces: np.ndarray, noise: R
     ramp = _ramp(value, piece)
     before = np.sqrt(mean(noise.own))
     if channel.std is None and noise.coarse is not None:
-        # What readings scatter by elsewhere they need not on a step of their rounding.
-        before = np.minimum(before, mean(noise.coarse))
+        # What readings scatter by elsewhere they need not where they rest on steps of their rounding that it would carry them over.
+        before = np.where(before > FLICKERS * step, np.minimum(before, mean(noise.coarse)), before)
     coarse = before < COARSE * step  # the log shows its own rounding rather than the noise
     # What is declared is of one row.
     own = (

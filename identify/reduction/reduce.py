@@ -16,6 +16,7 @@ import numpy as np
 from thermohyd.identify.bench.columns import reading_unit
 from thermohyd.identify.bench.shown_units import significant
 from thermohyd.identify.bench.test_record import Channel, TestRecord
+from thermohyd.identify.noise.level import MEDIAN_OF_CHI2
 
 from .bad_rows import without_outliers_in_log
 from .corners import ending_at_corners
@@ -185,7 +186,7 @@ def reduce_test(test: TestRecord, *, max_points: int = 600, log_rows: int = LOG_
     axis = sweep_axis(test)
     readings = [channel.value for channel in test.channels]
     abscissa = smooth_abscissa(axis, pieces, readings)
-    test, noises, position_noise = _along_the_sweep(test, abscissa, pieces)
+    test, noises, position_noise, shaken = _along_the_sweep(test, abscissa, pieces)
     # Errors from the bins' finite width, where an edge closes within one, must not outgrow the noise of longer logs.
     max_points = round(max_points * max(test.rows / FULL_LOG, LEAST_SHARE) ** (1.0 / 3.0))
     starts = bin_starts(abscissa, readings, pieces, max_points)
@@ -243,14 +244,15 @@ def reduce_test(test: TestRecord, *, max_points: int = 600, log_rows: int = LOG_
         notes=(*test.notes, *notes),
         input_error={name: mean(value) for name, value in test.input_error.items()}
         | ({sweep: error} if error.any() else {}),
-        nodes=nodes_of(abscissa.position, test.time, starts, sweep),
+        nodes=nodes_of(abscissa.position, test.time, starts, sweep, shaken),
     )
 
 
 def _along_the_sweep(
     test: TestRecord, abscissa: Abscissa, pieces: np.ndarray
-) -> tuple[TestRecord, list[RowNoise], float]:
-    """The test with readings as they would be on the smooth sweep, the noise of each, and variance of a position's error [m^2 or Pa^2].
+) -> tuple[TestRecord, list[RowNoise], float, np.ndarray]:
+    """The test with readings as they would be on the smooth sweep, the noise of each, variance of a position's error [m^2 or Pa^2], and
+    the variance (rows,) by which the spool itself left the smooth sweep.
 
     A spool that shakes takes its readings along, what a transducer scatters by they do not follow: readings are taken along their curve
     to the smooth sweep by the share of the position's scatter that they follow. What is left of it is seen in their own scatter, larger
@@ -259,8 +261,11 @@ def _along_the_sweep(
     slopes = [curve_slopes(abscissa.position, channel.value, pieces, shrunk=True) for channel in test.channels]
     away = np.where(abscissa.staircase, 0.0, abscissa.position - sweep_axis(test))
     share = followed([c.value for c in test.channels], [-slope * away for slope in slopes], pieces)
-    channels = test.channels
+    channels, shaken = test.channels, np.zeros(test.rows)
     if share > 0.0:
+        for start, stop in piece_bounds(pieces):
+            # What readings follow of the scatter is the spool's part of its variance.
+            shaken[start:stop] = share * float(np.median(away[start:stop] ** 2)) / MEDIAN_OF_CHI2
         moves = [share * slope * away for slope in slopes]
         channels = tuple(replace(c, value=c.value + move, moved=move) for c, move in zip(channels, moves, strict=True))
     both = list(zip(channels, slopes, strict=True))
@@ -275,7 +280,7 @@ def _along_the_sweep(
         noises = [row_noise(c.value, pieces, slope, c.std, shared, step) for c, slope, step in both]
     coarse = [coarse_scatter(c.value, pieces, step) for c, step in zip(channels, steps, strict=True)]
     noises = [replace(n, coarse=rows) for n, rows in zip(noises, coarse, strict=True)]
-    return replace(test, channels=channels), noises, shared
+    return replace(test, channels=channels), noises, shared, shaken
 
 
 def _moved_by_positions(

@@ -128,3 +128,15 @@ def test_one_scatter_unless_it_clearly_varies():
     found = np.sqrt(row_noise(louder, pieces).own)
     assert found[700] == pytest.approx(1.0, abs=0.2)
     assert found[2300] == pytest.approx(4.0, abs=0.8)
+
+
+def test_nodes_reach_as_far_as_rows_were_shaken():
+    """Rows that stand about their smooth sweep: nodes give the mean of a curve to second order over where they really were."""
+    axis, starts, shaken = np.linspace(0.0, 3e-6, 400), np.array([0, 1, 200]), 0.2e-6
+    nodes = nodes_of(axis, None, starts, "spool_position", np.full(400, shaken**2))
+    rows = np.diff(np.append(starts, 400))
+    mean = np.add.reduceat(axis, starts) / rows
+    at = mean[:, None] + nodes.offset
+    np.testing.assert_allclose(np.sum(nodes.weight * at, axis=1), mean)
+    expected = np.add.reduceat(axis**2, starts) / rows + shaken**2
+    np.testing.assert_allclose(np.sum(nodes.weight * at**2, axis=1), expected)
