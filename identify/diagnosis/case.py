@@ -85,20 +85,26 @@ def open_case(record: BenchRecord, say: Progress = lambda _: None, without: tupl
     return with_noise_around(Case(fitted, problem, repeats, {}, base, {}), base)
 
 
+def _measured(case: Case, fit: Fit) -> tuple[dict[Key, NoiseEstimate], Problem]:
+    """The noise beside `fit`, and the problem weighed by it."""
+    noise = estimated_noise(case.problem, fit, case.fitted.noise, case.repeats)
+    return noise, case.problem.with_noise(noise_of(noise))
+
+
 def with_noise_around(case: Case, fit: Fit) -> Case:
     """The case with its noise measured beside `fit`, and the ideal valve fitted with it.
 
     Beside a fit in a wrong valley its misfit is measured as noise. Where the same effects then end far below that noise, it is
     measured again beside that end.
     """
-    for _ in range(MOST_MEASURED):
-        noise = estimated_noise(case.problem, fit, case.fitted.noise, case.repeats)
-        problem = case.problem.with_noise(noise_of(noise))
+    noise, problem = _measured(case, fit)
+    for _ in range(MOST_MEASURED - 1):
         if problem.evaluate(fit.values, fit.effects).chi2 < MISSED * np.sum(fit.used):
             break  # as good as its noise: nothing deeper to look for
         fit = problem.fit(fit.effects, fit.values, hop_basins=True)
         if fit.chi2 > FAR_BELOW * np.sum(fit.used):
             break
+        noise, problem = _measured(case, fit)
     base = problem.fit(start=case.base.values, hop_basins=True)
     steps = finite_steps(problem, problem.with_all_columns(base), problem.library.names)
     return replace(case, problem=problem, noise=noise, base=base, steps=steps)
