@@ -28,7 +28,7 @@ from .search import LEVEL, Selection, prune, search
 Progress = Callable[[str], None]
 
 # Reduced chi-square beside which a noise was measured beside a wrong valley; rounds at most; and from which a fit may stand in one.
-FAR_BELOW, MOST_MEASURED, MISSED = 0.6, 3, 1.5
+FAR_BELOW, MOST_AGAIN, MISSED = 0.6, 2, 1.5
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ def with_noise_around(case: Case, fit: Fit) -> Case:
     measured again beside that end.
     """
     noise, problem = _measured(case, fit)
-    for _ in range(MOST_MEASURED - 1):
+    for _ in range(MOST_AGAIN if fit.effects else 0):
         if problem.evaluate(fit.values, fit.effects).chi2 < MISSED * np.sum(fit.used):
             break  # as good as its noise: nothing deeper to look for
         fit = problem.fit(fit.effects, fit.values, hop_basins=True)

@@ -199,8 +199,11 @@ def run_fit(
     return _beside_what_is_usual(fitted, problem, say) if usual_is_asked(fitted) else fitted
 
 
-def _beside_what_is_usual(fitted: Fitted, problem: "StaticSearch", say: Progress) -> Fitted:
-    """The fit with its flow coefficients held near what is usual, unless the readings contradict that (`usual_values`)."""
+def _beside_what_is_usual(fitted: Fitted, problem: "StaticSearch", say: Progress, *, last: bool = False) -> Fitted:
+    """The fit with its flow coefficients held near what is usual, unless the readings contradict that (`usual_values`).
+
+    last: its end is as deep as any; else the readings alone are asked again from a deeper one.
+    """
     say("flow coefficients held near what is usual")
     noise, alone = fitted.noise, fitted.solution.p
     usual = replace(problem, plans=with_usual(fitted.plans))
@@ -209,6 +212,10 @@ def _beside_what_is_usual(fitted: Fitted, problem: "StaticSearch", say: Progress
     starts = [*starts_beside(alone, fitted.free, usual.plans), *usual.first_starts()]
     ends = each(lambda start: usual.solve(args, start), starts)
     best = min(ends, key=lambda end: end.cost if np.isfinite(end.cost) else np.inf)
+    if best.cost < cost and not last:
+        solution, noise = problem.settled(problem.solve(problem.args(noise), best.p), noise)
+        deeper = replace(fitted, noise=noise, solution=solution)
+        return _beside_what_is_usual(deeper, problem, say, last=True) if usual_is_asked(deeper) else deeper
     if not contradicted(fitted, best.cost - cost, HOPELESS):
         best = usual.basin_hopping(best, noise)
     if contradicted(fitted, best.cost - cost):
