@@ -19,11 +19,12 @@ QUICK := identify/bench identify/report identify/noise identify/model/test_model
 	identify/diagnosis/test_where.py simulator/test_against_reference.py simulator/test_dynamics_field.py \
 	test_import_direction.py test_effect_names.py test_citations.py
 
-.PHONY: help axe demo compare-pairs plan-rates test quick lint typecheck pytest dist site api tutorial bench figures hidden hidden-bench hidden-dynamic hidden-logs joint-coverage law-coverage \
+.PHONY: help axe demo compare-pairs plan-rates test test-all quick lint typecheck pytest dist site api tutorial bench figures hidden hidden-bench hidden-dynamic hidden-logs joint-coverage law-coverage \
 	recovery petab-select real-valve clean
 help:
 	@echo "make demo    fit one sample record, diagnose another, write demo-report/"
 	@echo "make test    ruff, pyright and pytest against the installed package"
+	@echo "make test-all  the same with whole diagnoses and statistics (over an hour on a slow machine)"
 	@echo "make quick   half of the tests, those that compile little, in about a minute"
 	@echo "make axe     axe-core from the npm registry, with which the tests look at the pages in a headless Chromium"
 	@echo "make dist    wheel and sdist into dist/, each installed into an environment of its own elsewhere and tried (two minutes)"
@@ -72,9 +73,13 @@ $(AXE):
 	npm pack --silent --pack-destination build/axe axe-core@4.14.1
 	@tar xzf build/axe/axe-core-4.14.1.tgz -C build/axe
 
+# What `make test` leaves to the night: whole diagnoses, statistics of many fits.
+test-all: TESTS := -m "nightly or not nightly"
+test-all: lint typecheck pytest
+
 pytest: $(VENV)/.installed-dev
 	-@test -s $(AXE) || ! command -v npm >/dev/null || $(MAKE) --silent axe
-	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder --max-worker-restart=0
+	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder --max-worker-restart=0 $(TESTS)
 
 quick: $(VENV)/.installed-dev
 	$(BIN)/ruff check --quiet

@@ -19,6 +19,9 @@ from thermohyd.identify.report.fit_figures import parameter_figure, test_figures
 from thermohyd.identify.report.picture import address
 
 
+pytestmark = pytest.mark.nightly  # a whole record with both kinds of tests, fitted and diagnosed
+
+
 FOLDER = sample_record("whole_servo")
 TESTS = ("leakage", "pressure_gain", "flow_gain", "step_fast", "step_slow", "frequency")
 VALVES_OWN = ("edge_radius", "clearance", "underlap", "discharge_coefficient", "transition_number", "null_bias")

@@ -10,6 +10,9 @@ from thermohyd.identify.cli import jax_setup
 from thermohyd.identify.cli.commands import app
 
 
+pytestmark = pytest.mark.nightly  # a whole diagnosis
+
+
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory):
     """The first half of two runs of servo_2, without its pressures: less to compute."""

@@ -2,12 +2,16 @@
 
 from functools import cache
 
+import pytest
 from helpers.small_bench import small_record
 from helpers.small_diagnosis import opened, small_case
 
 from thermohyd.identify.diagnosis.diagnose import diagnose_case
 from thermohyd.identify.diagnosis.other_law import ANOTHER_LAW
 from thermohyd.identify.diagnosis.result import DiagnosisResult
+
+
+pytestmark = pytest.mark.nightly  # whole diagnoses
 
 
 @cache

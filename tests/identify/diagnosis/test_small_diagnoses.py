@@ -39,7 +39,11 @@ def effect_of(result: DiagnosisResult, name: str):
     return found
 
 
-NOTHING = ["nothing", "correlated", "noisy positions", "stated beside noisy positions"]
+NOTHING = [
+    "nothing",
+    "correlated",
+    *(pytest.param(name, marks=pytest.mark.nightly) for name in ("noisy positions", "stated beside noisy positions")),
+]
 
 
 @pytest.mark.parametrize("name", NOTHING)
@@ -151,6 +155,7 @@ def test_every_effect_of_the_library_has_a_line():
     )
 
 
+@pytest.mark.nightly
 def test_two_effects_that_do_the_same_are_both_said():
     """Scaled positions are another valve of the same family of curves; another viscosity too: only their names differ."""
     result = small_diagnosis("rivals")
@@ -166,6 +171,7 @@ def test_two_effects_that_do_the_same_are_both_said():
     assert result.next_test.evidence == evidence[0]
 
 
+@pytest.mark.nightly
 def test_what_the_library_lacks_stays_unexplained_and_what_would_have_to_vary_is_said():
     result = small_diagnosis("outside")
     assert result.verdict == "unexplained"
@@ -193,6 +199,7 @@ def test_what_the_library_lacks_stays_unexplained_and_what_would_have_to_vary_is
     assert any("check the labels" in option.words for option in result.next_test.options)
 
 
+@pytest.mark.nightly
 def test_a_position_that_waves_is_a_misfit_and_a_place():
     """Of two such records of real-bench sets both had been called consistent: no smooth curve follows a wave."""
     result = diagnose_case(opened(wound_record()))
@@ -209,6 +216,7 @@ def test_a_position_that_waves_is_a_misfit_and_a_place():
     assert "alike in all runs" in term.sentence
 
 
+@pytest.mark.nightly
 def test_learning_closes_the_gap_and_says_that_it_learned():
     before, result = small_diagnosis("outside"), small_diagnosis("outside", learn=True)
     assert result.terms[0].learned
@@ -223,6 +231,7 @@ def test_learning_closes_the_gap_and_says_that_it_learned():
     assert set(term.with_parameters) == set(result.after.free)
 
 
+@pytest.mark.nightly
 def test_a_learned_term_is_read_back_and_predicts_with_its_error(tmp_path):
     result = small_diagnosis("outside", learn=True)
     path = tmp_path / "model.json"
@@ -244,6 +253,7 @@ def test_a_learned_term_is_read_back_and_predicts_with_its_error(tmp_path):
     assert np.max(std / known) > 1.001
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("name", "place", "variable", "value"),
     [
@@ -265,11 +275,13 @@ def test_without_its_effect_the_place_is_found(name, place, variable, value):
         assert best.gap_closed > 0.8
 
 
+@pytest.mark.nightly
 def test_a_record_with_nothing_wrong_has_no_term():
     case = small_case("nothing")
     assert terms_of(case.problem, case.base, split_rows(case.fitted.tests)) == ()
 
 
+@pytest.mark.nightly
 def test_permuted_residuals_name_nothing():
     """Negative control: the misfit of a missing effect, its rows dealt out anew, is large and means nothing.
 
@@ -346,6 +358,7 @@ def test_the_other_law_of_an_edge_is_not_asked_unless_somebody_asks():
     assert "edge law" not in result.summary()
 
 
+@pytest.mark.nightly
 def test_where_many_rows_are_bad_nothing_is_named():
     record = small_record(**CASES["pilot"])
     test = record.tests["flow_gain"]
@@ -360,6 +373,7 @@ def test_where_many_rows_are_bad_nothing_is_named():
     assert any("not normal" in warning for warning in result.warnings)
 
 
+@pytest.mark.nightly
 def test_a_term_written_as_an_effect_is_named_and_closes_the_same_gap(tmp_path):
     before = small_diagnosis("outside")
     (tmp_path / "diagnosis.json").write_text(json.dumps(before.to_dict()))

@@ -7,6 +7,9 @@ from helpers.small_diagnosis import opened
 from thermohyd.identify.diagnosis.diagnose import diagnose_case
 
 
+pytestmark = pytest.mark.nightly  # whole diagnoses
+
+
 NAMES = (
     "viscosity_shift", "port_compliance_a", "port_compliance_b", "flowmeter_lag", "hysteresis", "position_lag",
 )  # fmt: skip

@@ -1,9 +1,13 @@
 """Random valves from noisy records: do the 95 % intervals hold the truth as often as they say, and never a wrong minimum?"""
 
 import numpy as np
+import pytest
 from helpers.records import random_valve, synthetic_record
 
 from thermohyd.identify.fitting.fit import fit
+
+
+pytestmark = pytest.mark.nightly  # statistics of many fits
 
 
 NAMES = ("edge_radius", "clearance", "underlap", "discharge_coefficient", "transition_number", "null_bias")

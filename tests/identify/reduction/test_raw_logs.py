@@ -65,6 +65,7 @@ def _valve(record):
     return base_valve(record, {n: float(np.asarray(getattr(VALVE, n))) for n in identified_by_default(record.valve)})
 
 
+@pytest.mark.nightly
 def test_more_rows_never_give_a_worse_answer(tmp_path):
     """All rows beside every 20th of them: error bars shrink as the root of the rows, and so do the errors."""
     whole, some = [], []
