@@ -222,6 +222,20 @@ def test_where_readings_follow_nearly_all_of_the_scatter_the_rounding_is_left(sw
     assert np.median(channel.position_part[steep]) / 2e12 == pytest.approx(STEP / np.sqrt(12.0), rel=0.2)
 
 
+@pytest.mark.parametrize("sweep", [LINE, SINE], ids=["line", "sine"])
+def test_a_transducer_noise_beside_a_larger_tremble_is_not_forgotten(sweep):
+    """0.85 of the scatter is the spool's: where readings are sharp enough to tell that from all of it, the rest stays noise."""
+    random, own, shaken = np.random.default_rng(37), 0.054e-6, 0.13e-6
+    at = sweep + random.normal(scale=shaken, size=len(sweep))
+    found = reduce_test(swept(sweep, at, at + random.normal(scale=own, size=len(sweep)), noise=2e4))
+    [channel] = found.channels
+    steep = np.abs(sweep) < 5e-6
+    assert channel.position_part is not None
+    best = shaken * own / np.hypot(shaken, own)
+    assert np.std((found.spool_position - at)[steep]) < 1.25 * best
+    assert np.median(channel.position_part[steep]) / 2e12 == pytest.approx(best, rel=0.4)
+
+
 def test_slopes_of_a_dense_log_are_those_of_its_curve_and_not_of_its_noise():
     position = np.linspace(-6e-5, 6e-5, 6000)
     curve, steepest = 200e5 * np.tanh(position / 1e-5), 2e12
