@@ -39,10 +39,10 @@ PARAMETERS = ("edge_radius", "clearance", "underlap", "discharge_coefficient", "
 TRUSTED = ("named", "ambiguous")
 
 
-def judged(folder: Path, effects: tuple[str, ...]) -> dict:
-    """What is left beside the true effects."""
-    case = open_case(read_record(folder))
-    fit = case.problem.fit(effects, case.base.values, hop_basins=True)
+def judged(folder: Path, log: Log) -> dict:
+    """What is left beside the true effects, of a fit that begins at the true valve: which valley a search finds is not asked here."""
+    case, effects = open_case(read_record(folder)), tuple(log.effects)
+    fit = case.problem.fit(effects, {n: float(getattr(log.valve, n)) for n in PARAMETERS}, hop_basins=True)
     if effects:
         case = with_noise_around(case, fit)
         fit = case.problem.fit(effects, fit.values, hop_basins=True)
@@ -141,7 +141,7 @@ def main() -> None:
         began = time.process_time()
         with tempfile.TemporaryDirectory() as folder:
             write(Path(folder) / f"log_{seed}", log)
-            found = judged(Path(folder) / f"log_{seed}", tuple(log.effects))
+            found = judged(Path(folder) / f"log_{seed}", log)
         keep_memory_flat()
         p.append(found["p"])
         curves += [value for name, values in found["families"].items() for value in values if name == "curves"]

@@ -101,7 +101,9 @@ def with_noise_around(case: Case, fit: Fit) -> Case:
     for _ in range(MOST_AGAIN if fit.effects else 0):
         if problem.evaluate(fit.values, fit.effects).chi2 < MISSED * np.sum(fit.used):
             break  # as good as its noise: nothing deeper to look for
-        fit = problem.fit(fit.effects, fit.values, hop_basins=True)
+        starts = [fit.values, *([] if problem.in_motion else problem.where_most_agree(fit)[:1])]
+        ends = [problem.fit(fit.effects, start, hop_basins=True) for start in starts]
+        fit = min(ends, key=lambda end: end.chi2)
         if fit.chi2 > FAR_BELOW * np.sum(fit.used):
             break
         noise, problem = _measured(case, fit)

@@ -286,10 +286,15 @@ def _along_the_sweep(
 def _moved_by_positions(
     points: list[Points], abscissa: Abscissa, pieces: np.ndarray, starts: np.ndarray, variance: float
 ) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Standard error of each point's position, of whose rows each is read with this variance, and what it makes of each reading (SI)."""
+    """Standard error of each point's position, of whose rows each is read with this variance, and what it makes of each reading (SI).
+
+    Points within one window of the smooth sweep share its error: it counts as often as there are such points, so that all of them
+    together place a sweep no better than the window did. One by one they scatter by less.
+    """
     rows = np.diff(np.append(starts, len(pieces)))
     mean = lambda values: np.add.reduceat(values, starts) / rows
-    error = np.sqrt(variance / rows + mean(abscissa.error) ** 2)
+    shared = np.maximum(mean(abscissa.window) / rows, 1.0)
+    error = np.sqrt(variance / rows + shared * mean(abscissa.error) ** 2)
     return error, [np.abs(curve_slopes(mean(abscissa.position), p.value, pieces[starts])) * error for p in points]
 
 

@@ -35,6 +35,7 @@ class Abscissa:
     error: np.ndarray
     staircase: np.ndarray
     step: np.ndarray
+    window: np.ndarray
 
 
 def smooth_abscissa(position: np.ndarray, pieces: np.ndarray, readings: list[np.ndarray] | None = None) -> Abscissa:
@@ -44,7 +45,7 @@ def smooth_abscissa(position: np.ndarray, pieces: np.ndarray, readings: list[np.
     """
     step, read = local_steps(position), reading_steps(position, pieces)
     smooth, staircase = position.copy(), np.zeros(len(position), bool)
-    error = np.zeros(len(position))
+    error, window = np.zeros(len(position)), np.ones(len(position))
     for start, stop in piece_bounds(pieces):
         part = slice(start, stop)
         x = position[part]
@@ -63,12 +64,12 @@ def smooth_abscissa(position: np.ndarray, pieces: np.ndarray, readings: list[np.
             continue
         line, slope, kept = local_line(x, half)
         scatter = float(np.sqrt(np.mean((x - line) ** 2)))
-        smooth[part] = line
+        smooth[part], window[part] = line, 2 * half + 1
         correlated = float(np.clip((stop - start) / effective_size(x - line), 1.0, 5.0))
         covered = np.abs(slope) * (2 * half + 1)
         known = scatter * np.sqrt(correlated * np.clip(1.0 - kept, 0.0, 1.0))
         error[part] = np.hypot(known, rounding_error(step[part], scatter, covered))
-    return Abscissa(smooth, error, staircase, step)
+    return Abscissa(smooth, error, staircase, step, window)
 
 
 def local_line(
