@@ -43,7 +43,7 @@ def test_a_log_is_the_same_but_for_the_nuisance_that_is_off(off):
 
 
 def apart(log: Log, test: TestRecord) -> np.ndarray:
-    """Squares of what the points of a reduced log that positions hardly move are off, in their standard errors."""
+    """Squares (points,) of what the points of a reduced log are off, in their standard errors."""
     found, exact = reduce_test(test), replace(log, dither=0.0)
     assert found.rows_of_log is not None
     starts = np.append(0, np.cumsum(found.rows_of_log)[:-1])
@@ -59,9 +59,7 @@ def apart(log: Log, test: TestRecord) -> np.ndarray:
         part = 0.0 if channel.position_part is None else channel.position_part
         assert channel.std is not None
         off = channel.value - value - slope * (found.spool_position - place)
-        # Of the error of the smooth sweep, which neighbours share and which is taken away here, `part` has as much as all of them together.
-        own = np.broadcast_to(part < 0.5 * channel.std, off.shape)
-        squares.append((off**2 / (channel.std**2 + part**2))[own])
+        squares.append(off**2 / (channel.std**2 + part**2))
     return np.concatenate(squares)
 
 

@@ -250,9 +250,9 @@ def reduce_test(test: TestRecord, *, max_points: int = 600, log_rows: int = LOG_
 
 def _along_the_sweep(
     test: TestRecord, abscissa: Abscissa, pieces: np.ndarray
-) -> tuple[TestRecord, list[RowNoise], float, np.ndarray]:
-    """The test with readings as they would be on the smooth sweep, the noise of each, variance of a position's error [m^2 or Pa^2], and
-    the variance (rows,) by which the spool itself left the smooth sweep.
+) -> tuple[TestRecord, list[RowNoise], np.ndarray, np.ndarray]:
+    """The test with readings as they would be on the smooth sweep, the noise of each, variance (rows,) of a position's error [m^2 or
+    Pa^2], and that by which the spool itself left the smooth sweep.
 
     A spool that shakes takes its readings along, what a transducer scatters by they do not follow: readings are taken along their curve
     to the smooth sweep by the share of the position's scatter that they follow. What is left of it is seen in their own scatter, larger
@@ -280,21 +280,22 @@ def _along_the_sweep(
         noises = [row_noise(c.value, pieces, slope, c.std, shared, step) for c, slope, step in both]
     coarse = [coarse_scatter(c.value, pieces, step) for c, step in zip(channels, steps, strict=True)]
     noises = [replace(n, coarse=rows) for n, rows in zip(noises, coarse, strict=True)]
-    return replace(test, channels=channels), noises, shared, shaken
+    # Of the scatter that readings do not follow they may show less than there is.
+    return replace(test, channels=channels), noises, np.maximum(shared, (1.0 - share) * abscissa.scatter), shaken
 
 
 def _moved_by_positions(
-    points: list[Points], abscissa: Abscissa, pieces: np.ndarray, starts: np.ndarray, variance: float
+    points: list[Points], abscissa: Abscissa, pieces: np.ndarray, starts: np.ndarray, variance: np.ndarray
 ) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Standard error of each point's position, of whose rows each is read with this variance, and what it makes of each reading (SI).
+    """Standard error of each point's position, of whose rows each is read with its `variance` (rows,), and what it makes of each reading
+    (SI).
 
-    Points within one window of the smooth sweep share its error: it counts as often as there are such points, so that all of them
-    together place a sweep no better than the window did. One by one they scatter by less.
+    A smooth sweep moves that noise from row to row and takes none of it away: points of one window share what is left of it there, and
+    all of them together place the sweep as well as their rows do. One by one they scatter by less.
     """
     rows = np.diff(np.append(starts, len(pieces)))
     mean = lambda values: np.add.reduceat(values, starts) / rows
-    shared = np.maximum(mean(abscissa.window) / rows, 1.0)
-    error = np.sqrt(variance / rows + shared * mean(abscissa.error) ** 2)
+    error = np.sqrt(mean(variance) / rows + mean(abscissa.error) ** 2)
     return error, [np.abs(curve_slopes(mean(abscissa.position), p.value, pieces[starts])) * error for p in points]
 
 

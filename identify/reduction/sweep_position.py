@@ -27,15 +27,16 @@ STEPS_ACROSS = 3.0  # a window over this many steps of the log averages its roun
 class Abscissa:
     """The sweep's position behind a log, one entry per row (SI).
 
-    position: smoothed; error: standard error of it, what dither and sweep leave of the log's rounding included.
+    position: smoothed; scatter: variance of a row about it, as of rows that are independent; error: standard error of it by what dither
+    and sweep leave of the log's rounding; step: of that rounding.
     staircase: True in pieces whose spool stands still between steps, so that bins had better end with a step.
     """
 
     position: np.ndarray
+    scatter: np.ndarray
     error: np.ndarray
     staircase: np.ndarray
     step: np.ndarray
-    window: np.ndarray
 
 
 def smooth_abscissa(position: np.ndarray, pieces: np.ndarray, readings: list[np.ndarray] | None = None) -> Abscissa:
@@ -45,7 +46,7 @@ def smooth_abscissa(position: np.ndarray, pieces: np.ndarray, readings: list[np.
     """
     step, read = local_steps(position), reading_steps(position, pieces)
     smooth, staircase = position.copy(), np.zeros(len(position), bool)
-    error, window = np.zeros(len(position)), np.ones(len(position))
+    variance, error = np.zeros(len(position)), np.zeros(len(position))
     for start, stop in piece_bounds(pieces):
         part = slice(start, stop)
         x = position[part]
@@ -62,14 +63,13 @@ def smooth_abscissa(position: np.ndarray, pieces: np.ndarray, readings: list[np.
         half = _half_window(x, float(step[part].max()))
         if half == 0:
             continue
-        line, slope, kept = local_line(x, half)
+        line, slope, _ = local_line(x, half)
         scatter = float(np.sqrt(np.mean((x - line) ** 2)))
-        smooth[part], window[part] = line, 2 * half + 1
+        smooth[part] = line
         correlated = float(np.clip((stop - start) / effective_size(x - line), 1.0, 5.0))
         covered = np.abs(slope) * (2 * half + 1)
-        known = scatter * np.sqrt(correlated * np.clip(1.0 - kept, 0.0, 1.0))
-        error[part] = np.hypot(known, rounding_error(step[part], scatter, covered))
-    return Abscissa(smooth, error, staircase, step, window)
+        variance[part], error[part] = scatter**2 * correlated, rounding_error(step[part], scatter, covered)
+    return Abscissa(smooth, variance, error, staircase, step)
 
 
 def local_line(
