@@ -27,9 +27,6 @@ from .search import LEVEL, Selection, prune, search
 
 Progress = Callable[[str], None]
 
-# Reduced chi-square beside which a noise was measured beside a wrong valley; rounds at most; and from which a fit may stand in one.
-FAR_BELOW, MOST_AGAIN, MISSED = 0.6, 2, 1.5
-
 
 @dataclass(frozen=True)
 class Case:
@@ -79,34 +76,14 @@ def open_case(record: BenchRecord, say: Progress = lambda _: None, without: tupl
     if base.chi2 > FAR * len(base.residual):
         # A valve bent by what it misses: the plain fit's valley need not be the deepest one.
         other = problem.fit(start={"null_bias": start.get("null_bias", base.values["null_bias"])}, hop_basins=True)
-        base = min(base, other, key=lambda fit: fit.chi2)
-        for start in [] if problem.in_motion else problem.where_most_agree(base)[:1]:
-            base = min(base, problem.fit(start=start, hop_basins=True), key=lambda fit: fit.chi2)
+        base = problem.unbent(min(base, other, key=lambda fit: fit.chi2))
     return with_noise_around(Case(fitted, problem, repeats, {}, base, {}), base)
 
 
-def _measured(case: Case, fit: Fit) -> tuple[dict[Key, NoiseEstimate], Problem]:
-    """The noise beside `fit`, and the problem weighed by it."""
-    noise = estimated_noise(case.problem, fit, case.fitted.noise, case.repeats)
-    return noise, case.problem.with_noise(noise_of(noise))
-
-
 def with_noise_around(case: Case, fit: Fit) -> Case:
-    """The case with its noise measured beside `fit`, and the ideal valve fitted with it.
-
-    Beside a fit in a wrong valley its misfit is measured as noise. Where the same effects then end far below that noise, it is
-    measured again beside that end.
-    """
-    noise, problem = _measured(case, fit)
-    for _ in range(MOST_AGAIN if fit.effects else 0):
-        if problem.evaluate(fit.values, fit.effects).chi2 < MISSED * np.sum(fit.used):
-            break  # as good as its noise: nothing deeper to look for
-        starts = [fit.values, *([] if problem.in_motion else problem.where_most_agree(fit)[:1])]
-        ends = [problem.fit(fit.effects, start, hop_basins=True) for start in starts]
-        fit = min(ends, key=lambda end: end.chi2)
-        if fit.chi2 > FAR_BELOW * np.sum(fit.used):
-            break
-        noise, problem = _measured(case, fit)
+    """The case with its noise measured beside `fit`, and the ideal valve fitted with it."""
+    noise = estimated_noise(case.problem, fit, case.fitted.noise, case.repeats)
+    problem = case.problem.with_noise(noise_of(noise))
     base = problem.fit(start=case.base.values, hop_basins=True)
     steps = finite_steps(problem, problem.with_all_columns(base), problem.library.names)
     return replace(case, problem=problem, noise=noise, base=base, steps=steps)

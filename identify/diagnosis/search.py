@@ -186,10 +186,8 @@ def search(
             p_alone = p_single if signature is None else scores.p_value(signature)
             p_values[name] = min(p_alone, p_pair, _p_of_gain(scores, name, gains[name]) if name in gains else 1.0)
         current = problem.fit(chosen, best.values, hop_basins=True)
-        if current.chi2 > FAR * np.sum(current.used) and not problem.in_motion:
-            # A valve that was bent by what it missed may stay so beside it: begun again where most rows agree.
-            begun = [problem.fit(chosen, start, hop_basins=True) for start in problem.where_most_agree(current)[:1]]
-            current = min([current, *begun], key=lambda fit: fit.chi2)
+        if current.chi2 > FAR * np.sum(current.used):
+            current = problem.unbent(current)
         current, chosen = prune(problem, current, chosen, scores.critical**2 * max(1.0, needed_beside(current)))
         if frozenset(chosen) in seen:  # what was added replaced what was pruned before: going round in a circle
             break

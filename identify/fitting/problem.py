@@ -323,6 +323,15 @@ class Problem:
             lambda at: self.evaluate(at, fit.effects).residual[:count],
         )
 
+    def unbent(self, fit: Fit) -> Fit:
+        """`fit`, or the same begun again where most rows agree with it, whichever ends lower; in motion as it is.
+
+        A valve that what it misses has bent may stay so beside the effect that was missing.
+        """
+        starts = [] if self.in_motion else self.where_most_agree(fit)[:1]
+        again = [self.fit(fit.effects, start, hop_basins=True) for start in starts]
+        return min([fit, *again], key=lambda end: end.chi2)
+
     def evaluate(self, values: Mapping[str, float], effects: Iterable[str] = ()) -> Fit:
         """Residuals and columns at given values; nothing is fitted. `effects` must be present in the program used."""
         wanted = {*effects, *(name for name, value in values.items() if value != 0.0)}

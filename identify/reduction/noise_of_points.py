@@ -42,7 +42,7 @@ def points_of(channel: Channel, starts: np.ndarray, pieces: np.ndarray, noise: R
     step = _known_steps(channel.as_read, starts)
     ramp = _ramp(value, piece)
     before = np.sqrt(mean(noise.own))
-    if channel.std is None and noise.coarse is not None:
+    if noise.coarse is not None:
         # What readings scatter by elsewhere they need not where they rest on steps of their rounding that it would carry them over.
         before = np.where(before > FLICKERS * step, np.minimum(before, mean(noise.coarse)), before)
     coarse = before < COARSE * step  # the log shows its own rounding rather than the noise

@@ -278,8 +278,10 @@ def _along_the_sweep(
     if len(noises) > 1:
         both = list(zip(channels, slopes, steps, strict=True))
         noises = [row_noise(c.value, pieces, slope, c.std, shared, step) for c, slope, step in both]
-    coarse = [coarse_scatter(c.value, pieces, step) for c, step in zip(channels, steps, strict=True)]
-    noises = [replace(n, coarse=rows) for n, rows in zip(noises, coarse, strict=True)]
+    noises = [
+        n if c.std is not None or not step.any() else replace(n, coarse=coarse_scatter(c.value, pieces, step))
+        for n, c, step in zip(noises, channels, steps, strict=True)
+    ]
     # Of the scatter that readings do not follow they may show less than there is.
     return replace(test, channels=channels), noises, np.maximum(shared, (1.0 - share) * abscissa.scatter), shaken
 

@@ -87,7 +87,7 @@ def coarse_scatter(value: np.ndarray, pieces: np.ndarray, step: np.ndarray) -> n
     """Standard deviation (rows,) that readings had before they were rounded, where they show little but their rounding; else infinite."""
     found = np.full(len(value), np.inf)
     stretches = stretches_of(value, pieces, 1)
-    if not step.any() or not len(stretches.square):
+    if not len(stretches.square):
         return found
     _, before = _before(stretches, step)
     before[before >= COARSE * stretches.mean(step)] = np.inf
