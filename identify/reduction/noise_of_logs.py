@@ -80,9 +80,9 @@ class LogCorrelation:
 class RowNoise:
     """Noise of a log's rows: own variance (rows,), SI; what a position's error does is not in it.
 
-    position: variance of one position's error, m^2, that readings show by their slope; its standard error. degrees_of_freedom: from
-    which it was estimated. coarse (rows,): standard deviation where readings rest on steps of their rounding, elsewhere infinite; None: no steps,
-    or a stated noise.
+    position: variance of one position's error, m^2, that readings show by their slope; its standard error. degrees_of_freedom:
+    from which it was estimated. coarse (rows,): standard deviation where readings rest on steps of their rounding, elsewhere
+    infinite; None: no steps, or a stated noise.
     """
 
     own: np.ndarray
