@@ -91,11 +91,11 @@ def smooth_block(problem: Problem, rows: int) -> np.ndarray:
         block = np.zeros((rows, columns.shape[1]))
         block[place] = columns
         blocks.append(block)
-    return np.concatenate(blocks, axis=1)
+    return problem.decorrelated(np.concatenate(blocks, axis=1).T).T
 
 
 def whitened(problem: Problem, key: Key, columns: np.ndarray) -> np.ndarray:
-    """Columns (rows, k) over a channel's rows, in shares of its noise, whitened as its residuals are."""
+    """Columns (rows, k) over a channel's rows, in shares of its noise, whitened as its residuals are, but for what gauges share."""
     weight = 1.0 / problem.noise.std[key]
     return whiten_on_host(problem.whitening(key), columns * weight[:, None])
 
@@ -164,7 +164,7 @@ def _bent_readings(problem: Problem, at: Fit) -> Iterator[np.ndarray]:
         shapes = legendre.legvander(scaled, DEGREE)[:, 1:]
         block = np.zeros((len(at.residual), shapes.shape[1]))
         block[place] = whitened(problem, key, shapes)
-        yield block
+        yield problem.decorrelated(block.T).T
 
 
 @dataclass(frozen=True)
@@ -342,7 +342,7 @@ def whitened_rows(problem: Problem, columns: np.ndarray, rows: int) -> np.ndarra
     block = np.zeros((rows, columns.shape[1]))
     for key, place in problem.rows().items():
         block[place] = whiten_on_host(problem.whitening(key), columns[place])
-    return block
+    return problem.decorrelated(block.T).T
 
 
 def _size(quantity: str, fit: Fit) -> float:

@@ -10,7 +10,7 @@ from thermohyd.identify.fitting.problem import Key, Problem
 from thermohyd.identify.fitting.problem_fit import Fit
 from thermohyd.identify.fitting.readings import Noise, parts_of
 from thermohyd.identify.noise.correlation import NoiseCorrelation, ProjectedNoise, Remembered, Sums, noise_correlation
-from thermohyd.identify.noise.level import ChannelNoise, repeat_differences, shared_variance
+from thermohyd.identify.noise.level import ChannelNoise, repeat_differences
 from thermohyd.identify.noise.two_parts import TwoParts, two_parts
 
 from .left_over import smooth_block
@@ -52,7 +52,8 @@ class NoiseEstimate:
     warning: str = ""
     degrees_of_freedom: float = np.inf  # from which `std` was estimated; infinite: stated
     memory: np.ndarray | None = None  # the part of each row's variance that the correlation is of; None: all of it
-    position_part: np.ndarray | None = None  # what of `std` the positions' noise makes (rows,), SI
+    # What one standard deviation of the error of each logged input makes of a reading (inputs, rows), in shares of `std`.
+    shared: np.ndarray | None = None
     parts: TwoParts | None = None  # what `std` is made of beside that, where it grows with the reading
 
 
@@ -148,6 +149,7 @@ def estimated_noise(
         found = _channel(like, repeated, variance, degrees_of_freedom, left)
         scale = float(np.sqrt(np.mean(found.std**2) / np.mean(like.std**2)))
         found = replace(found, parts=None if like.parts is None else like.parts.times(scale))
+        found = replace(found, shared=None if like.inputs is None else like.inputs / like.std)
         noise[key] = _beside_positions(found, like.position_part, like.std, stretches[rows])
     return noise
 
@@ -166,7 +168,7 @@ def beside_inputs(problem: Problem, fit: Fit, noise: dict[Key, ChannelNoise]) ->
         errors = tests[key[0]].input_error
         parts = [noise[key].std * slopes[name][rows] * error for name, error in errors.items() if name in slopes]
         if parts and np.isfinite(parts).all():
-            found[key] = noise[key].beside_inputs(np.sqrt(np.sum(np.square(parts), axis=0)))
+            found[key] = noise[key].beside_inputs(np.stack(parts))
     return found
 
 
@@ -186,10 +188,7 @@ def _beside_positions(
 
     part (rows,): standard deviation that positions add to `std` (rows,), SI. The correlation found is that of all rows together.
     """
-    if part is None:
-        return found
-    found = replace(found, position_part=part * found.std / std)
-    if found.correlation.share == 0.0:
+    if part is None or found.correlation.share == 0.0:
         return found
     memory = np.clip(1.0 - (part / std) ** 2, 0.0, 1.0)
     pairs = np.sqrt(memory[1:] * memory[:-1])[stretches[1:] == stretches[:-1]]
@@ -233,8 +232,8 @@ def _channel(
 
 
 def noise_of(estimates: dict[Key, NoiseEstimate]) -> Noise:
-    """The noise as problems weigh it, an error of a position that several channels are read at counted once (`shared_variance`)."""
-    more = shared_variance(estimates)
-    std = {key: np.sqrt(n.std**2 + more.get(key, 0.0)) for key, n in estimates.items()}
-    memory = {key: n.memory * (n.std / std[key]) ** 2 for key, n in estimates.items() if n.memory is not None}
-    return Noise(std, {key: n.correlation for key, n in estimates.items()}, memory, parts_of(estimates))
+    """The noise as problems weigh it."""
+    memory = {key: n.memory for key, n in estimates.items() if n.memory is not None}
+    shared = {key: n.shared for key, n in estimates.items() if n.shared is not None}
+    std, correlation = ({key: getattr(n, name) for key, n in estimates.items()} for name in ("std", "correlation"))
+    return Noise(std, correlation, memory, parts_of(estimates), shared)

@@ -229,7 +229,7 @@ def curves_of(problem: Problem, length: float, rows: int) -> Iterator[np.ndarray
         for columns in (shared, own):
             block = np.zeros((rows, columns.shape[1]))
             block[place] = whitened(problem, key, columns * _typical(problem, key))
-            yield block
+            yield problem.decorrelated(block.T).T
 
 
 def _rank(place: np.ndarray) -> np.ndarray:

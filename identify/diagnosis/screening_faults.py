@@ -56,7 +56,7 @@ def fault_columns(problem: Problem, fit: Fit, names: Iterable[str]) -> dict[str,
         ]
         for fault, column in zip(own, whiten_on_host(problem.whitening(key), np.stack(columns, axis=1)).T, strict=True):
             found[fault.name][place] = column
-    return found
+    return {name: problem.decorrelated(column) for name, column in found.items()}
 
 
 def _touches(fault: BenchFault, test: str, channel: str) -> bool:

@@ -17,7 +17,7 @@ from thermohyd.identify.bench.test_record import TestRecord, dynamic_among
 from thermohyd.identify.model.learned_terms import LearnedTerm
 from thermohyd.identify.model.term_variables import States
 from thermohyd.identify.model.typed_terms import TypedTerm
-from thermohyd.identify.noise.whitening import Whitening, whiten_on_host
+from thermohyd.identify.noise.whitening import Decorrelation, Whitening, whiten_on_host
 from thermohyd.identify.reduction.monotone_pieces import run_ids
 from thermohyd.side_by_side import each
 
@@ -223,6 +223,21 @@ class Problem:
     def _used(self) -> dict[Key, np.ndarray] | None:
         return None if self.used is None else {key: self.used[place] for key, place in self.rows().items()}
 
+    @cached_property
+    def decorrelation(self) -> Decorrelation | None:
+        """What makes whitened residuals of one row independent of each other; None where gauges share no errors."""
+        where, tests = self.rows(), []
+        for name, test in self.tests.items():
+            keys = [key for channel in test.channels if (key := (name, channel.name)) in self.noise.shared]
+            if len(keys) > 1:
+                moved = np.stack([self.noise.shared[key] * np.asarray(self.whitening(key).weight) for key in keys])
+                tests.append(([where[key] for key in keys], moved))
+        return Decorrelation.of(max((place.stop for place in where.values()), default=0), tests)
+
+    def decorrelated(self, values: np.ndarray) -> np.ndarray:
+        """Whitened values (..., rows), gauges of one row made independent of each other."""
+        return values if self.decorrelation is None else self.decorrelation(values)
+
     def _whitened(self, key: Key, values: np.ndarray) -> np.ndarray:
         """What (rows,) or (rows, columns) in a channel's SI unit is among the residuals."""
         weight = 1.0 / self.noise.std[key]
@@ -392,7 +407,8 @@ class Problem:
         priors = np.zeros(len(self.parameters))
         real = self.real_rows(len(residual) + len(priors))
         residual = np.concatenate([residual, priors])[real]
-        return residual, np.concatenate([columns, np.zeros((len(amounts), len(priors)))], axis=1).T[real]
+        columns = np.concatenate([columns, np.zeros((len(amounts), len(priors)))], axis=1)[:, real]
+        return self.decorrelated(residual), self.decorrelated(columns).T
 
     def _uncoupled(self, fit: Fit) -> tuple[str, ...]:
         """What of a fit's effects leaves the ports apart."""
@@ -428,6 +444,7 @@ class Problem:
         count = len(value)
         slopes = np.zeros((len(order), count))
         slopes[:count] = np.diag(weight)
+        correlated = self.discrepancy is not None or self.decorrelation is not None
 
         def both(p: Any, args: Any) -> tuple[Any, Any]:
             del args
@@ -456,19 +473,24 @@ class Problem:
                 residuals.append(residual)
             residuals.append((vector[:count] - value) * weight)
             residual = np.concatenate(residuals)
-            real = None if self.discrepancy is None else self.real_rows(len(residual))
-            if self.discrepancy is not None:
-                residual[real] = self.discrepancy.whitened(residual[real])
+            real = self.real_rows(len(residual)) if correlated else np.zeros(0, dtype=int)
+            residual[real] = self._as_known(residual[real])
 
             def work_out(numbers: np.ndarray) -> np.ndarray:
                 found = np.concatenate([*(_rows_of(numbers, *block) for block in blocks), slopes[numbers]], axis=1)
-                if self.discrepancy is not None:
-                    found[:, real] = self.discrepancy.whitened(found[:, real])
+                found[:, real] = self._as_known(found[:, real])
                 return found
 
             return residual, Columns(len(order), work_out)
 
         return both
+
+    def _as_known(self, values: np.ndarray) -> np.ndarray:
+        """Whitened values (..., rows) beside what gauges have in common, and beside what the model is known to miss."""
+        if not values.shape[-1]:
+            return values
+        found = self.decorrelated(values)
+        return found if self.discrepancy is None else self.discrepancy.whitened(found)
 
     def _read_shifts(self, part: Readings) -> np.ndarray | None:
         """What typed terms add to the whitened residuals of these tests, padded, before any sensor; None without such terms."""
@@ -523,7 +545,7 @@ class Problem:
         whole = np.zeros((len(fit.residual), columns.shape[1]))
         for key, place in self.rows().items():
             whole[place] = self.factor_of(key, fit) * columns[place]
-        return whole * fit.used[:, None]
+        return self.decorrelated(whole.T).T * fit.used[:, None]
 
     def factor_of(self, key: Key, fit: Fit) -> float:
         """What a channel's sensor makes of its quantity: 1 where it is read in SI."""

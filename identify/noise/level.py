@@ -7,7 +7,6 @@ parabola, until the fit's own residuals replace the guess (`reweighted`).
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -248,6 +247,9 @@ class ChannelNoise:
     neighbours: float | None = None  # scatter of neighbouring rows about a smooth curve, where that says something
     position_part: np.ndarray | None = None  # what of `std` the positions' noise makes, row by row
     position_error: np.ndarray | None = None  # standard error of each position (rows,), m, behind that part
+    inputs: np.ndarray | None = (
+        None  # that part by the inputs whose errors make it (inputs, rows), SI, with their signs
+    )
     # Size of each reading (rows,), SI, with which noise that is not known may grow.
     level: np.ndarray | None = None
     parts: TwoParts | None = None  # what `std` is made of beside the positions', where it grows with the reading
@@ -256,15 +258,16 @@ class ChannelNoise:
         """The same where a reading goes with its position by these slopes (rows,), SI: a model's instead of those of neighbours."""
         if self.position_error is None or not np.isfinite(slope).all():
             return self
-        return self.beside_inputs(np.abs(slope) * self.position_error)
+        return self.beside_inputs((slope * self.position_error)[None])
 
-    def beside_inputs(self, part: np.ndarray) -> "ChannelNoise":
-        """The same where errors of what was logged beside it add this to a reading (rows,), SI; its own noise stays."""
+    def beside_inputs(self, inputs: np.ndarray) -> "ChannelNoise":
+        """The same where errors of what was logged beside it add these to a reading (inputs, rows), SI; its own noise stays."""
+        part = np.sqrt(np.sum(np.square(inputs), axis=0))
         before = np.zeros(len(self.std)) if self.position_part is None else self.position_part
         # Where positions made all of the noise, a thousandth stands for its own.
         own = np.sqrt(np.maximum(self.std**2 - before**2, 1e-6 * self.std**2))
         std = np.hypot(own, part)
-        return replace(self, std=std, used=std, position_part=part)
+        return replace(self, std=std, used=std, position_part=part, inputs=inputs)
 
     def of_parts(self, parts: TwoParts) -> "ChannelNoise":
         """The noise made of these parts and the positions'."""
@@ -327,22 +330,12 @@ def counted_once(noise: Mapping[tuple[str, str], ChannelNoise]) -> dict[tuple[st
     return {key: replace(n, used=np.sqrt(n.used**2 + more[key])) if key in more else n for key, n in noise.items()}
 
 
-@runtime_checkable
-class MovedByPositions(Protocol):
-    """Noise of a channel (rows,) of which positions make a part; None: nothing."""
-
-    @property
-    def std(self) -> np.ndarray: ...
-
-    @property
-    def position_part(self) -> np.ndarray | None: ...
-
-
-def shared_variance(noise: Mapping[tuple[str, str], MovedByPositions]) -> dict[tuple[str, str], np.ndarray]:
+def shared_variance(noise: Mapping[tuple[str, str], ChannelNoise]) -> dict[tuple[str, str], np.ndarray]:
     """Variance (rows,) by which each channel is to be widened, where several of one test are read at the same positions. SI.
 
     One error of a position moves them all: counted as one of each channel, n gauges would place a shift of the positions sqrt(n)
-    times too well. With s_i what a position adds and o_i a channel's own noise, all of a row together say
+    times too well. A plain fit, which weighs each reading for itself, widens it; a diagnosis has the covariance of the row
+    (`Decorrelation`). With s_i what a position adds and o_i a channel's own noise, all of a row together say
     (sum s_i^2/o_i^2)/(1 + sum s_i^2/o_i^2) of it. Each channel's part is therefore o_i^2 sum s_j^2/o_j^2 instead of s_i^2, at most
     n s_i^2, so that a gauge which no position moves keeps what it knows.
     """

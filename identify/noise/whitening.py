@@ -2,8 +2,10 @@
 
 Kalman, "A new approach to linear filtering and prediction problems", 1960: y_t minus its prediction from the rows
 before, over the prediction's standard deviation, is white. Linear in y, so it acts on residuals and Jacobians alike.
+Then gauges of one row, whose errors go together where they are read at one position, under one supply.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import equinox as eqx
@@ -18,6 +20,8 @@ from .correlation import NoiseCorrelation
 
 
 LEAST = 1e-12  # of a row's variance, remembered: what is predicted of it is then nothing
+# Of a row's variance, the least that any mixture of its gauges keeps: their clocks and filters are never quite alike.
+LEAST_APART = 0.01
 
 
 class Whitening(eqx.Module):
@@ -121,3 +125,44 @@ class HostWhitening:
 def whiten_on_host(filter_: Whitening, values: np.ndarray) -> np.ndarray:
     """The same in NumPy, (rows,) or (rows, columns), for what never enters a compiled fit."""
     return HostWhitening.of(filter_)(values)
+
+
+@dataclass(frozen=True)
+class Decorrelation:
+    """Gauges of one row made independent. members (readings, k): those that each is mixed of, shares (readings, k): with these factors."""
+
+    members: np.ndarray
+    shares: np.ndarray
+
+    @classmethod
+    def of(cls, readings: int, tests: Iterable[tuple[list[slice], np.ndarray]]) -> "Decorrelation | None":
+        """tests: where the gauges of each stand among the readings, and what one standard deviation of each input's error makes of their
+        whitened residuals (gauges, inputs, rows). None: no errors are shared.
+
+        By the inverse square root of the covariance of each row, which moves every residual as little as can be (Kessy, Lewin and
+        Strimmer, The American Statistician 72, 2018: ZCA).
+        """
+        tests = list(tests)
+        if not tests:
+            return None
+        most = max(len(places) for places, _ in tests)
+        members, shares = np.tile(np.arange(readings)[:, None], (1, most)), np.zeros((readings, most))
+        shares[:, 0] = 1.0
+        for places, moved in tests:
+            gauges = len(places)
+            covariance = np.einsum("air,bir->rab", moved, moved)
+            covariance[:, np.arange(gauges), np.arange(gauges)] = 1.0
+            values, vectors = np.linalg.eigh(covariance)
+            root = (vectors / np.sqrt(np.maximum(values, LEAST_APART))[:, None, :]) @ vectors.transpose(0, 2, 1)
+            own = np.stack([np.arange(place.start, place.stop) for place in places], axis=1)
+            for gauge, place in enumerate(places):
+                members[place, :gauges], shares[place, :gauges] = own, root[:, gauge]
+        return cls(members, shares)
+
+    def __call__(self, values: np.ndarray) -> np.ndarray:
+        """Whitened values (..., readings and what stands behind them), of which the readings change."""
+        found, readings = values.copy(), len(self.members)
+        found[..., :readings] = sum(
+            values[..., of] * share for of, share in zip(self.members.T, self.shares.T, strict=True)
+        )
+        return found

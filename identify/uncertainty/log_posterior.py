@@ -14,7 +14,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from thermohyd.identify.fitting.bench_faults import is_fault
 from thermohyd.identify.fitting.boxes import Box
@@ -180,8 +180,8 @@ class _Model(eqx.Module):
     """What the density of a problem depends on, beside the free entries.
 
     vector: of all entries of the program. moved {test: {field of its operating points: (faults, rows)}} and added (faults, rows): what a
-    unit of each free fault does to what was read, and to the whitened residuals. left (rows, k), share (k,): of the discrepancy, None
-    without one.
+    unit of each free fault does to what was read, and to the whitened residuals. members, shares (rows, k): of the decorrelation of
+    gauges, None without one. left (rows, k), share (k,): of the discrepancy, None without one.
     """
 
     args: LibraryArgs
@@ -191,6 +191,8 @@ class _Model(eqx.Module):
     scale: Float[Array | np.ndarray, ""]
     moved: Mapping[str, Mapping[str, Float[Array | np.ndarray, "faults _"]]]
     added: Float[Array | np.ndarray, "faults rows"] | None = None
+    members: Int[Array | np.ndarray, "rows gauges"] | None = None
+    shares: Float[Array | np.ndarray, "rows gauges"] | None = None
     left: Float[Array | np.ndarray, "rows k"] | None = None
     share: Float[Array | np.ndarray, " k"] | None = None
 
@@ -222,16 +224,21 @@ def _of_problem(
             for field, rows in fields.items():
                 moved.setdefault(test, {}).setdefault(field, np.zeros((len(faults), len(rows))))[i] = rows
     added = np.stack([problem.added_by(fault, part) for fault in faults]) if faults else None
-    left, share = None, None
+    members, shares, left, share = None, None, None, None
+    padded = sum(part.size(test.rows) * len(test.channels) for test in part.tests.values())
+    priors = len(problem.parameters)  # nothing of it is in them
+    real = problem.real_rows(padded + priors)[:-priors]
+    if problem.decorrelation is not None:
+        gauges = problem.decorrelation.members.shape[1]
+        members, shares = np.zeros((padded, gauges), dtype=int), np.zeros((padded, gauges))
+        members[real], shares[real] = real[problem.decorrelation.members], problem.decorrelation.shares
     if problem.discrepancy is not None:
         directions, share = problem.discrepancy.parts
-        padded = sum(part.size(test.rows) * len(test.channels) for test in part.tests.values())
-        priors = len(problem.parameters)  # no discrepancy is in them
-        real = problem.real_rows(padded + priors)[:-priors]
         left = np.zeros((padded, len(share)))
         left[real] = directions[:-priors]
     vector = np.array([begin.get(name, 0.0) for name in entries], dtype=float)
-    model = _Model(part.arguments(program), vector, value, weight, np.asarray(scale), moved, added, left, share)
+    args, variance = part.arguments(program), np.asarray(scale)
+    model = _Model(args, vector, value, weight, variance, moved, added, members, shares, left, share)
     density = _density(program, entries, free) if not signals else _density_of(program, entries, free, signals, held)
     return density, model
 
@@ -268,6 +275,8 @@ def _density_of(
             residual = residual.at[signal.place].set(rows)
         if model.added is not None:
             residual = residual + p[of_faults] @ jnp.asarray(model.added)
+        if model.members is not None and model.shares is not None:
+            residual = jnp.sum(residual[jnp.asarray(model.members)] * jnp.asarray(model.shares), axis=1)
         if model.left is not None:
             left = jnp.asarray(model.left)
             residual = residual - left @ ((residual @ left) * model.share)

@@ -1,7 +1,5 @@
 """Gauges of one test are read at the same positions: one error of a position moves them all, and counts once."""
 
-from dataclasses import dataclass
-
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
@@ -10,20 +8,16 @@ from thermohyd.identify.diagnosis.record_noise import NoiseEstimate, noise_of
 from thermohyd.identify.fitting.uncertainty import settled_noise
 from thermohyd.identify.noise.correlation import NoiseCorrelation
 from thermohyd.identify.noise.level import ChannelNoise, counted_once, shared_variance
+from thermohyd.identify.noise.whitening import LEAST_APART, Decorrelation
 
 
 A, B, FLOW = ("pressure_gain", "pressure_a"), ("pressure_gain", "pressure_b"), ("flow_gain", "flow")
 ROWS = 60
 
 
-@dataclass(frozen=True)
-class Moved:
-    std: np.ndarray
-    position_part: np.ndarray | None
-
-
-def noise(own: np.ndarray, part: np.ndarray | None) -> Moved:
-    return Moved(own if part is None else np.hypot(own, part), part)
+def noise(own: np.ndarray, part: np.ndarray | None) -> ChannelNoise:
+    std = own if part is None else np.hypot(own, part)
+    return ChannelNoise(std, "", True, False, std, position_part=part)
 
 
 @given(*[st.floats(0.1, 10.0) for _ in range(4)])
@@ -89,17 +83,65 @@ def test_settling_the_noise_again_widens_it_no_further(known, declared):
         np.testing.assert_allclose(settled[key].used, noise[key].used)
 
 
-def test_a_fit_and_a_diagnosis_weigh_alike():
-    """And what is said of the noise stays what it is."""
+def test_a_diagnosis_has_the_covariance_of_a_row():
+    """Standard deviations stay those of a reading, and what a fit alone widens is not widened."""
     own, part = np.ones(ROWS), np.linspace(0.0, 3.0, ROWS)
     std = np.hypot(own, part)
     plain = counted_once({k: ChannelNoise(std, "", True, False, std, position_part=part) for k in (A, B)})
     memory = 1.0 / std**2
     remembered = NoiseCorrelation(1.0, 0.6)
-    estimates = {k: NoiseEstimate(std, remembered, "", "", True, memory=memory, position_part=part) for k in (A, B)}
+    shared = (part / std)[None]
+    estimates = {k: NoiseEstimate(std, remembered, "", "", True, memory=memory, shared=shared) for k in (A, B)}
     weighed = noise_of(estimates)
     for key in (A, B):
         np.testing.assert_allclose(plain[key].used, np.sqrt(1.0 + 2.0 * part**2))
-        np.testing.assert_array_equal(plain[key].std, std)
-        np.testing.assert_allclose(weighed.std[key], plain[key].used)
-        np.testing.assert_allclose(weighed.memory[key] * weighed.std[key] ** 2, own)
+        np.testing.assert_array_equal(weighed.std[key], std)
+        np.testing.assert_array_equal(weighed.shared[key], shared)
+        assert weighed.white.shared == {}
+
+
+def decorrelation(moved: np.ndarray) -> tuple[Decorrelation, np.ndarray]:
+    """Of gauges behind one another (gauges, inputs, rows), with the covariance of all their readings."""
+    gauges, _, rows = moved.shape
+    found = Decorrelation.of(gauges * rows, [([slice(i * rows, (i + 1) * rows) for i in range(gauges)], moved)])
+    assert found is not None
+    across = np.einsum("air,bir->abr", moved, moved)
+    whole = np.eye(gauges * rows)
+    for a in range(gauges):
+        for b in range(gauges):
+            if a != b:
+                whole[a * rows + np.arange(rows), b * rows + np.arange(rows)] = across[a, b]
+    return found, whole
+
+
+@given(st.integers(2, 4), st.integers(1, 3), st.floats(0.0, 0.9), st.integers(0, 2**31))
+def test_gauges_of_a_row_are_made_independent(gauges, inputs, part, seed):
+    moved = np.random.default_rng(seed).standard_normal((gauges, inputs, 5))
+    moved *= np.sqrt(part / np.sum(moved**2, axis=1, keepdims=True))
+    found, covariance = decorrelation(moved)
+    behind = np.full(3, 7.0)  # priors
+    root = found(np.eye(5 * gauges))
+    np.testing.assert_allclose(root @ covariance @ root.T, np.eye(5 * gauges), atol=1e-9)
+    np.testing.assert_array_equal(found(np.append(np.zeros(5 * gauges), behind))[-3:], behind)
+
+
+def test_what_gauges_share_cancels_where_they_are_compared():
+    """p_A up and p_B down by one error of the position, five times their own noise: a shift of the position is known as poorly as that, the
+    sum of both pressures as well as the gauges read it."""
+    own, part = 1.0, 5.0
+    std = np.hypot(own, part)
+    found, _ = decorrelation(np.array([[[part / std]], [[-part / std]]]))
+    information = lambda change: float(np.sum(found(np.asarray(change) / std) ** 2))
+    assert information([part, -part]) == pytest.approx(2.0 * part**2 / (own**2 + 2.0 * part**2))
+    assert information([1.0, 1.0]) == pytest.approx(2.0 / own**2)
+
+
+def test_gauges_are_never_taken_for_one_and_the_same():
+    found, _ = decorrelation(np.array([[[1.0]], [[1.0]]]))
+    assert float(np.sum(found(np.array([1.0, -1.0])) ** 2)) == pytest.approx(2.0 / LEAST_APART)
+
+
+def test_a_gauge_alone_is_left_as_it_is():
+    assert Decorrelation.of(10, []) is None
+    found, _ = decorrelation(np.array([[[0.9]], [[0.0]]]))
+    np.testing.assert_allclose(found(np.eye(2)), np.eye(2))

@@ -38,9 +38,13 @@ def beside_curves(problem: Problem) -> Problem:
     return problem.with_discrepancy(Discrepancy(columns))
 
 
-def in_every_way(case: Case) -> None:
-    """The density of a model with an effect, faults and a discrepancy against the residuals of its problem."""
-    problem = beside_curves(case.problem)
+def in_every_way(case: Case, **shared: np.ndarray) -> None:
+    """The density of a model with an effect, faults and a discrepancy against the residuals of its problem.
+
+    shared: of gauges of the pressure gain, what an error of each input does to them."""
+    errors = {("pressure_gain", name): moved for name, moved in shared.items()}
+    problem = beside_curves(case.problem.with_noise(replace(case.problem.noise, shared=errors)))
+    assert (problem.decorrelation is not None) is bool(shared)
     # Of readings in volts of unknown gain the zero is a parameter, and no fault.
     faults = [name for start in FAULTS for name in problem.faults if name.startswith(start)]
     assert len(faults) > 1
@@ -66,6 +70,24 @@ def in_every_way(case: Case) -> None:
 
 def test_the_density_is_the_problem_s_own_with_faults_and_discrepancy():
     in_every_way(small_case("two"))
+
+
+def test_also_where_gauges_share_errors():
+    record = small_record(effects={"hysteresis": 1e-6}, seed=5, position_noise=0.3e-6)
+    test = record.tests["pressure_gain"]
+    load, half = test.channel("load_pressure"), 0.5 * (test.supply_pressure + test.return_pressure)
+    gauges = tuple(
+        replace(load, name=name, value=half + sign * 0.5 * load.value)
+        for name, sign in (("pressure_a", 1.0), ("pressure_b", -1.0))
+    )
+    record = replace(record, tests={**record.tests, "pressure_gain": replace(test, channels=gauges)})
+    case = opened(record)
+    up, down = (case.problem.noise.shared["pressure_gain", f"pressure_{port}"] for port in "ab")
+    # An error of the position raises one as it lowers the other.
+    assert np.max(np.abs(up)) > 0.3
+    assert np.all(up * down <= 1e-6)
+    steep = np.linspace(0.0, 0.9, test.rows)[None]
+    in_every_way(case, pressure_a=steep, pressure_b=-0.5 * steep)
 
 
 def test_also_behind_sensors_of_unknown_gain_and_zero():
