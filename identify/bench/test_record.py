@@ -152,6 +152,8 @@ class TestRecord:
     faults: tuple[Fault, ...] = ()  # of the bench, found so far
     # {position or condition: (rows,)}: standard error of what was logged as a reduction left it, SI; others count as exact.
     input_error: Mapping[str, np.ndarray] = field(default_factory=dict)
+    # {position: (rows, rows)}: covariance of these errors, SI, where rows share them: `input_error` is then as of rows that share none.
+    input_covariance: Mapping[str, np.ndarray] = field(default_factory=dict)
     # What bench.toml says of readings, made or not: {reading: standard deviation, SI}; tolerances of gain and zero (shares).
     stated_noise: Mapping[str, float] = field(default_factory=dict)
     stated_instrument: tuple[float | None, float | None] = (None, None)

@@ -1,5 +1,6 @@
 """Estimate how large a record's noise is and how it correlates: from repeated sweeps, else from what no effect can explain."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -52,8 +53,8 @@ class NoiseEstimate:
     warning: str = ""
     degrees_of_freedom: float = np.inf  # from which `std` was estimated; infinite: stated
     memory: np.ndarray | None = None  # the part of each row's variance that the correlation is of; None: all of it
-    # What one standard deviation of the error of each logged input makes of a reading (inputs, rows), in shares of `std`.
-    shared: np.ndarray | None = None
+    # What one standard deviation of the error of each logged input makes of a reading {input: (rows,)}, in shares of `std`.
+    shared: Mapping[str, np.ndarray] | None = None
     parts: TwoParts | None = None  # what `std` is made of beside that, where it grows with the reading
 
 
@@ -149,7 +150,8 @@ def estimated_noise(
         found = _channel(like, repeated, variance, degrees_of_freedom, left)
         scale = float(np.sqrt(np.mean(found.std**2) / np.mean(like.std**2)))
         found = replace(found, parts=None if like.parts is None else like.parts.times(scale))
-        found = replace(found, shared=None if like.inputs is None else like.inputs / like.std)
+        if like.inputs is not None:
+            found = replace(found, shared={name: moved / like.std for name, moved in like.inputs.items()})
         noise[key] = _beside_positions(found, like.position_part, like.std, stretches[rows])
     return noise
 
@@ -165,10 +167,11 @@ def beside_inputs(problem: Problem, fit: Fit, noise: dict[Key, ChannelNoise]) ->
     slopes = slopes_of_inputs(problem, fit, {name: STEPS[name] for name in STEPS if name in logged})
     found = dict(noise)
     for key, rows in problem.rows().items():
-        errors = tests[key[0]].input_error
-        parts = [noise[key].std * slopes[name][rows] * error for name, error in errors.items() if name in slopes]
-        if parts and np.isfinite(parts).all():
-            found[key] = noise[key].beside_inputs(np.stack(parts))
+        test = tests[key[0]]
+        errors = {**test.input_error, **{name: np.sqrt(np.diag(own)) for name, own in test.input_covariance.items()}}
+        parts = {n: noise[key].std * slopes[n][rows] * error for n, error in errors.items() if n in slopes}
+        if parts and np.isfinite([*parts.values()]).all():
+            found[key] = noise[key].beside_inputs(parts)
     return found
 
 

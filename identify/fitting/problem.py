@@ -17,7 +17,7 @@ from thermohyd.identify.bench.test_record import TestRecord, dynamic_among
 from thermohyd.identify.model.learned_terms import LearnedTerm
 from thermohyd.identify.model.term_variables import States
 from thermohyd.identify.model.typed_terms import TypedTerm
-from thermohyd.identify.noise.whitening import Decorrelation, Whitening, whiten_on_host
+from thermohyd.identify.noise.whitening import Decorrelation, SharedError, Whitening, whiten_on_host
 from thermohyd.identify.reduction.monotone_pieces import run_ids
 from thermohyd.side_by_side import each
 
@@ -225,17 +225,25 @@ class Problem:
 
     @cached_property
     def decorrelation(self) -> Decorrelation | None:
-        """What makes whitened residuals of one row independent of each other; None where gauges share no errors."""
+        """What makes whitened residuals independent of each other; None where gauges and rows share no errors."""
         where, tests = self.rows(), []
         for name, test in self.tests.items():
             keys = [key for channel in test.channels if (key := (name, channel.name)) in self.noise.shared]
-            if len(keys) > 1:
-                moved = np.stack([self.noise.shared[key] * np.asarray(self.whitening(key).weight) for key in keys])
-                tests.append(([where[key] for key in keys], moved))
+            if not keys or (len(keys) == 1 and not test.input_covariance):
+                continue
+            weight = {key: np.asarray(self.whitening(key).weight) for key in keys}
+            errors = [
+                SharedError(
+                    np.stack([self.noise.shared[key][error] * weight[key] for key in keys]),
+                    test.input_covariance.get(error),
+                )
+                for error in self.noise.shared[keys[0]]  # of all gauges of a test alike
+            ]
+            tests.append(([where[key] for key in keys], errors))
         return Decorrelation.of(max((place.stop for place in where.values()), default=0), tests)
 
     def decorrelated(self, values: np.ndarray) -> np.ndarray:
-        """Whitened values (..., rows), gauges of one row made independent of each other."""
+        """Whitened values (..., rows), gauges of one row and rows that share errors made independent of each other."""
         return values if self.decorrelation is None else self.decorrelation(values)
 
     def _whitened(self, key: Key, values: np.ndarray) -> np.ndarray:

@@ -56,15 +56,15 @@ class Noise:
     """The noise of each channel as a problem weighs it: standard deviation per row (SI) and correlation.
 
     memory: what part of each row's variance (rows,) that correlation is of, where not of all: a position's noise has none. parts: of
-    channels whose noise goes with the reading. shared: what one standard deviation of the error of each input (inputs, rows), as of the
-    position, does to a reading, in standard deviations of it: channels of one test have these errors in common.
+    channels whose noise goes with the reading. shared: what one standard deviation of the error of each input {input: (rows,)}, as of
+    the position, does to a reading, in standard deviations of it: channels of one test have these errors in common.
     """
 
     std: dict[Key, np.ndarray]
     correlation: dict[Key, NoiseCorrelation]
     memory: Mapping[Key, np.ndarray] = field(default_factory=dict)
     parts: Mapping[Key, TwoParts] = field(default_factory=dict)
-    shared: Mapping[Key, np.ndarray] = field(default_factory=dict)
+    shared: Mapping[Key, Mapping[str, np.ndarray]] = field(default_factory=dict)
 
     @property
     def white(self) -> "Noise":
@@ -77,7 +77,10 @@ class Noise:
         for key, parts in self.parts.items():
             more = np.square(parts.share) * (after[key] ** 2 - before[key] ** 2)
             std[key] = np.sqrt(np.maximum(std[key] ** 2 + more, parts.own**2))
-        shared = {key: moved * self.std[key] / std[key] for key, moved in self.shared.items()}
+        shared = {
+            key: {name: moved * self.std[key] / std[key] for name, moved in own.items()}
+            for key, own in self.shared.items()
+        }
         return replace(self, std=std, shared=shared)
 
     def whitening(self, key: Key, test: TestRecord, used: Mapping[Key, np.ndarray] | None, padded: int) -> Whitening:

@@ -247,9 +247,8 @@ class ChannelNoise:
     neighbours: float | None = None  # scatter of neighbouring rows about a smooth curve, where that says something
     position_part: np.ndarray | None = None  # what of `std` the positions' noise makes, row by row
     position_error: np.ndarray | None = None  # standard error of each position (rows,), m, behind that part
-    inputs: np.ndarray | None = (
-        None  # that part by the inputs whose errors make it (inputs, rows), SI, with their signs
-    )
+    # That part by the inputs whose errors make it {input: (rows,)}, SI, with their signs.
+    inputs: Mapping[str, np.ndarray] | None = None
     # Size of each reading (rows,), SI, with which noise that is not known may grow.
     level: np.ndarray | None = None
     parts: TwoParts | None = None  # what `std` is made of beside the positions', where it grows with the reading
@@ -258,11 +257,11 @@ class ChannelNoise:
         """The same where a reading goes with its position by these slopes (rows,), SI: a model's instead of those of neighbours."""
         if self.position_error is None or not np.isfinite(slope).all():
             return self
-        return self.beside_inputs((slope * self.position_error)[None])
+        return self.beside_inputs({"spool_position": slope * self.position_error})
 
-    def beside_inputs(self, inputs: np.ndarray) -> "ChannelNoise":
-        """The same where errors of what was logged beside it add these to a reading (inputs, rows), SI; its own noise stays."""
-        part = np.sqrt(np.sum(np.square(inputs), axis=0))
+    def beside_inputs(self, inputs: Mapping[str, np.ndarray]) -> "ChannelNoise":
+        """The same where errors of what was logged beside it add these to a reading {input: (rows,)}, SI; its own noise stays."""
+        part = np.sqrt(np.sum([moved**2 for moved in inputs.values()], axis=0))
         before = np.zeros(len(self.std)) if self.position_part is None else self.position_part
         # Where positions made all of the noise, a thousandth stands for its own.
         own = np.sqrt(np.maximum(self.std**2 - before**2, 1e-6 * self.std**2))

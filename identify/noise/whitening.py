@@ -2,10 +2,10 @@
 
 Kalman, "A new approach to linear filtering and prediction problems", 1960: y_t minus its prediction from the rows
 before, over the prediction's standard deviation, is white. Linear in y, so it acts on residuals and Jacobians alike.
-Then gauges of one row, whose errors go together where they are read at one position, under one supply.
+Then readings that share errors of what was logged beside them: gauges of one row, and rows of one smooth sweep.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import equinox as eqx
@@ -13,6 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 from scipy.linalg import solve_banded
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
 
 from thermohyd.numerics import linear_recursion
 
@@ -22,6 +24,7 @@ from .correlation import NoiseCorrelation
 LEAST = 1e-12  # of a row's variance, remembered: what is predicted of it is then nothing
 # Of a row's variance, the least that any mixture of its gauges keeps: their clocks and filters are never quite alike.
 LEAST_APART = 0.01
+UNFELT = 1e-3  # of a row's variance: an error that makes no more is taken for the row's own
 
 
 class Whitening(eqx.Module):
@@ -128,41 +131,100 @@ def whiten_on_host(filter_: Whitening, values: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Decorrelation:
-    """Gauges of one row made independent. members (readings, k): those that each is mixed of, shares (readings, k): with these factors."""
+class SharedError:
+    """The error of one input that several readings of a test have in common.
 
-    members: np.ndarray
-    shares: np.ndarray
+    moved (gauges, rows): what one standard deviation of it makes of their whitened residuals. covariance (rows, rows): of any unit, of
+    the error from row to row; None: each row has one of its own.
+    """
+
+    moved: np.ndarray
+    covariance: np.ndarray | None = None
+
+    def correlation(self, felt: np.ndarray) -> np.ndarray | None:
+        """From row to row (rows, rows), of rows that feel it (rows,)."""
+        if self.covariance is None:
+            return None
+        size = np.sqrt(np.diag(self.covariance))
+        size = np.where(size > 0.0, size, 1.0)
+        found = self.covariance / np.outer(size, size) * np.outer(felt, felt)
+        found[np.diag_indices_from(found)] = 1.0
+        return found
+
+
+@dataclass(frozen=True)
+class Decorrelation:
+    """Readings that share errors made independent of each other. matrix (readings, readings): symmetric."""
+
+    matrix: csr_array
 
     @classmethod
-    def of(cls, readings: int, tests: Iterable[tuple[list[slice], np.ndarray]]) -> "Decorrelation | None":
-        """tests: where the gauges of each stand among the readings, and what one standard deviation of each input's error makes of their
-        whitened residuals (gauges, inputs, rows). None: no errors are shared.
+    def of(cls, readings: int, tests: Iterable[tuple[list[slice], list[SharedError]]]) -> "Decorrelation | None":
+        """tests: where the gauges of each stand among the readings, and the errors that they share. None: no test shares any.
 
-        By the inverse square root of the covariance of each row, which moves every residual as little as can be (Kessy, Lewin and
-        Strimmer, The American Statistician 72, 2018: ZCA).
+        By the inverse square root of the covariance of rows that hang together, which moves every residual as little as can be (Kessy,
+        Lewin and Strimmer, The American Statistician 72, 2018: ZCA).
         """
         tests = list(tests)
         if not tests:
             return None
-        most = max(len(places) for places, _ in tests)
-        members, shares = np.tile(np.arange(readings)[:, None], (1, most)), np.zeros((readings, most))
-        shares[:, 0] = 1.0
-        for places, moved in tests:
-            gauges = len(places)
-            covariance = np.einsum("air,bir->rab", moved, moved)
-            covariance[:, np.arange(gauges), np.arange(gauges)] = 1.0
-            values, vectors = np.linalg.eigh(covariance)
-            root = (vectors / np.sqrt(np.maximum(values, LEAST_APART))[:, None, :]) @ vectors.transpose(0, 2, 1)
-            own = np.stack([np.arange(place.start, place.stop) for place in places], axis=1)
-            for gauge, place in enumerate(places):
-                members[place, :gauges], shares[place, :gauges] = own, root[:, gauge]
-        return cls(members, shares)
+        alone = np.ones(readings)
+        entries: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+        for places, errors in tests:
+            felt = np.sum([np.max(error.moved**2, axis=0) for error in errors], axis=0) > UNFELT
+            along = [error.correlation(felt) for error in errors]
+            both = list(zip(errors, along, strict=True))
+            for rows in _rows_together(felt, [found for found in along if found is not None]):
+                root = _inverse_root([(error.moved[:, rows], found) for error, found in both], rows)
+                number = np.concatenate([place.start + rows for place in places], axis=1)
+                alone[number] = 0.0
+                row = np.broadcast_to(number[:, :, None], root.shape)
+                entries.append((root.ravel(), row.ravel(), np.swapaxes(row, 1, 2).ravel()))
+        left = np.flatnonzero(alone)
+        entries.append((alone[left], left, left))
+        value, row, column = (np.concatenate(part) for part in zip(*entries, strict=True))
+        return cls(csr_array((value, (row, column)), shape=(readings, readings)))
 
     def __call__(self, values: np.ndarray) -> np.ndarray:
         """Whitened values (..., readings and what stands behind them), of which the readings change."""
-        found, readings = values.copy(), len(self.members)
-        found[..., :readings] = sum(
-            values[..., of] * share for of, share in zip(self.members.T, self.shares.T, strict=True)
-        )
+        found, readings = values.copy(), self.matrix.shape[0]
+        found[..., :readings] = (self.matrix @ values[..., :readings].T).T
         return found
+
+    @property
+    def members(self) -> tuple[np.ndarray, np.ndarray]:
+        """Those that each reading is mixed of (readings, k), and with which factors (readings, k)."""
+        count = np.diff(self.matrix.indptr)
+        row = np.repeat(np.arange(len(count)), count)
+        place = np.arange(len(row)) - self.matrix.indptr[row]
+        members, shares = np.zeros((2, len(count), int(count.max())))
+        members[row, place], shares[row, place] = self.matrix.indices, self.matrix.data
+        return members.astype(int), shares
+
+
+def _rows_together(felt: np.ndarray, correlations: list[np.ndarray]) -> Iterator[np.ndarray]:
+    """Rows that feel an error, by groups that share one: (groups, rows of each), all groups of one size at once."""
+    tied = sum(map(csr_array, correlations), csr_array((len(felt), len(felt))))
+    _, group = connected_components(tied, directed=False)
+    size = np.bincount(group)
+    order, first = np.argsort(group, kind="stable"), np.cumsum(size) - size
+    for length in np.unique(size).tolist():
+        rows = order[first[size == length][:, None] + np.arange(length)]
+        if (feeling := felt[rows].any(axis=1)).any():
+            yield rows[feeling]
+
+
+def _inverse_root(errors: list[tuple[np.ndarray, np.ndarray | None]], rows: np.ndarray) -> np.ndarray:
+    """(groups, n, n) of the covariance of gauges x rows of each group, each of variance 1. errors: what each makes of residuals
+    (gauges, groups, rows), and its correlation; rows (groups, rows)."""
+    groups, length = rows.shape
+    n = len(errors[0][0]) * length
+    covariance = np.zeros((groups, n, n))
+    for moved, correlation in errors:
+        alike = np.eye(length)[None] if correlation is None else correlation[rows[:, :, None], rows[:, None, :]]
+        together = moved.transpose(1, 0, 2).reshape(groups, n)
+        gauges = n // length
+        covariance += together[:, :, None] * together[:, None, :] * np.tile(alike, (1, gauges, gauges))
+    covariance[:, np.arange(n), np.arange(n)] = 1.0
+    values, vectors = np.linalg.eigh(covariance)
+    return (vectors / np.sqrt(np.maximum(values, LEAST_APART))[:, None, :]) @ np.swapaxes(vectors, 1, 2)

@@ -186,7 +186,7 @@ def reduce_test(test: TestRecord, *, max_points: int = 600, log_rows: int = LOG_
     axis = sweep_axis(test)
     readings = [channel.value for channel in test.channels]
     abscissa = smooth_abscissa(axis, pieces, readings)
-    test, noises, position_noise, shaken = _along_the_sweep(test, abscissa, pieces)
+    test, noises, followed_by, position_noise, shaken = _along_the_sweep(test, abscissa, pieces)
     # Errors from the bins' finite width, where an edge closes within one, must not outgrow the noise of longer logs.
     max_points = round(max_points * max(test.rows / FULL_LOG, LEAST_SHARE) ** (1.0 / 3.0))
     starts = bin_starts(abscissa, readings, pieces, max_points)
@@ -244,15 +244,18 @@ def reduce_test(test: TestRecord, *, max_points: int = 600, log_rows: int = LOG_
         notes=(*test.notes, *notes),
         input_error={name: mean(value) for name, value in test.input_error.items()}
         | ({sweep: error} if error.any() else {}),
+        input_covariance={sweep: abscissa.covariance_of_means(pieces, starts) + np.diag(followed_by / rows)}
+        if error.any()
+        else {},
         nodes=nodes_of(abscissa.position, test.time, starts, sweep, shaken),
     )
 
 
 def _along_the_sweep(
     test: TestRecord, abscissa: Abscissa, pieces: np.ndarray
-) -> tuple[TestRecord, list[RowNoise], np.ndarray, np.ndarray]:
-    """The test with readings as they would be on the smooth sweep, the noise of each, variance (rows,) of a position's error [m^2 or
-    Pa^2], and that by which the spool itself left the smooth sweep.
+) -> tuple[TestRecord, list[RowNoise], float, np.ndarray, np.ndarray]:
+    """The test with readings as they would be on the smooth sweep, the noise of each, the variance [m^2 or Pa^2] of a row's position that
+    all of them show, that (rows,) of a position's error, and that by which the spool itself left the smooth sweep.
 
     A spool that shakes takes its readings along, what a transducer scatters by they do not follow: readings are taken along their curve
     to the smooth sweep by the share of the position's scatter that they follow. What is left of it is seen in their own scatter, larger
@@ -283,7 +286,13 @@ def _along_the_sweep(
         for n, c, step in zip(noises, channels, steps, strict=True)
     ]
     # Of the scatter that readings do not follow they may show less than there is.
-    return replace(test, channels=channels), noises, np.maximum(shared, (1.0 - share) * abscissa.scatter), shaken
+    return (
+        replace(test, channels=channels),
+        noises,
+        shared,
+        np.maximum(shared, (1.0 - share) * abscissa.scatter),
+        shaken,
+    )
 
 
 def _moved_by_positions(

@@ -29,14 +29,33 @@ class Abscissa:
 
     position: smoothed; scatter: variance of a row about it, as of rows that are independent; error: standard error of it by what dither
     and sweep leave of the log's rounding; step: of that rounding.
-    staircase: True in pieces whose spool stands still between steps, so that bins had better end with a step.
+    half: rows on either side that the line through a row is of. staircase: True in pieces whose spool stands still between steps, so
+    that bins had better end with a step.
     """
 
     position: np.ndarray
     scatter: np.ndarray
     error: np.ndarray
+    half: np.ndarray
     staircase: np.ndarray
     step: np.ndarray
+
+    def covariance_of_means(self, pieces: np.ndarray, starts: np.ndarray) -> np.ndarray:
+        """Of the errors of the smooth sweep's means over bins that begin at rows `starts` (bins, bins): neighbours in one window share
+        theirs."""
+        rows = np.diff(np.append(starts, len(pieces)))
+        found = np.zeros((len(starts), len(starts)))
+        for start, stop in piece_bounds(pieces):
+            bins = np.flatnonzero((starts >= start) & (starts < stop))
+            weight = _weights_of_means(stop - start, int(self.half[start:stop].max()), starts[bins] - start)
+            found[np.ix_(bins, bins)] = (weight * self.scatter[start:stop]) @ weight.T
+        mean = np.add.reduceat(self.error, starts) / rows
+        own = np.diag(found).copy()
+        # What rounding leaves is shared as noise is.
+        more = np.sqrt((own + mean**2) / np.where(own > 0.0, own, 1.0))
+        found *= np.outer(more, more)
+        found[np.diag_indices_from(found)] = own + mean**2
+        return found
 
 
 def smooth_abscissa(position: np.ndarray, pieces: np.ndarray, readings: list[np.ndarray] | None = None) -> Abscissa:
@@ -45,7 +64,7 @@ def smooth_abscissa(position: np.ndarray, pieces: np.ndarray, readings: list[np.
     A position that stands still between steps, where the `readings` (rows,) do not, was only rounded: it is joined up.
     """
     step, read = local_steps(position), reading_steps(position, pieces)
-    smooth, staircase = position.copy(), np.zeros(len(position), bool)
+    smooth, staircase, halves = position.copy(), np.zeros(len(position), bool), np.zeros(len(position), int)
     variance, error = np.zeros(len(position)), np.zeros(len(position))
     for start, stop in piece_bounds(pieces):
         part = slice(start, stop)
@@ -65,11 +84,29 @@ def smooth_abscissa(position: np.ndarray, pieces: np.ndarray, readings: list[np.
             continue
         line, slope, _ = local_line(x, half)
         scatter = float(np.sqrt(np.mean((x - line) ** 2)))
-        smooth[part] = line
+        smooth[part], halves[part] = line, half
         correlated = float(np.clip((stop - start) / effective_size(x - line), 1.0, 5.0))
         covered = np.abs(slope) * (2 * half + 1)
         variance[part], error[part] = scatter**2 * correlated, rounding_error(step[part], scatter, covered)
-    return Abscissa(smooth, variance, error, staircase, step)
+    return Abscissa(smooth, variance, error, halves, staircase, step)
+
+
+def _weights_of_means(rows: int, half: int, starts: np.ndarray) -> np.ndarray:
+    """What each of a piece's rows counts (bins, rows) in the means over bins of `local_line` through them."""
+    row = np.arange(rows)
+    low, high = np.maximum(row - half, 0), np.minimum(row + half, rows - 1) + 1
+    count, middle = high - low, 0.5 * (low + high - 1)
+    spread = count * (count**2 - 1.0) / 12.0
+    slope = np.where(spread > 0.0, (row - middle) / np.where(spread > 0.0, spread, 1.0), 0.0)
+    level = 1.0 / count - slope * middle
+    size = np.diff(np.append(starts, rows))
+    of = np.repeat(np.arange(len(starts)), size)
+    sums = np.zeros((2, len(starts), rows + 1))
+    for found, own in zip(sums, (level, slope), strict=True):
+        np.add.at(found, (of, low), own)
+        np.add.at(found, (of, high), -own)
+    level, slope = np.cumsum(sums, axis=2)[..., :-1]
+    return (level + slope * row) / size[:, None]
 
 
 def local_line(

@@ -229,9 +229,9 @@ def _of_problem(
     priors = len(problem.parameters)  # nothing of it is in them
     real = problem.real_rows(padded + priors)[:-priors]
     if problem.decorrelation is not None:
-        gauges = problem.decorrelation.members.shape[1]
-        members, shares = np.zeros((padded, gauges), dtype=int), np.zeros((padded, gauges))
-        members[real], shares[real] = real[problem.decorrelation.members], problem.decorrelation.shares
+        of, factor = problem.decorrelation.members
+        members, shares = np.zeros((padded, of.shape[1]), dtype=int), np.zeros((padded, of.shape[1]))
+        members[real], shares[real] = real[of], factor
     if problem.discrepancy is not None:
         directions, share = problem.discrepancy.parts
         left = np.zeros((padded, len(share)))

@@ -8,7 +8,7 @@ from thermohyd.identify.diagnosis.record_noise import NoiseEstimate, noise_of
 from thermohyd.identify.fitting.uncertainty import settled_noise
 from thermohyd.identify.noise.correlation import NoiseCorrelation
 from thermohyd.identify.noise.level import ChannelNoise, counted_once, shared_variance
-from thermohyd.identify.noise.whitening import LEAST_APART, Decorrelation
+from thermohyd.identify.noise.whitening import LEAST_APART, Decorrelation, SharedError
 
 
 A, B, FLOW = ("pressure_gain", "pressure_a"), ("pressure_gain", "pressure_b"), ("flow_gain", "flow")
@@ -90,39 +90,74 @@ def test_a_diagnosis_has_the_covariance_of_a_row():
     plain = counted_once({k: ChannelNoise(std, "", True, False, std, position_part=part) for k in (A, B)})
     memory = 1.0 / std**2
     remembered = NoiseCorrelation(1.0, 0.6)
-    shared = (part / std)[None]
+    shared = {"spool_position": part / std}
     estimates = {k: NoiseEstimate(std, remembered, "", "", True, memory=memory, shared=shared) for k in (A, B)}
     weighed = noise_of(estimates)
     for key in (A, B):
         np.testing.assert_allclose(plain[key].used, np.sqrt(1.0 + 2.0 * part**2))
         np.testing.assert_array_equal(weighed.std[key], std)
-        np.testing.assert_array_equal(weighed.shared[key], shared)
+        assert weighed.shared[key] == shared
         assert weighed.white.shared == {}
 
 
-def decorrelation(moved: np.ndarray) -> tuple[Decorrelation, np.ndarray]:
-    """Of gauges behind one another (gauges, inputs, rows), with the covariance of all their readings."""
-    gauges, _, rows = moved.shape
-    found = Decorrelation.of(gauges * rows, [([slice(i * rows, (i + 1) * rows) for i in range(gauges)], moved)])
+def decorrelation(
+    moved: np.ndarray, covariance: dict[int, np.ndarray] | None = None
+) -> tuple[Decorrelation, np.ndarray]:
+    """Of gauges behind one another (gauges, inputs, rows), with the covariance of all their readings. covariance: of some of the inputs."""
+    gauges, inputs, rows = moved.shape
+    errors = [SharedError(moved[:, i], (covariance or {}).get(i)) for i in range(inputs)]
+    found = Decorrelation.of(gauges * rows, [([slice(i * rows, (i + 1) * rows) for i in range(gauges)], errors)])
     assert found is not None
-    across = np.einsum("air,bir->abr", moved, moved)
-    whole = np.eye(gauges * rows)
-    for a in range(gauges):
-        for b in range(gauges):
-            if a != b:
-                whole[a * rows + np.arange(rows), b * rows + np.arange(rows)] = across[a, b]
+    whole = np.zeros((gauges * rows, gauges * rows))
+    for error in errors:
+        alike = np.eye(rows)
+        if error.covariance is not None:
+            size = np.sqrt(np.diag(error.covariance))
+            alike = error.covariance / np.outer(size, size)
+        whole += np.outer(error.moved, error.moved) * np.tile(alike, (gauges, gauges))
+    whole[np.diag_indices_from(whole)] = 1.0
     return found, whole
 
 
-@given(st.integers(2, 4), st.integers(1, 3), st.floats(0.0, 0.9), st.integers(0, 2**31))
+def moved_by(random: np.random.Generator, gauges: int, inputs: int, rows: int, part: float) -> np.ndarray:
+    """(gauges, inputs, rows), of every reading's variance `part` in all."""
+    moved = random.standard_normal((gauges, inputs, rows))
+    return moved * np.sqrt(part / np.sum(moved**2, axis=1, keepdims=True))
+
+
+@given(st.integers(2, 4), st.integers(1, 3), st.floats(0.01, 0.9), st.integers(0, 2**31))
 def test_gauges_of_a_row_are_made_independent(gauges, inputs, part, seed):
-    moved = np.random.default_rng(seed).standard_normal((gauges, inputs, 5))
-    moved *= np.sqrt(part / np.sum(moved**2, axis=1, keepdims=True))
-    found, covariance = decorrelation(moved)
+    found, covariance = decorrelation(moved_by(np.random.default_rng(seed), gauges, inputs, 5, part))
     behind = np.full(3, 7.0)  # priors
     root = found(np.eye(5 * gauges))
     np.testing.assert_allclose(root @ covariance @ root.T, np.eye(5 * gauges), atol=1e-9)
     np.testing.assert_array_equal(found(np.append(np.zeros(5 * gauges), behind))[-3:], behind)
+
+
+@given(st.integers(1, 3), st.integers(0, 2**31))
+def test_rows_of_one_smooth_sweep_are_made_independent(gauges, seed):
+    """Two legs whose rows share their errors; of a second input each row has its own."""
+    random = np.random.default_rng(seed)
+    legs = np.repeat([0, 1], [7, 4])
+    reach = np.exp(-0.3 * np.abs(np.arange(11)[:, None] - np.arange(11))) * (legs[:, None] == legs)
+    size = random.uniform(0.5, 2.0, 11)
+    found, covariance = decorrelation(moved_by(random, gauges, 2, 11, 0.8), {0: reach * np.outer(size, size)})
+    root = found(np.eye(11 * gauges))
+    np.testing.assert_allclose(root @ covariance @ root.T, np.eye(11 * gauges), atol=1e-9)
+    apart = legs[:, None] != legs
+    assert not root[np.tile(apart, (gauges, gauges))].any()
+    members, shares = found.members
+    values = random.standard_normal(11 * gauges)
+    np.testing.assert_allclose(np.sum(values[members] * shares, axis=1), found(values), atol=1e-12)
+
+
+def test_rows_that_feel_no_error_are_left_as_they_are():
+    moved = np.array([[[0.9, 0.9, 0.01, 0.0]]])
+    found, _ = decorrelation(moved, {0: np.full((4, 4), 0.8) + 0.2 * np.eye(4)})
+    root = found(np.eye(4))
+    np.testing.assert_array_equal(root[2:], np.eye(4)[2:])
+    np.testing.assert_array_equal(root[:2, 2:], 0.0)
+    assert abs(root[0, 1]) > 0.1
 
 
 def test_what_gauges_share_cancels_where_they_are_compared():

@@ -38,7 +38,7 @@ def beside_curves(problem: Problem) -> Problem:
     return problem.with_discrepancy(Discrepancy(columns))
 
 
-def in_every_way(case: Case, **shared: np.ndarray) -> None:
+def in_every_way(case: Case, **shared: dict[str, np.ndarray]) -> None:
     """The density of a model with an effect, faults and a discrepancy against the residuals of its problem.
 
     shared: of gauges of the pressure gain, what an error of each input does to them."""
@@ -82,12 +82,12 @@ def test_also_where_gauges_share_errors():
     )
     record = replace(record, tests={**record.tests, "pressure_gain": replace(test, channels=gauges)})
     case = opened(record)
-    up, down = (case.problem.noise.shared["pressure_gain", f"pressure_{port}"] for port in "ab")
+    up, down = (case.problem.noise.shared["pressure_gain", f"pressure_{port}"]["spool_position"] for port in "ab")
     # An error of the position raises one as it lowers the other.
     assert np.max(np.abs(up)) > 0.3
     assert np.all(up * down <= 1e-6)
-    steep = np.linspace(0.0, 0.9, test.rows)[None]
-    in_every_way(case, pressure_a=steep, pressure_b=-0.5 * steep)
+    steep = np.linspace(0.0, 0.9, test.rows)
+    in_every_way(case, pressure_a={"spool_position": steep}, pressure_b={"spool_position": -0.5 * steep})
 
 
 def test_also_behind_sensors_of_unknown_gain_and_zero():
