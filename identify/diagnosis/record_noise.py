@@ -142,7 +142,7 @@ def estimated_noise(
         size = variance if _excessive(variance, degrees_of_freedom) else 1.0
         repeated = repeats[key]
         beside_repeats = None if repeated is None else repeated.as_large_as(size)
-        # Errors of smoothed positions are stated as large as makes up for what neighbours share: rows of theirs scatter by less.
+        # Rows of one smooth sweep share the errors of their positions, and scatter by less than these are large.
         part = like.position_part
         of_positions = 0.0 if part is None else float(np.mean((part / like.std) ** 2))
         sized = like.known and of_positions < FEW_OF_POSITIONS

@@ -187,7 +187,7 @@ class Decorrelation:
 
     def __call__(self, values: np.ndarray) -> np.ndarray:
         """Whitened values (..., readings and what stands behind them), of which the readings change."""
-        found, readings = values.copy(), self.matrix.shape[0]
+        found, readings = values.copy(), len(self.matrix.indptr) - 1
         found[..., :readings] = (self.matrix @ values[..., :readings].T).T
         return found
 
