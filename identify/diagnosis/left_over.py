@@ -84,20 +84,17 @@ def _scaled(column: np.ndarray | None, least: float = 1e-3) -> np.ndarray | None
 
 def smooth_block(problem: Problem, rows: int) -> np.ndarray:
     """Smooth columns of every channel, whitened like a residual of `rows` rows (priors last, untouched)."""
-    where = problem.rows()
-    blocks = []
-    for key, place in where.items():
-        columns = whitened(problem, key, smooth_columns(problem.tests[key[0]]))
-        block = np.zeros((rows, columns.shape[1]))
-        block[place] = columns
-        blocks.append(block)
-    return problem.decorrelated(np.concatenate(blocks, axis=1).T).T
+    blocks = [whitened(problem, key, smooth_columns(problem.tests[key[0]]), rows) for key in problem.rows()]
+    return np.concatenate(blocks, axis=1)
 
 
-def whitened(problem: Problem, key: Key, columns: np.ndarray) -> np.ndarray:
-    """Columns (rows, k) over a channel's rows, in shares of its noise, whitened as its residuals are, but for what gauges share."""
+def whitened(problem: Problem, key: Key, columns: np.ndarray, rows: int) -> np.ndarray:
+    """What columns (own rows, k) of a channel, SI, are in a residual of `rows` rows: in shares of its noise and whitened as that is, 0 in
+    rows that share no errors with its own."""
     weight = 1.0 / problem.noise.std[key]
-    return whiten_on_host(problem.whitening(key), columns * weight[:, None])
+    block = np.zeros((rows, columns.shape[1]))
+    block[problem.rows()[key]] = whiten_on_host(problem.whitening(key), columns * weight[:, None])
+    return problem.decorrelated(block.T).T
 
 
 @dataclass(frozen=True)
@@ -156,15 +153,13 @@ def _along_the_position(problem: Problem, at: Fit) -> np.ndarray | None:
 
 def _bent_readings(problem: Problem, at: Fit) -> Iterator[np.ndarray]:
     """Of each channel whitened columns (rows, DEGREE) of a sensor whose error goes with what it reads, by the model. at: `_white`."""
-    for key, place in problem.rows().items():
+    for key in problem.rows():
         values = problem.read_by_model(key, at)
         scaled = _scaled(_rank(values)) if np.isfinite(values).all() else None
         if scaled is None:
             continue
         shapes = legendre.legvander(scaled, DEGREE)[:, 1:]
-        block = np.zeros((len(at.residual), shapes.shape[1]))
-        block[place] = whitened(problem, key, shapes)
-        yield problem.decorrelated(block.T).T
+        yield whitened(problem, key, shapes, len(at.residual))
 
 
 @dataclass(frozen=True)

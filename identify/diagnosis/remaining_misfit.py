@@ -213,7 +213,7 @@ def curves_of(problem: Problem, length: float, rows: int) -> Iterator[np.ndarray
 
     Of unit variance at every row in units of the channel's typical noise, whitened, 0 elsewhere.
     """
-    for key, place in problem.rows().items():
+    for key in problem.rows():
         test = problem.tests[key[0]]
         sweeps = list(piece_bounds(sweep_ids(test)))
         runs = sweeps if test.in_motion else [(0, test.rows)]
@@ -227,9 +227,7 @@ def curves_of(problem: Problem, length: float, rows: int) -> Iterator[np.ndarray
             first = number % apart * count
             own[start:stop, first : first + count] = of_one[start:stop]
         for columns in (shared, own):
-            block = np.zeros((rows, columns.shape[1]))
-            block[place] = whitened(problem, key, columns * _typical(problem, key))
-            yield problem.decorrelated(block.T).T
+            yield whitened(problem, key, columns * _typical(problem, key), rows)
 
 
 def _rank(place: np.ndarray) -> np.ndarray:

@@ -452,7 +452,6 @@ class Problem:
         count = len(value)
         slopes = np.zeros((len(order), count))
         slopes[:count] = np.diag(weight)
-        correlated = self.discrepancy is not None or self.decorrelation is not None
 
         def both(p: Any, args: Any) -> tuple[Any, Any]:
             del args
@@ -480,25 +479,23 @@ class Problem:
                 )
                 residuals.append(residual)
             residuals.append((vector[:count] - value) * weight)
-            residual = np.concatenate(residuals)
-            real = self.real_rows(len(residual)) if correlated else np.zeros(0, dtype=int)
-            residual[real] = self._as_known(residual[real])
+            residual = self._as_known(np.concatenate(residuals))
 
             def work_out(numbers: np.ndarray) -> np.ndarray:
                 found = np.concatenate([*(_rows_of(numbers, *block) for block in blocks), slopes[numbers]], axis=1)
-                found[:, real] = self._as_known(found[:, real])
-                return found
+                return self._as_known(found)
 
             return residual, Columns(len(order), work_out)
 
         return both
 
     def _as_known(self, values: np.ndarray) -> np.ndarray:
-        """Whitened values (..., rows) beside what gauges have in common, and beside what the model is known to miss."""
-        if not values.shape[-1]:
-            return values
-        found = self.decorrelated(values)
-        return found if self.discrepancy is None else self.discrepancy.whitened(found)
+        """Whitened values (..., rows, pads and all) beside the errors that readings share and what the model is known to miss; in place."""
+        if self.discrepancy is not None or self.decorrelation is not None:
+            real = self.real_rows(values.shape[-1])
+            found = self.decorrelated(values[..., real])
+            values[..., real] = found if self.discrepancy is None else self.discrepancy.whitened(found)
+        return values
 
     def _read_shifts(self, part: Readings) -> np.ndarray | None:
         """What typed terms add to the whitened residuals of these tests, padded, before any sensor; None without such terms."""
