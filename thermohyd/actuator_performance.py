@@ -26,7 +26,7 @@ from .conditions import Conditions
 from .numerics import kept
 from .oil import Oil, compressed, density, specific_heat
 from .ports import port_flows
-from .static_tests import blocked_state, return_flow
+from .static_tests import return_flow, unloaded_state
 from .valve import Valve, coupling, heat_kept, metering_edges, read_out, true_conditions, true_oil
 
 
@@ -141,7 +141,7 @@ def null_state(valve: Valve, conditions: Conditions) -> NullState:
     heat is kept (HM) and the isentropic one where all is (THM), as in the dynamic model; between, 1/beta follows eta.
     """
     true, oil, eta = true_conditions(valve, conditions), true_oil(valve), heat_kept(valve)
-    ports, inside = blocked_state(valve, oil, true)
+    ports, inside = unloaded_state(valve, oil, true)
     pressure, warm = ports.pressure[0], ports.temperature[0]
     edges = metering_edges(valve, true)
 

@@ -19,13 +19,14 @@ from .edge import at_opening, mass_flow
 from .flow_balance import coupled_root, falling_root
 from .oil import Oil, at_temperature, density, throttling_rise
 from .ports import (
-    CONNECTED_STEPS,
     Between,
+    Joined,
     PortFlows,
     Ports,
     apart,
     between,
     loaded_ports,
+    log_ratio,
     mass_from_outside,
     openings,
     port_flows,
@@ -105,11 +106,11 @@ def crossing_conductance(
 
 
 def _with_crossing(
-    flows: PortFlows, q: Float[Array, "2 rows"], conductance: Float[Array, "..."] | None
+    flows: PortFlows, q: Float[Array, "2 rows"], conductance: Float[Array, "..."] | None, joined: Joined
 ) -> tuple[Float[Array, "2 rows"], Ports]:
-    """Imbalances ln(in/out) of both closed ports and their state."""
+    """Imbalances ln(in/out) of both ports and their state."""
     ports, into, out = ports_with_crossing(flows, between(q, flows.conditions), conductance)
-    return jnp.log((ports.inflow + into) / (ports.outflow + out)), ports
+    return log_ratio(ports.inflow + into, ports.outflow + out, joined), ports
 
 
 def ports_with_crossing(
@@ -143,6 +144,10 @@ def ports_with_crossing(
     return Ports(ports.pressure, ports.temperature, ports.inflow, ports.outflow, crossing=into - out), into, out
 
 
+# Joined ports sit near the middle between supply and return: 4 Newton steps leave rounding only.
+JOINT_STEPS = 4
+
+
 def _drawn_together(
     flows: PortFlows, q: Float[Array, "2 rows"], conductance: Float[Array, "..."]
 ) -> Float[Array, "2 rows"]:
@@ -158,7 +163,7 @@ def _drawn_together(
         ports = ports_at(flows, between(common, conditions))
         return jnp.log(jnp.sum(ports.inflow, axis=0) / jnp.sum(ports.outflow, axis=0))
 
-    one = between(falling_root(joint, jnp.zeros(conditions.position.shape), CONNECTED_STEPS), conditions)
+    one = between(falling_root(joint, jnp.zeros(conditions.position.shape), JOINT_STEPS), conditions)
     two, ports = between(q, conditions), ports_at(flows, one)
     surplus = ports.inflow - ports.outflow
     exchanged = 0.5 * jnp.abs(surplus[0] - surplus[1])
@@ -170,45 +175,38 @@ def _drawn_together(
     return jnp.where(share < 1.0, jnp.log(down / up), q)
 
 
-def coupled_blocked_ports(
-    edges: Edges, oil: Oil, heat_retention: Float[Array, "..."] | None, conditions: Conditions, coupling: Coupling
+def coupled_unloaded_ports(
+    edges: Edges,
+    oil: Oil,
+    heat_retention: Float[Array, "..."] | None,
+    conditions: Conditions,
+    coupling: Coupling,
+    joined: Joined = False,
 ) -> tuple[Ports, Conditions]:
-    """Both ports closed, with lines and flow between the ports: (ports, conditions inside the lines)."""
+    """As `unloaded_ports`, with lines and flow between the ports: (ports, conditions inside the lines).
+
+    Nothing crosses between ports that are joined without loss.
+    """
     flows = port_flows(edges, oil, heat_retention, conditions, coupling.inflows)
     sought = flows.at(apart(conditions))
-    conductance = crossing_conductance(coupling.crossings, oil, conditions) if coupling.crossings else None
+    conductance = None
+    if coupling.crossings and joined is not True:
+        conductance = crossing_conductance(coupling.crossings, oil, conditions)
+        conductance = jnp.where(joined, 0.0, conductance)
 
     def alone(q: Float[Array, "2 rows"]) -> Float[Array, "2 rows"]:
-        return _with_crossing(sought, q, None)[0]
+        return _with_crossing(sought, q, None, joined)[0]
 
     def balance(q: Float[Array, "2 rows"], inside: Conditions) -> tuple[Float[Array, "2 rows"], Ports]:
-        return _with_crossing(flows.at(inside), q, conductance)
+        imbalance, ports = _with_crossing(flows.at(inside), q, conductance, joined)
+        if joined is False:
+            return imbalance, ports
+        # Both balances of joined ports are one; the other is that they stay at one pressure.
+        return jnp.where(joined, jnp.stack([imbalance[0], q[1] - q[0]]), imbalance), ports
 
     start = falling_root(alone, jnp.zeros((2, *conditions.position.shape)))
     if conductance is not None:
         start = _drawn_together(sought, start, conductance)
-
-    def warm(ports: Ports, inside: Conditions) -> Float[Array, " rows"]:
-        return return_temperature(ports, oil, heat_retention, inside)
-
-    return solve_with_lines(balance, start, oil, conditions, coupling.lines, warm)
-
-
-def coupled_connected_ports(
-    edges: Edges, oil: Oil, heat_retention: Float[Array, "..."] | None, conditions: Conditions, coupling: Coupling
-) -> tuple[Ports, Conditions]:
-    """Both ports joined without loss, with lines: (ports, conditions inside the lines). Nothing crosses at p_A = p_B."""
-    flows = port_flows(edges, oil, heat_retention, conditions, coupling.inflows)
-
-    def balance(q: Float[Array, "1 rows"], inside: Conditions) -> tuple[Float[Array, "1 rows"], Ports]:
-        ports = ports_at(flows.at(inside), between(q[0], inside))
-        into, out = with_what_enters(ports.inflow, ports.outflow, ports.crossing)
-        return jnp.log(jnp.sum(into, axis=0) / jnp.sum(out, axis=0))[None], ports
-
-    def alone(q: Float[Array, " rows"]) -> Float[Array, " rows"]:
-        return balance(q[None], apart(conditions))[0][0]
-
-    start = falling_root(alone, jnp.zeros(conditions.position.shape), CONNECTED_STEPS)[None]
 
     def warm(ports: Ports, inside: Conditions) -> Float[Array, " rows"]:
         return return_temperature(ports, oil, heat_retention, inside)

@@ -7,7 +7,7 @@ one computation with openings U + s x and U - s x, s = +1, -1. In the load-flow 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from thermohyd.effects.effect import AbstractInflowEffect, Edges
 
@@ -17,8 +17,8 @@ from .flow_balance import falling_root
 from .oil import Oil, OilAtTemperature, at_temperature, density, throttling_rise
 
 
-# Connected ports sit near the middle between supply and return: 4 Newton steps leave rounding only.
-CONNECTED_STEPS = 4
+# Rows whose ports are connected to each other: none, all, or those where it is true (rows or a single one).
+Joined = bool | Bool[Array, "..."]
 # Pressure [Pa] by which supply and return differ at least where a balance is sought: see `apart`. Flows are laminar there to 1e-8.
 LEAST = 1e-3
 MIRROR = np.array([[1.0], [-1.0]])
@@ -155,49 +155,36 @@ def ports_at(flows: PortFlows, drops: Between) -> Ports:
     )
 
 
-def blocked_ports(
+def log_ratio(into: Float[Array, "2 rows"], out: Float[Array, "2 rows"], joined: Joined) -> Float[Array, "2 rows"]:
+    """ln(in/out) of each port by itself, or where they are joined that of both together, twice."""
+    if joined is not False:
+        into, out = (jnp.where(joined, jnp.sum(flow, axis=0), flow) for flow in (into, out))
+    return jnp.log(into / out)
+
+
+def unloaded_ports(
     edges: Edges,
     oil: Oil,
     heat_retention: Float[Array, "..."] | None,
     conditions: Conditions,
     outside: tuple[AbstractInflowEffect, ...] = (),
+    joined: Joined = False,
 ) -> Ports:
-    """Both ports closed: each port's inflow equals its outflow, ln(in/out) = 0 (docs/physics.md section 5)."""
+    """Both ports closed: each port's inflow equals its outflow, ln(in/out) = 0 (docs/physics.md section 5).
+
+    joined: without loss to each other, so that p_A = p_B balances the four edges (the flow-gain test).
+    """
     flows = port_flows(edges, oil, heat_retention, conditions, outside)
     sought = flows.at(apart(conditions))
 
-    def log_ratio(q: Float[Array, "2 rows"]) -> Float[Array, "2 rows"]:
+    def imbalance(q: Float[Array, "2 rows"]) -> Float[Array, "2 rows"]:
         drops = between(q, sought.conditions)
         temperature = sought.port_temperature(drops.supply_drop)
         into, out = sought.inflow(drops.supply_drop), sought.outflow(drops.return_drop, temperature)
-        into, out = with_what_enters(into, out, sought.entering(drops))
-        return jnp.log(into / out)
+        return log_ratio(*with_what_enters(into, out, sought.entering(drops)), joined)
 
-    q = falling_root(log_ratio, jnp.zeros((2, *conditions.position.shape)))
-    return ports_at(flows, between(q, conditions))
-
-
-def connected_ports(
-    edges: Edges,
-    oil: Oil,
-    heat_retention: Float[Array, "..."] | None,
-    conditions: Conditions,
-    outside: tuple[AbstractInflowEffect, ...] = (),
-) -> Ports:
-    """Both ports joined without loss: p_A = p_B = p_m balances the four edges (the flow-gain test)."""
-    flows = port_flows(edges, oil, heat_retention, conditions, outside)
-    sought = flows.at(apart(conditions))
-
-    def log_ratio(q: Float[Array, " rows"]) -> Float[Array, " rows"]:
-        drops = between(q, sought.conditions)
-        temperature = sought.port_temperature(drops.supply_drop)
-        into, out = sought.inflow(drops.supply_drop), sought.outflow(drops.return_drop, temperature)
-        into, out = with_what_enters(into, out, sought.entering(drops))
-        return jnp.log(jnp.sum(into, axis=0) / jnp.sum(out, axis=0))
-
-    # What enters from outside may push the pressure far from the middle.
-    steps = NEWTON_STEPS if outside else CONNECTED_STEPS
-    q = falling_root(log_ratio, jnp.zeros(conditions.position.shape), steps)
+    # Of joined ports both logits are one: they begin alike, and each step moves both by the balance of both.
+    q = falling_root(imbalance, jnp.zeros((2, *conditions.position.shape)))
     return ports_at(flows, between(q, conditions))
 
 

@@ -13,28 +13,20 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .conditions import Conditions
-from .coupled_ports import coupled_blocked_ports, coupled_connected_ports, coupled_loaded_ports
+from .coupled_ports import coupled_loaded_ports, coupled_unloaded_ports
 from .numerics import kept
 from .oil import Oil, density
 from .port_storage import PortsBefore, StoredPorts, stored_ports
-from .ports import Ports, blocked_ports, connected_ports, loaded_ports, return_temperature
+from .ports import Joined, Ports, loaded_ports, return_temperature, unloaded_ports
 from .valve import Valve, coupling, heat_kept, metering_edges, read_out, true_conditions, true_oil
 
 
-def blocked_state(valve: Valve, oil: Oil, true: Conditions) -> tuple[Ports, Conditions]:
-    """Closed use ports: (ports, conditions with the pressures that the edges see)."""
+def unloaded_state(valve: Valve, oil: Oil, true: Conditions, joined: Joined = False) -> tuple[Ports, Conditions]:
+    """Closed use ports, or where `joined` connected without loss: (ports, conditions with the pressures that the edges see)."""
     edges, heat, ties = metering_edges(valve, true), heat_kept(valve), coupling(valve)
-    if ties.lines or ties.crossings:
-        return coupled_blocked_ports(edges, oil, heat, true, ties)
-    return blocked_ports(edges, oil, heat, true, ties.inflows), true
-
-
-def connected_state(valve: Valve, oil: Oil, true: Conditions) -> Ports:
-    """Use ports joined without loss; a path between the ports carries nothing then."""
-    edges, heat, ties = metering_edges(valve, true), heat_kept(valve), coupling(valve)
-    if ties.lines:
-        return coupled_connected_ports(edges, oil, heat, true, ties)[0]
-    return connected_ports(edges, oil, heat, true, ties.inflows)
+    if ties.lines or (ties.crossings and joined is not True):
+        return coupled_unloaded_ports(edges, oil, heat, true, ties, joined)
+    return unloaded_ports(edges, oil, heat, true, ties.inflows, joined), true
 
 
 def loaded_state(valve: Valve, oil: Oil, true: Conditions) -> Ports:
@@ -83,7 +75,7 @@ def _blocked_readings(
 ) -> tuple[dict[str, Float[Array, " rows"]], Ports]:
     true = true_conditions(valve, conditions)
     oil = true_oil(valve, true)
-    ports, inside = blocked_state(valve, oil, true)
+    ports, inside = unloaded_state(valve, oil, true)
     ties = coupling(valve)
     if ties.storage:
         stored = stored_ports(valve, oil, conditions, true, ports, inside, ties, begun=before)
@@ -100,7 +92,7 @@ def stored_port_rows(
     """
     true = true_conditions(valve, conditions)
     oil = true_oil(valve, true)
-    steady = blocked_state(valve, oil, true)
+    steady = unloaded_state(valve, oil, true)
     stored = stored_ports(valve, oil, conditions, true, *steady, coupling(valve), push)
     return _blocked_values(valve, oil, conditions, true, stored.ports, stored.inside), stored
 
@@ -139,12 +131,30 @@ def control_flow(valve: Valve, conditions: Conditions) -> Float[Array, " rows"]:
     """Flow-gain test: flow from A to B with the use ports connected [m3/s], volume at the ports' pressure and temperature."""
     true = true_conditions(valve, conditions)
     oil = true_oil(valve, true)
-    ports = connected_state(valve, oil, true)
+    ports, _ = unloaded_state(valve, oil, true, joined=True)
+    return _flow_through(valve, oil, conditions, true, ports)
+
+
+def _flow_through(
+    valve: Valve, oil: Oil, conditions: Conditions, true: Conditions, ports: Ports
+) -> Float[Array, " rows"]:
+    """What the meter between connected ports reads [m3/s]."""
     through = ports.inflow[0] - ports.outflow[0]
     if ports.crossing is not None:
         through = through + ports.crossing[0]
     value = through / density(oil, ports.pressure[0], ports.temperature[0])
     return read_out(valve, "flow", value, conditions, true, oil)
+
+
+def unloaded_readings(valve: Valve, conditions: Conditions, joined: Joined) -> dict[str, Float[Array, " rows"]]:
+    """Those of `blocked_port_readings` and `flow`, of rows whose use ports are closed, or where `joined` connected: one balance for
+    all tests without a load, for whoever compiles it once. The ports store no oil. Of a row what its test does not read means nothing.
+    """
+    true = true_conditions(valve, conditions)
+    oil = true_oil(valve, true)
+    ports, inside = unloaded_state(valve, oil, true, joined)
+    flow = _flow_through(valve, oil, conditions, true, ports)
+    return {**_blocked_values(valve, oil, conditions, true, ports, inside), "flow": flow}
 
 
 @kept

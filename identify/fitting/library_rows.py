@@ -31,6 +31,7 @@ from thermohyd.identify.fitting.static_readings import (
 )
 from thermohyd.identify.noise.whitening import Whitening, whiten
 from thermohyd.port_storage import StoredPorts
+from thermohyd.ports import Joined
 from thermohyd.valve import Valve
 
 
@@ -129,10 +130,10 @@ def behind(effects: tuple[str, ...], args: LibraryArgs) -> int:
 
 
 def readings_of_rows(
-    effects: tuple[str, ...], spread: dict[str, Rows], args: LibraryArgs
+    effects: tuple[str, ...], spread: dict[str, Rows], args: LibraryArgs, joined: Joined | None = None
 ) -> tuple[dict[str, dict[str, Float[Array, " padded"]]], StoredPorts | None]:
     """{test: {channel: reading}} before any filter and any mean over bins, from parameters and amounts given row by row, and
-    what ties the rows of blocked ports together where they store oil."""
+    what ties the rows of blocked ports together where they store oil. joined: see `predict_group`."""
     rowwise, _ = split(effects)
     storing = any(effect_info(name).stores for name in rowwise)
     found: dict[str, dict[str, Array]] = {}
@@ -155,7 +156,7 @@ def readings_of_rows(
             readings, stored = predict_stored(valve, tests, conditions, jnp.stack(values[count:]))
             found |= readings
         else:
-            found |= predict_group(valve, group, tests, conditions)
+            found |= predict_group(valve, group, tests, conditions, joined if group == STORED_GROUP else None)
     return found, stored
 
 

@@ -9,36 +9,39 @@ import functools
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from thermohyd.kept_programs import KeptProgram, made_once
 from thermohyd.numerics import OPTIONS, jitted, known_options
 
 from .library_rows import LibraryArgs, behind, readings_of_rows
-from .static_readings import spread_over_rows
+from .static_readings import READ_AT, spread_over_rows
 
 
 @made_once
-def place_program(
-    effects: tuple[str, ...], classes: tuple[type, ...], test: str, reads: tuple[str, ...]
-) -> KeptProgram:
+def place_program(effects: tuple[str, ...], classes: tuple[type, ...], rows_of: str) -> KeptProgram:
     """`readings_and_places`, compiled; classes: what stands behind the names of the effects."""
-    return jitted(functools.partial(readings_and_places, effects, test, reads), known_options(OPTIONS), classes)
+    return jitted(functools.partial(readings_and_places, effects, rows_of), known_options(OPTIONS), classes)
 
 
 def readings_and_places(
-    effects: tuple[str, ...], test: str, reads: tuple[str, ...], p: Float[Array, " given"], args: LibraryArgs
-) -> tuple[Float[Array, "reads rows"], Float[Array, "reads entries rows"], dict[str, Float[Array, " rows"]]]:
-    """Of the rows of a block: readings, their slopes, and all that the rows could read.
+    effects: tuple[str, ...],
+    rows_of: str,
+    p: Float[Array, " given"],
+    args: LibraryArgs,
+    asked: Float[Array, " kinds"],
+    joined: Bool[Array, ""],
+) -> tuple[Float[Array, " rows"], Float[Array, "entries rows"], dict[str, Float[Array, " rows"]]]:
+    """Of the rows of a block: a reading, its slopes, and all that the rows could read; arguments as of `row_blocks.reading_and_slopes`.
 
     Entries: parameters, amounts of `effects`, and a shift of each of `ENTRIES`.
     """
     whole = jnp.concatenate([p, jnp.zeros(behind(effects, args))])
 
-    def of(whole: Float[Array, " entries"]) -> dict[str, Array]:
-        return readings_of_rows(effects, spread_over_rows(whole, args.data.conditions), args)[0][test]
+    def of(whole: Float[Array, " entries"]) -> tuple[Array, dict[str, Array]]:
+        found = readings_of_rows(effects, spread_over_rows(whole, args.data.conditions), args, joined)[0][rows_of]
+        return asked @ jnp.stack([found[name] for name in READ_AT[rows_of]]), found
 
-    found, push = jax.linearize(of, whole)
+    (reading, found), push = jax.linearize(of, whole)
     # A row depends on its own entries alone, so a change of an entry at all rows shows at each what the row's own change does.
-    moved = jax.vmap(push)(jnp.eye(len(whole)))
-    return jnp.stack([found[name] for name in reads]), jnp.stack([moved[name] for name in reads]), found
+    return reading, jax.vmap(lambda moved: push(moved)[0])(jnp.eye(len(whole))), found

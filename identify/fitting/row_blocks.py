@@ -1,13 +1,14 @@
 """Readings of static tests and their derivatives, some hundred rows at a time: one compiled program for the rows of any record.
 
-A row of a static test is a balance of its own unless ports store oil, so that a program of a fixed number of rows serves every test of
-its kind, however long it is, and whatever other tests stand beside it: it is compiled once, not once for each record. It holds every
+A row of a static test is a balance of its own unless ports store oil, so that a program of a fixed number of rows serves every test,
+however long it is, and whatever other tests stand beside it: whether the use ports are closed or connected, and what is read, are
+numbers that it is given (an imposed load has a program of its own). It is compiled once, not once for each record. It holds every
 effect of the library that costs no more than those asked for, whether or not the record can show it; what a record lacks (a time,
 a rate) is 0 there. What ties rows together (a meter's lag, means over bins, the noise's memory) follows on the host.
 """
 
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -16,7 +17,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from thermohyd.conditions import Conditions
 from thermohyd.effects.library import classes_of, effect_info
@@ -29,7 +30,17 @@ from .library import run_most, same_program
 from .library_rows import ENTRIES, MOVES, LibraryArgs, RowTerms, filtered, readings_of_rows, split
 from .parameters import PARAMETERS
 from .place_program import place_program
-from .static_readings import ChannelRows, StaticData, groups_of, spread_over_rows, stacked
+from .static_readings import (
+    JOINED,
+    READ_AT,
+    ChannelRows,
+    StaticData,
+    groups_of,
+    read_in,
+    rows_called,
+    spread_over_rows,
+    stacked,
+)
 from .static_residuals import FitArgs, own_entries
 
 
@@ -38,15 +49,17 @@ from .static_residuals import FitArgs, own_entries
 BLOCK, SMALL_BLOCK = 512, 256
 
 
-def block_size(count: int) -> int:
-    """Rows of the blocks of a test with so many."""
-    return SMALL_BLOCK if count <= SMALL_BLOCK else BLOCK
+def block_size(counts: Iterable[int]) -> int:
+    """Rows of the blocks of tests with so many: one size for all of a record, as each needs a program."""
+    return SMALL_BLOCK if max(counts, default=0) <= SMALL_BLOCK else BLOCK
 
 
-def blocks_of(args: LibraryArgs, test: str, count: int, size: int, name: str) -> tuple[LibraryArgs, ...]:
-    """A test's operating points and learned terms in blocks of so many rows, called `name` there; count: its rows (or nodes) without
-    pads."""
+def blocks_of(args: LibraryArgs, test: str, count: int, size: int) -> tuple[LibraryArgs, ...]:
+    """A test's operating points and learned terms in blocks of so many rows, under the names that they have in a program; count: its
+    rows (or nodes) without pads."""
     group, first = place_in_group(args.data.conditions, test)
+    name = rows_called(test)
+    (named,) = groups_of({name: args.data.conditions[test]})
     valve = jax.tree.map(lambda leaf: jnp.asarray(leaf) if eqx.is_array(leaf) else leaf, args.valve)
     found = []
     for rows, own in zip(
@@ -55,7 +68,7 @@ def blocks_of(args: LibraryArgs, test: str, count: int, size: int, name: str) ->
         terms = jax.tree.map(
             lambda values, rows=rows: _on_device(np.asarray(values)[..., first + rows]), args.terms[group]
         )
-        found.append(LibraryArgs(valve, StaticData({name: own}, (), {}), (), {group: terms}))
+        found.append(LibraryArgs(valve, StaticData({name: own}, (), {}), (), {named: terms}))
     return tuple(found)
 
 
@@ -98,30 +111,34 @@ def place_in_group(conditions: Mapping[str, Conditions], test: str) -> tuple[str
 
 
 @made_once
-def _program(effects: tuple[str, ...], classes: tuple[type, ...], test: str, reads: tuple[str, ...]) -> KeptProgram:
-    """`readings_and_slopes`, compiled; classes: what stands behind the names; a user may put another effect under a name."""
+def _program(effects: tuple[str, ...], classes: tuple[type, ...], rows_of: str) -> KeptProgram:
+    """`reading_and_slopes`, compiled; classes: what stands behind the names; a user may put another effect under a name."""
     options = known_options(OFTEN if run_most(effects) else OPTIONS)
-    return jitted(functools.partial(readings_and_slopes, effects, test, reads), options, classes)
+    return jitted(functools.partial(reading_and_slopes, effects, rows_of), options, classes)
 
 
-def readings_and_slopes(
-    effects: tuple[str, ...], test: str, reads: tuple[str, ...], p: Float[Array, " given"], args: LibraryArgs
-) -> tuple[Float[Array, "reads rows"], Float[Array, "reads entries rows"]]:
-    """Of the rows of a block. Entries: parameters, amounts of `effects`, changes of what was read of the operating point in the
-    order of FIELDS."""
+def reading_and_slopes(
+    effects: tuple[str, ...],
+    rows_of: str,
+    p: Float[Array, " given"],
+    args: LibraryArgs,
+    asked: Float[Array, " kinds"],
+    joined: Bool[Array, ""],
+) -> tuple[Float[Array, " rows"], Float[Array, "entries rows"]]:
+    """Of the rows of a block, which are of this kind (`READ_AT`). asked: 1 for what is read of what they could read, 0 for all else.
+    joined: whether the use ports are connected.
+
+    Entries: parameters, amounts of `effects`, changes of what was read of the operating point in the order of FIELDS.
+    """
     (group,) = args.terms
     spread = spread_over_rows(jnp.concatenate([p, jnp.zeros(MOVES)]), args.data.conditions)
 
-    def of_rows(spread: dict[str, Any]) -> tuple[Array, ...]:
-        found, _ = readings_of_rows(effects, spread, args)
-        return tuple(found[test][name] for name in reads)
+    def of_rows(spread: dict[str, Any]) -> Array:
+        found = readings_of_rows(effects, spread, args, joined)[0][rows_of]
+        return asked @ jnp.stack([found[name] for name in READ_AT[rows_of]])
 
-    readings, push = jax.linearize(of_rows, spread)
-    slopes = []
-    for i in range(len(reads)):
-        pull = jax.linear_transpose(lambda moved, i=i: push(moved)[i], spread)
-        slopes.append(stacked(pull(jnp.ones_like(readings[i]))[0])[group])
-    return jnp.stack(readings), jnp.stack(slopes)
+    reading, pull = jax.vjp(of_rows, spread)
+    return reading, stacked(pull(jnp.ones_like(reading))[0])[group]
 
 
 @dataclass(frozen=True)
@@ -145,7 +162,8 @@ class RowBlocks:
         places = all(terms.places is not None for terms in args.terms.values())
         shared = split(program)[0] if places else same_program(program, args.valve.heat_retention is not None)
         nodes = rows_of_model(args.data, rows)
-        blocks = {test: blocks_of(args, test, count, block_size(count), test) for test, count in nodes.items()}
+        size = block_size(nodes.values())
+        blocks = {test: blocks_of(args, test, count, size) for test, count in nodes.items()}
         return cls(program, shared, args, nodes, blocks, places)
 
     def moved(self, conditions: Mapping[str, Conditions]) -> "RowBlocks":
@@ -171,16 +189,19 @@ class RowBlocks:
 
     @cached_property
     def programs(self) -> dict[str, list[Callable[[np.ndarray], Any]]]:
-        """Of each test's blocks what gives its readings and slopes, of parameters and amounts."""
+        """Of each test's blocks what gives its readings and their slopes, of parameters and amounts, behind one another; with places
+        also what the rows could read."""
         kind = place_program if self.places else _program
         start = np.zeros(len(PARAMETERS) + len(self.shared))
-        return {
-            test: [
-                kind(self.shared, classes_of(self.shared), test, self.reads[test]).bound(start, block)
-                for block in blocks
-            ]
-            for test, blocks in self.blocks.items()
-        }
+
+        def of_test(test: str, block: LibraryArgs) -> Callable[[np.ndarray], Any]:
+            name = rows_called(test)
+            program, joined = kind(self.shared, classes_of(self.shared), name), np.asarray(test in JOINED)
+            asked = (np.array([float(kind == read) for kind in READ_AT[name]]) for read in self.reads[test])
+            of_reads = [program.bound(start, block, one, joined) for one in asked]
+            return lambda p: tuple(zip(*(program(p) for program in of_reads), strict=True))
+
+        return {test: [of_test(test, block) for block in blocks] for test, blocks in self.blocks.items()}
 
     @cached_property
     def kinds(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -336,9 +357,9 @@ class Evaluated:
     @property
     def states(self) -> dict[str, dict[str, np.ndarray]]:
         """With places what the model's readings could be of: {test: {reading: (padded,)}}, SI."""
-        states = lambda test, parts, name: self.rows.joined(test, [np.asarray(part[2][name]) for part in parts])
+        states = lambda test, parts, name: self.rows.joined(test, [np.asarray(part[2][0][name]) for part in parts])
         return {
-            test: {name: self.rows.means(test, states(test, parts, name)) for name in parts[0][2]}
+            test: {name: self.rows.means(test, states(test, parts, name)) for name in read_in(test)}
             for test, parts in (self.begun.items() if self.rows.places else ())
         }
 
@@ -353,14 +374,19 @@ class Evaluated:
 
     def _reading(self, number: int) -> np.ndarray:
         test, i = self.rows.read_by[number]
-        return self.rows.joined(test, [np.asarray(part[0])[i] for part in self.begun[test]])
+        return self.rows.joined(test, [_one_of(part[0], i) for part in self.begun[test]])
 
     def _slopes(self, number: int, entries: np.ndarray) -> np.ndarray:
         test, i = self.rows.read_by[number]
-        return self.rows.joined(test, [np.asarray(part[1])[i] for part in self.begun[test]], entries)
+        return self.rows.joined(test, [_one_of(part[1], i) for part in self.begun[test]], entries)
 
     def _whitened(self, weighed: list[np.ndarray]) -> list[np.ndarray]:
         return [white(slopes.T).T for (*_, white), slopes in zip(self.rows.weighing, weighed, strict=True)]
+
+
+def _one_of(given: Any, number: int) -> np.ndarray:
+    """Of what a block's reads were given, a tuple with one array each or one array with all."""
+    return np.asarray(given[number]) if isinstance(given, tuple) else np.asarray(given)[number]
 
 
 def plain_by_rows(names: tuple[str, ...], args: FitArgs) -> Both:
@@ -375,8 +401,11 @@ def plain_by_rows(names: tuple[str, ...], args: FitArgs) -> Both:
         ones = np.ones((len(PARAMETERS), sum(counts[test] for test in tests)))
         terms[group] = RowTerms(ones, 0.0 * ones, ones[0])
     whole = LibraryArgs(args.valve, data, (), terms)
-    blocks = {test: blocks_of(whole, test, count, block_size(count), test) for test, count in counts.items()}
-    rows = RowBlocks((), (), whole, counts, blocks)
+    size = block_size(counts.values())
+    blocks = {test: blocks_of(whole, test, count, size) for test, count in counts.items()}
+    # The program that a diagnosis asks most, unless the oil keeps heat, which few records ask for and its effects make dear.
+    shared = () if args.valve.heat_retention is not None else same_program((), heat=False)
+    rows = RowBlocks((), shared, whole, counts, blocks)
     prior_value, prior_weight = np.asarray(args.prior_value), np.asarray(args.prior_weight)
 
     def both(values: Any, _: Any) -> tuple[np.ndarray, np.ndarray]:

@@ -19,7 +19,14 @@ from thermohyd.identify.bench.test_record import Channel, TestRecord
 from thermohyd.numerics import kept
 from thermohyd.oil import oil_from_definition
 from thermohyd.port_storage import StoredPorts
-from thermohyd.static_tests import blocked_port_readings, control_flow, load_flow, stored_port_rows
+from thermohyd.ports import Joined
+from thermohyd.static_tests import (
+    blocked_port_readings,
+    control_flow,
+    load_flow,
+    stored_port_rows,
+    unloaded_readings,
+)
 from thermohyd.valve import Valve
 
 from .row_sizes import padded_size
@@ -29,6 +36,25 @@ from .sensed import sensed
 # The tests by the balance of the ports that they share.
 STORED_GROUP = "blocked"  # whose ports may store oil
 GROUPS = {STORED_GROUP: ("leakage", "pressure_gain"), "flow_gain": ("flow_gain",), "load_flow": ("load_flow",)}
+# What the rows of any test are called in a compiled program: those of a test without a load go through one balance, and a program of
+# that serves every such test, whose rows read what they are asked for.
+UNLOADED, LOADED = "leakage", "load_flow"
+READ_AT = {
+    UNLOADED: ("leakage_flow", "supply_flow", "pressure_a", "pressure_b", "load_pressure", "flow"),
+    LOADED: ("flow",),
+}
+JOINED = ("flow_gain",)  # tests whose use ports are connected
+
+
+def rows_called(test: str) -> str:
+    """Which of `READ_AT` the rows of a test are."""
+    return LOADED if test == LOADED else UNLOADED
+
+
+def read_in(test: str) -> tuple[str, ...]:
+    """What the rows of a test can read."""
+    names = READ_AT[rows_called(test)]
+    return ("flow",) if test in JOINED else names if rows_called(test) == LOADED else names[:-1]
 
 
 class SensorOfRows(eqx.Module):
@@ -211,11 +237,13 @@ def group_rows(conditions: dict[str, Conditions], tests: tuple[str, ...]) -> int
 Rows = tuple[Float[Array, " rows"], ...]
 
 
-def spread_over_rows(values: Float[Array, " all"], conditions: dict[str, Conditions]) -> dict[str, Rows]:
-    """The values beside every row of each group of tests."""
+def spread_over_rows(
+    values: Float[Array, " all"], conditions: dict[str, Conditions], groups: dict[str, tuple[str, ...]] | None = None
+) -> dict[str, Rows]:
+    """The values beside every row of each group of tests, by default of `groups_of`."""
     return {
         group: tuple(jnp.broadcast_to(value, (group_rows(conditions, tests),)) for value in values)
-        for group, tests in groups_of(conditions).items()
+        for group, tests in (groups or groups_of(conditions)).items()
     }
 
 
@@ -225,17 +253,24 @@ def stacked(spread: dict[str, Rows]) -> dict[str, Float[Array, "all rows"]]:
 
 
 def predict_group(
-    valve: Valve, group: str, tests: tuple[str, ...], conditions: dict[str, Conditions]
+    valve: Valve,
+    group: str,
+    tests: tuple[str, ...],
+    conditions: dict[str, Conditions],
+    joined: Joined | None = None,
 ) -> dict[str, dict[str, Float[Array, " padded"]]]:
     """{test: {channel: readings}} of one group, node by node where a test has nodes.
 
-    Parameters of the valve may have one entry per row of the group.
+    Parameters of the valve may have one entry per row of the group. joined: of rows that any test without a load may have, with all
+    that one of these reads (`unloaded_readings`).
     """
     if group == "flow_gain":
         return {group: {"flow": control_flow(valve, conditions[group])}}
     if group == "load_flow":
         return {group: {"flow": load_flow(valve, conditions[group])}}
-    return _by_test(blocked_port_readings(valve, _joined([conditions[test] for test in tests])), tests, conditions)
+    rows = _joined([conditions[test] for test in tests])
+    found = blocked_port_readings(valve, rows) if joined is None else unloaded_readings(valve, rows, joined)
+    return _by_test(found, tests, conditions)
 
 
 def predict_stored(
@@ -258,11 +293,34 @@ def _by_test(
     return found
 
 
+def balances_of(conditions: dict[str, Conditions]) -> dict[str, tuple[str, ...]]:
+    """Tests whose rows go through one balance where their ports store no oil: those without a load, and the others."""
+    found: dict[str, tuple[str, ...]] = {}
+    for tests in groups_of(conditions).values():
+        for test in tests:
+            found[rows_called(test)] = (*found.get(rows_called(test), ()), test)
+    return found
+
+
+def predict_balance(
+    valve: Valve, tests: tuple[str, ...], conditions: dict[str, Conditions]
+) -> dict[str, dict[str, Float[Array, " padded"]]]:
+    """`predict_group` of all tests that share a balance (`balances_of`)."""
+    if tests == GROUPS[LOADED]:
+        return predict_group(valve, LOADED, tests, conditions)
+    rows = _joined([conditions[test] for test in tests])
+    joined = [np.full(len(conditions[test].position), test in JOINED) for test in tests]
+    return _by_test(unloaded_readings(valve, rows, jnp.asarray(np.concatenate(joined))), tests, conditions)
+
+
 def predict(valve: Valve, conditions: dict[str, Conditions]) -> dict[str, dict[str, Float[Array, " padded"]]]:
-    """Readings of every test at its padded operating points, not averaged over nodes: {test: {channel: values [SI]}}."""
+    """Readings of every test at its padded operating points, not averaged over nodes: {test: {channel: values [SI]}}.
+
+    The ports store no oil.
+    """
     found: dict[str, dict[str, Array]] = {}
-    for group, tests in groups_of(conditions).items():
-        found |= predict_group(valve, group, tests, conditions)
+    for tests in balances_of(conditions).values():
+        found |= predict_balance(valve, tests, conditions)
     return found
 
 

@@ -15,10 +15,10 @@ from .parameters import PARAMETERS, ParameterPlan
 from .static_readings import (
     Rows,
     StaticData,
+    balances_of,
     group_rows,
-    groups_of,
     predict,
-    predict_group,
+    predict_balance,
     spread_over_rows,
     stacked,
     weighted_residuals,
@@ -77,10 +77,10 @@ def residual_and_columns(
 ) -> tuple[Float[Array, " residuals"], Float[Array, "free residuals"]]:
     """The residuals and the columns of their Jacobian, by one reverse pass per channel that shares its rows with others."""
     data = args.data
-    groups = groups_of(data.conditions)
+    groups = balances_of(data.conditions)
     places = np.array(own_entries(names), dtype=int)
     own_names, own_values = tuple(names[i] for i in own_entries(names)), values[places]
-    spread = spread_over_rows(own_values, data.conditions)
+    spread = spread_over_rows(own_values, data.conditions, groups)
     given = {name: values[i] for i, name in enumerate(names)}
 
     def of_rows(
@@ -88,7 +88,7 @@ def residual_and_columns(
     ) -> tuple[tuple[Float[Array, " padded"], ...], dict[int, dict[str, Array]]]:
         found: dict[str, dict[str, Array]] = {}
         for group, tests in groups.items():
-            found |= predict_group(with_parameters(args.valve, own_names, spread[group]), group, tests, data.conditions)
+            found |= predict_balance(with_parameters(args.valve, own_names, spread[group]), tests, data.conditions)
         parts, slopes = [], {}
         for i, c in enumerate(data.channels):
             reading = data.means(c.test, found[c.test][c.reads])

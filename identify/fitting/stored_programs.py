@@ -18,10 +18,7 @@ from thermohyd.numerics import OFTEN, OPTIONS, jitted, known_options
 from thermohyd.port_storage import StoredPorts
 
 from .library_rows import MOVES, PUSHES, LibraryArgs, readings_of_rows, rowwise_valve
-from .static_readings import STORED_GROUP, predict_group, spread_over_rows
-
-
-ROWS_OF = "leakage"  # what every blocked test is called in a program
+from .static_readings import STORED_GROUP, UNLOADED, predict_group, spread_over_rows
 
 
 def stored_program(effects: tuple[str, ...], reads: tuple[str, ...]) -> KeptProgram:
@@ -48,7 +45,7 @@ def readings_of_stored(
     """Of a test's rows, from parameters and amounts of `effects`, which act row by row or store oil."""
     whole = jnp.concatenate([p, jnp.zeros(PUSHES)])
     found, _ = readings_of_rows(effects, spread_over_rows(whole, args.data.conditions), args)
-    return jnp.stack([found[ROWS_OF][name] for name in reads])
+    return jnp.stack([found[UNLOADED][name] for name in reads])
 
 
 def readings_and_slopes_of_stored(
@@ -66,7 +63,7 @@ def readings_and_slopes_of_stored(
     def of_rows(spread: dict[str, tuple[Array, ...]]) -> tuple[Array, Array, Array]:
         found, stored = readings_of_rows(effects, spread, args)
         assert isinstance(stored, StoredPorts)
-        return jnp.stack([found[ROWS_OF][name] for name in reads]), stored.source, stored.carried
+        return jnp.stack([found[UNLOADED][name] for name in reads]), stored.source, stored.carried
 
     (readings, source, carried), push = jax.linearize(of_rows, spread)
 
@@ -119,8 +116,8 @@ def readings_and_storage(
 
     def of(amounts: Float[Array, " stored"]) -> Float[Array, "reads rows"]:
         storing = with_effects(valve, dict(zip(stored, amounts, strict=True)))
-        found = predict_group(storing, STORED_GROUP, (ROWS_OF,), args.data.conditions)
-        return jnp.stack([found[ROWS_OF][name] for name in reads])
+        found = predict_group(storing, STORED_GROUP, (UNLOADED,), args.data.conditions)
+        return jnp.stack([found[UNLOADED][name] for name in reads])
 
     readings, push = jax.linearize(of, p[given:])
     return readings, jnp.moveaxis(jax.vmap(push)(jnp.eye(len(stored))), 0, 1)

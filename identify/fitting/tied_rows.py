@@ -19,7 +19,7 @@ from .library_rows import MOVES, LibraryArgs, order_of, split
 from .parameters import PARAMETERS
 from .row_blocks import Evaluated, RowBlocks, blocks_of, complete, place_in_group, rows_of_model
 from .static_readings import GROUPS, STORED_GROUP, ChannelRows, StaticData, groups_of
-from .stored_programs import ROWS_OF, storage_program, stored_program, stored_readings
+from .stored_programs import storage_program, stored_program, stored_readings
 
 
 def of_tests(args: LibraryArgs, tests: tuple[str, ...]) -> LibraryArgs:
@@ -76,7 +76,7 @@ class StoredBlocks(RowBlocks):
         sizes = {test: len(conditions.position) for test, conditions in args.data.conditions.items()}
         longest = max(sizes.values())
         filled = {test: longest if FILLED_UP * own >= longest else own for test, own in sizes.items()}
-        blocks = {test: blocks_of(args, test, count, filled[test], ROWS_OF) for test, count in nodes.items()}
+        blocks = {test: blocks_of(args, test, count, filled[test]) for test, count in nodes.items()}
         return cls(program, shared, args, nodes, blocks)
 
     @cached_property

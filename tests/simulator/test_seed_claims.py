@@ -11,7 +11,7 @@ from helpers.valves import STROKE, seed_oil, seed_valve, temperature_at
 from thermohyd.conditions import operating_points
 from thermohyd.edge import gap
 from thermohyd.oil import kinematic_viscosity, throttling_rise
-from thermohyd.ports import blocked_ports
+from thermohyd.ports import unloaded_ports
 from thermohyd.static_tests import (
     control_flow,
     flow_gain,
@@ -174,7 +174,7 @@ def test_adiabatic_return_temperature_does_not_depend_on_position():
     valve = seed_valve(1.0)
     c = operating_points(jnp.linspace(-STROKE, STROKE, 41), supply_pressure=70 * BAR, temperature=313.15)
     true = true_conditions(valve, c)
-    ports = blocked_ports(metering_edges(valve, true), valve.oil, valve.heat_retention, true)
+    ports = unloaded_ports(metering_edges(valve, true), valve.oil, valve.heat_retention, true)
     drop = ports.pressure - true.return_pressure
     leaving = ports.temperature + throttling_rise(valve.oil, drop, true.return_pressure + 0.5 * drop, ports.temperature)
     rise = jnp.sum(ports.outflow * leaving, axis=0) / jnp.sum(ports.outflow, axis=0) - 313.15
