@@ -47,6 +47,7 @@ from .static_residuals import FitArgs, own_entries
 # Rows of a block, and of a test's only one where it has so few: a call takes some 0.2 ms beside its rows, which take a microsecond or
 # two each, and pads fill the last block.
 BLOCK, SMALL_BLOCK = 512, 256
+COLUMNS = 32  # of a program of a filter, a multiple of this
 
 
 def block_size(counts: Iterable[int]) -> int:
@@ -275,16 +276,20 @@ class RowBlocks:
         about = self.args.data.channels[channel]
         if about.test not in effect_info(name).shows:
             return reading, np.concatenate([columns, np.zeros_like(reading)[None]])
-        together = np.concatenate([np.full_like(reading, amount)[None], reading[None], columns])
-        key = (name, channel, len(columns))
+        # At 0 it leaves what passes as it is. Filled up, the columns of most sets of effects share a program.
+        passing = columns if amount != 0.0 else columns[:0]
+        filled = np.zeros((-len(passing) % COLUMNS, len(reading)))
+        together = np.concatenate([np.full_like(reading, amount)[None], reading[None], passing, filled])
+        key = (name, channel, len(together))
         if key not in self._filters:
             none = jnp.zeros(0)
             alone = replace(about, value=none, weight=none, sensor=None)
-            conditions = {about.test: self.args.data.conditions[about.test]}
-            own = LibraryArgs(self.args.valve, StaticData(conditions, (), {}), (), {})
+            conditions = {about.test: complete(self.args.data.conditions[about.test])}
+            own = LibraryArgs(replace(self.args.valve, heat_retention=None), StaticData(conditions, (), {}), (), {})
             self._filters[key] = _filter(name, classes_of((name,))).bound(together, alone, own)
         behind = np.asarray(self._filters[key](together))
-        return behind[0], behind[1:]
+        passed = columns if amount == 0.0 else behind[1 : 1 + len(columns)]
+        return (reading if amount == 0.0 else behind[0]), np.concatenate([passed, behind[-1:]])
 
     @cached_property
     def _filters(self) -> dict[tuple[str, int, int], Callable[[np.ndarray], Any]]:
