@@ -3,6 +3,7 @@
 import gc
 import importlib
 import os
+from collections import Counter
 from collections.abc import Callable
 from importlib.metadata import version
 from importlib.util import find_spec
@@ -91,14 +92,42 @@ def of_benchmarks(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], Any]:
 
 
 compiled_since = 0  # the list of maps was read, which takes milliseconds once they are many
+compiling: Counter[str] = Counter()  # seconds that XLA took, by test file
+running = ""
+DEAREST = 20
 
 
 def count_compiled(event: str, duration_secs: float, **kwargs: str | int) -> None:
     global compiled_since
-    compiled_since += event == "/jax/core/compile/backend_compile_duration"
+    if event == "/jax/core/compile/backend_compile_duration":
+        compiled_since += 1
+        compiling[running] += duration_secs
 
 
 jax.monitoring.register_event_duration_secs_listener(count_compiled)
+
+
+def pytest_runtest_logstart(nodeid: str) -> None:
+    global running
+    running = nodeid.partition("::")[0]
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    output = getattr(session.config, "workeroutput", None)  # None in the process that hands tests out
+    if output is not None:
+        output["compiling"] = dict(compiling)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_testnodedown(node: Any) -> None:
+    compiling.update(getattr(node, "workeroutput", {}).get("compiling", {}))
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Files whose programs took XLA longest: what to look at when the suite grows slow. Processes that tests start are not counted."""
+    terminalreporter.section(f"compiled for {sum(compiling.values()):.0f} s, most of it for")
+    for file, seconds in compiling.most_common(DEAREST):
+        terminalreporter.line(f"{seconds:7.1f} s  {file}")
 
 
 def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> None:

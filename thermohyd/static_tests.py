@@ -148,8 +148,13 @@ def _flow_through(
 
 def unloaded_readings(valve: Valve, conditions: Conditions, joined: Joined) -> dict[str, Float[Array, " rows"]]:
     """Those of `blocked_port_readings` and `flow`, of rows whose use ports are closed, or where `joined` connected: one balance for
-    all tests without a load, for whoever compiles it once. The ports store no oil. Of a row what its test does not read means nothing.
+    all tests without a load, for whoever compiles it once. Of a row what its test does not read means nothing. Raises ValueError for ports
+    that store oil, whose rows follow each other.
     """
+    if coupling(valve).storage:
+        raise ValueError(
+            "ports that store oil are those of blocked_port_readings: here every row is a balance of its own"
+        )
     true = true_conditions(valve, conditions)
     oil = true_oil(valve, true)
     ports, inside = unloaded_state(valve, oil, true, joined)

@@ -27,7 +27,7 @@ from thermohyd.static_tests import (
     stored_port_rows,
     unloaded_readings,
 )
-from thermohyd.valve import Valve
+from thermohyd.valve import Valve, coupling
 
 from .row_sizes import padded_size
 from .sensed import sensed
@@ -314,11 +314,12 @@ def predict_balance(
 
 
 def predict(valve: Valve, conditions: dict[str, Conditions]) -> dict[str, dict[str, Float[Array, " padded"]]]:
-    """Readings of every test at its padded operating points, not averaged over nodes: {test: {channel: values [SI]}}.
-
-    The ports store no oil.
-    """
+    """Readings of every test at its padded operating points, not averaged over nodes: {test: {channel: values [SI]}}."""
     found: dict[str, dict[str, Array]] = {}
+    if coupling(valve).storage:  # a row of a blocked test is then of the rows before it, too
+        for group, tests in groups_of(conditions).items():
+            found |= predict_group(valve, group, tests, conditions)
+        return found
     for tests in balances_of(conditions).values():
         found |= predict_balance(valve, tests, conditions)
     return found

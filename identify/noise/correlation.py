@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import lfilter
+from scipy.linalg.lapack import dtbtrs
 from scipy.special import chdtrc
 
 from thermohyd.identify.reduction.monotone_pieces import piece_bounds
@@ -42,6 +42,16 @@ def effective_size(residual: np.ndarray) -> float:
             break
         total += 2.0 * pair
     return float(np.clip(n / max(total, 1e-9), 1.0, n))
+
+
+def recursion(keep: float, source: np.ndarray) -> np.ndarray:
+    """y of the shape of `source` with y_i = keep y_(i-1) + source_i along the first axis, y = 0 before the first row.
+
+    By substitution in a banded triangle (LAPACK), what `scipy.signal.lfilter` gives as fast: importing that package takes 0.4 s of every
+    process.
+    """
+    rows = len(source)
+    return dtbtrs(np.stack([np.ones(rows), np.full(rows, -keep)]), source, uplo="L", diag="U")[0]
 
 
 @dataclass(frozen=True)
@@ -187,8 +197,8 @@ class ProjectedNoise:
         if phi > 0.0:
             for start, stop in self.pieces:
                 part = self.q[start:stop]
-                ahead = lfilter([1.0], [1.0, -phi], part, axis=0)
-                back = lfilter([1.0], [1.0, -phi], part[::-1], axis=0)[::-1]
+                ahead = recursion(phi, part)
+                back = recursion(phi, part[::-1])[::-1]
                 remembered[start:stop] = ahead + back - part
         return remembered - 0.5 * self.q @ (self.q.T @ remembered)
 

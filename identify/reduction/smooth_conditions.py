@@ -8,12 +8,11 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-from scipy.signal import lfilter
 
 from thermohyd.identify.bench.columns import column_unit
 from thermohyd.identify.bench.shown_units import significant
 from thermohyd.identify.bench.test_record import TestRecord
-from thermohyd.identify.noise.correlation import Sums
+from thermohyd.identify.noise.correlation import Sums, recursion
 from thermohyd.identify.noise.level import MEDIAN_OF_CHI2, divided_third
 
 from .monotone_pieces import (
@@ -291,4 +290,4 @@ def _as_to_edges(test: TestRecord, name: str, away: np.ndarray, pieces: np.ndarr
 def _lagged(values: np.ndarray, rows: int) -> np.ndarray:
     """A column behind a first-order lag of so many rows, at rest where it starts."""
     keep = np.exp(-1.0 / rows) if rows else 0.0
-    return lfilter([1.0 - keep], [1.0, -keep], values - values[0]) + values[0]
+    return recursion(keep, (1.0 - keep) * (values - values[0])) + values[0]

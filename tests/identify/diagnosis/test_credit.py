@@ -70,6 +70,7 @@ def gain_that_falls(share: float):
     return lambda rows: BIAS + share * rows.spool_position * (rows.supply_pressure - 70e5) / 140e5
 
 
+@pytest.mark.nightly  # a whole diagnosis
 def test_a_gain_that_falls_with_the_supply_gives_no_invented_label_and_no_unearned_name():
     result: DiagnosisResult = diagnose_case(opened(small_record(valve={"null_bias": gain_that_falls(0.1)}, seed=5)))
     assert result.verdict == "unexplained"

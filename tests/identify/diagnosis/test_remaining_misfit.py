@@ -120,6 +120,7 @@ def test_weights_whose_fit_ends_at_no_optimum_are_not_kept(monkeypatch: pytest.M
     assert again.fit is case.base
 
 
+@pytest.mark.nightly  # a whole diagnosis
 def test_weights_that_predict_worse_than_the_ideal_valve_are_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     judged, asked = conclusion.held_out_figures, []
 

@@ -77,6 +77,7 @@ def test_the_model_predicts_volts_in_its_own_loop(found, record, tmp_path):
     np.testing.assert_allclose(table["piston_position_predicted_std [V]"], drawn.predicted_std, rtol=1e-4, atol=1e-9)
 
 
+@pytest.mark.nightly  # a whole diagnosis in motion
 def test_a_diagnosis_of_an_unequal_jack_in_volts(record):
     found = diagnose(record)
     assert found.verdict == "consistent", found.headline

@@ -103,6 +103,7 @@ def drawn(stage: Stage) -> tuple[DiagnosisResult, DiagnosisResult]:
     return stage.result, with_posterior(stage.answer, FEW)
 
 
+@pytest.mark.nightly  # whole diagnoses with draws
 def test_draws_of_a_named_effect_and_of_a_fault_agree_with_their_error_bars():
     record = small_record(effects={"hysteresis": 1e-6}, seed=2)
     test = record.tests["pressure_gain"]
@@ -142,6 +143,7 @@ def by_the_covariance(target: LogPosterior, sampling: Sampling, say: object) -> 
         return sampled(target, sampling)
 
 
+@pytest.mark.nightly  # a whole diagnosis with draws
 def test_beside_a_misfit_the_posterior_is_as_wide_as_the_error_bars():
     with patch.object(posterior, "sampled", by_the_covariance):
         plain, result = drawn(small_stage("outside"))

@@ -134,6 +134,7 @@ def test_runs_in_time_and_stored_oil_are_not_traced():
     assert not is_traced(case.problem.tests, ("port_compliance_a",))
 
 
+@pytest.mark.nightly  # a record in motion fitted and drawn
 def test_a_record_of_motion(tmp_path):
     """Sentences and JSON say how the draws were made; a parameter at its limit has a posterior on one side of it."""
     record = read_record(write_short_servo(tmp_path))

@@ -1,0 +1,74 @@
+"""Closed and connected use ports in one balance, row by row: what each test gives by itself, with its derivatives."""
+
+from dataclasses import replace
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from helpers.quick_compile import quick_compile
+from helpers.shifted_valve import X, shifted_valve
+
+from thermohyd.effects.library import with_effects
+from thermohyd.static_tests import blocked_port_readings, control_flow, unloaded_readings
+
+
+JOINED = np.arange(len(X)) % 2 == 0
+COUPLED = {"supply_droop": 8e9, "return_back_pressure": 1e13, "cross_port_leakage": 3e-13}
+VALVES = {
+    "plain": ({}, None, "orifice"),
+    "lubrication": ({}, None, "lubrication"),
+    "lines, a path and heat": (COUPLED, 0.7, "orifice"),
+}
+
+
+def valve_of(name):
+    amounts, heat, law = VALVES[name]
+    valve, at = shifted_valve(law)
+    valve = replace(valve, effects=(), heat_retention=None if heat is None else jnp.asarray(heat))
+    return with_effects(valve, amounts), at
+
+
+def apart(valve, at):
+    """Every row of the test that it is of: leakage_flow where the ports are closed, the flow between them where not."""
+    return jnp.where(JOINED, control_flow(valve, at), blocked_port_readings(valve, at)["leakage_flow"])
+
+
+def together(valve, at):
+    found = unloaded_readings(valve, at, jnp.asarray(JOINED))
+    return jnp.where(JOINED, found["flow"], found["leakage_flow"])
+
+
+def as_matrix(of_fields):
+    return np.stack([np.asarray(leaf) for leaf in jax.tree.leaves(eqx.filter(of_fields, eqx.is_array))])
+
+
+@pytest.mark.parametrize("name", VALVES)
+def test_rows_of_both_kinds_are_those_of_each_test(name):
+    valve, at = valve_of(name)
+    numbers = range(len(valve.effects))
+    fields = lambda v: [v.edge_radius, v.clearance, v.underlap, v.null_bias, *(v.effects[i].amount for i in numbers)]
+    begin = fields(valve)
+
+    def of(test):
+        moved = lambda values: test(eqx.tree_at(fields, valve, values), at)
+        return moved(begin), jax.jacfwd(moved)(begin), jax.vjp(moved, begin)[1](jnp.ones(len(X)))[0]
+
+    with quick_compile():
+        one, both = (jax.jit(lambda test=test: of(test))() for test in (apart, together))
+        pressures = [np.asarray(found["load_pressure"]) for found in (
+            blocked_port_readings(valve, at), unloaded_readings(valve, at, jnp.asarray(JOINED))
+        )]  # fmt: skip
+    np.testing.assert_allclose(both[0], one[0], rtol=1e-11)
+    np.testing.assert_allclose(pressures[1][~JOINED], pressures[0][~JOINED], rtol=1e-10, atol=1e-3)
+    for mine, other in zip(both[1:], one[1:], strict=True):
+        mine, other = as_matrix(mine), as_matrix(other)
+        size = np.abs(other).max(axis=-1, keepdims=True) if other.ndim > 1 else np.abs(other)
+        np.testing.assert_allclose(mine / size, other / size, atol=1e-8)
+
+
+def test_stored_oil_is_refused():
+    valve, at = valve_of("plain")
+    with pytest.raises(ValueError, match="store oil"):
+        unloaded_readings(with_effects(valve, {"port_compliance_a": 1e-12}), at, jnp.asarray(JOINED))
