@@ -80,7 +80,8 @@ def _blocked_readings(
     if ties.storage:
         stored = stored_ports(valve, oil, conditions, true, ports, inside, ties, begun=before)
         ports, inside = stored.ports, stored.inside
-    return _blocked_values(valve, oil, conditions, true, ports, inside), ports
+    values = _blocked_values(valve, oil, true, ports, inside)
+    return _read_out_all(valve, values, conditions, true, oil), ports
 
 
 def stored_port_rows(
@@ -94,19 +95,26 @@ def stored_port_rows(
     oil = true_oil(valve, true)
     steady = unloaded_state(valve, oil, true)
     stored = stored_ports(valve, oil, conditions, true, *steady, coupling(valve), push)
-    return _blocked_values(valve, oil, conditions, true, stored.ports, stored.inside), stored
+    values = _blocked_values(valve, oil, true, stored.ports, stored.inside)
+    return _read_out_all(valve, values, conditions, true, oil), stored
 
 
 def _blocked_values(
-    valve: Valve, oil: Oil, conditions: Conditions, true: Conditions, ports: Ports, inside: Conditions
+    valve: Valve, oil: Oil, true: Conditions, ports: Ports, inside: Conditions
 ) -> dict[str, Float[Array, " rows"]]:
-    values = {
+    """What there is to read at closed ports, before any instrument."""
+    return {
         "leakage_flow": return_flow(ports, oil, heat_kept(valve), inside, true),
         "supply_flow": jnp.sum(ports.inflow, axis=0) / density(oil, true.supply_pressure, true.temperature),
         "pressure_a": ports.pressure[0],
         "pressure_b": ports.pressure[1],
         "load_pressure": ports.pressure[0] - ports.pressure[1],
     }
+
+
+def _read_out_all(
+    valve: Valve, values: dict[str, Float[Array, " rows"]], conditions: Conditions, true: Conditions, oil: Oil
+) -> dict[str, Float[Array, " rows"]]:
     return {channel: read_out(valve, channel, value, conditions, true, oil) for channel, value in values.items()}
 
 
@@ -132,18 +140,15 @@ def control_flow(valve: Valve, conditions: Conditions) -> Float[Array, " rows"]:
     true = true_conditions(valve, conditions)
     oil = true_oil(valve, true)
     ports, _ = unloaded_state(valve, oil, true, joined=True)
-    return _flow_through(valve, oil, conditions, true, ports)
+    return read_out(valve, "flow", _flow_through(ports, oil), conditions, true, oil)
 
 
-def _flow_through(
-    valve: Valve, oil: Oil, conditions: Conditions, true: Conditions, ports: Ports
-) -> Float[Array, " rows"]:
-    """What the meter between connected ports reads [m3/s]."""
+def _flow_through(ports: Ports, oil: Oil) -> Float[Array, " rows"]:
+    """From port A to port B through a meter between them [m3/s], at their pressure and temperature."""
     through = ports.inflow[0] - ports.outflow[0]
     if ports.crossing is not None:
         through = through + ports.crossing[0]
-    value = through / density(oil, ports.pressure[0], ports.temperature[0])
-    return read_out(valve, "flow", value, conditions, true, oil)
+    return through / density(oil, ports.pressure[0], ports.temperature[0])
 
 
 def unloaded_readings(valve: Valve, conditions: Conditions, joined: Joined) -> dict[str, Float[Array, " rows"]]:
@@ -158,8 +163,13 @@ def unloaded_readings(valve: Valve, conditions: Conditions, joined: Joined) -> d
     true = true_conditions(valve, conditions)
     oil = true_oil(valve, true)
     ports, inside = unloaded_state(valve, oil, true, joined)
-    flow = _flow_through(valve, oil, conditions, true, ports)
-    return {**_blocked_values(valve, oil, conditions, true, ports, inside), "flow": flow}
+    values = _blocked_values(valve, oil, true, ports, inside)
+    # No flow and no load pressure where there can be none: an instrument may have no derivative there, and a derivative that is not
+    # asked for is still counted, times 0.
+    whole = true.supply_pressure - true.return_pressure
+    values["load_pressure"] = jnp.where(joined, whole, values["load_pressure"])
+    values["flow"] = jnp.where(joined, _flow_through(ports, oil), values["leakage_flow"])
+    return _read_out_all(valve, values, conditions, true, oil)
 
 
 @kept

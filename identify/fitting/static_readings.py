@@ -53,8 +53,7 @@ def rows_called(test: str) -> str:
 
 def read_in(test: str) -> tuple[str, ...]:
     """What the rows of a test can read."""
-    names = READ_AT[rows_called(test)]
-    return ("flow",) if test in JOINED else names if rows_called(test) == LOADED else names[:-1]
+    return ("flow",) if test in (*JOINED, LOADED) else tuple(name for name in READ_AT[UNLOADED] if name != "flow")
 
 
 class SensorOfRows(eqx.Module):

@@ -1,6 +1,7 @@
 """Closed and connected use ports in one balance, row by row: what each test gives by itself, with its derivatives."""
 
 from dataclasses import replace
+from typing import final
 
 import equinox as eqx
 import jax
@@ -9,7 +10,9 @@ import numpy as np
 import pytest
 from helpers.quick_compile import quick_compile
 from helpers.shifted_valve import X, shifted_valve
+from jaxtyping import Array, Float
 
+from thermohyd.effects.effect import AbstractReadingEffect, as_amount
 from thermohyd.effects.library import with_effects
 from thermohyd.static_tests import blocked_port_readings, control_flow, unloaded_readings
 
@@ -66,6 +69,28 @@ def test_rows_of_both_kinds_are_those_of_each_test(name):
         mine, other = as_matrix(mine), as_matrix(other)
         size = np.abs(other).max(axis=-1, keepdims=True) if other.ndim > 1 else np.abs(other)
         np.testing.assert_allclose(mine / size, other / size, atol=1e-8)
+
+
+@final
+class RootOfWhatIsRead(AbstractReadingEffect):
+    """An instrument without a derivative where it reads nothing."""
+
+    amount: Float[Array, "..."] = eqx.field(converter=as_amount)
+
+    def reading(self, channel, value, read, true, oil):
+        return value + self.amount * jnp.sqrt(jnp.abs(value))
+
+
+def test_what_cannot_be_differentiated_where_nothing_is_read_spoils_no_other_reading():
+    valve, at = valve_of("plain")
+    valve = replace(valve, effects=(RootOfWhatIsRead(1e-6),))
+
+    def all_read(radius):
+        found = unloaded_readings(replace(valve, edge_radius=radius), at, jnp.asarray(JOINED))
+        return jnp.sum(found["flow"][JOINED]) + 0.0 * sum(jnp.sum(reading) for reading in found.values())
+
+    expected = jax.grad(lambda r: jnp.sum(control_flow(replace(valve, edge_radius=r), at)[JOINED]))(valve.edge_radius)
+    np.testing.assert_allclose(jax.grad(all_read)(valve.edge_radius), expected, rtol=1e-9)
 
 
 def test_stored_oil_is_refused():
