@@ -3,7 +3,7 @@
 import gc
 import importlib
 import os
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Callable
 from importlib.metadata import version
 from importlib.util import find_spec
@@ -92,7 +92,7 @@ def of_benchmarks(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], Any]:
 
 
 compiled_since = 0  # the list of maps was read, which takes milliseconds once they are many
-compiling: Counter[str] = Counter()  # seconds that XLA took, by test file
+compiling: defaultdict[str, float] = defaultdict(float)  # seconds that XLA took, by test file
 running = ""
 DEAREST = 20
 
@@ -120,13 +120,14 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_testnodedown(node: Any) -> None:
-    compiling.update(getattr(node, "workeroutput", {}).get("compiling", {}))
+    for file, seconds in getattr(node, "workeroutput", {}).get("compiling", {}).items():
+        compiling[file] += seconds
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     """Files whose programs took XLA longest: what to look at when the suite grows slow. Processes that tests start are not counted."""
     terminalreporter.section(f"compiled for {sum(compiling.values()):.0f} s, most of it for")
-    for file, seconds in compiling.most_common(DEAREST):
+    for file, seconds in sorted(compiling.items(), key=lambda one: -one[1])[:DEAREST]:
         terminalreporter.line(f"{seconds:7.1f} s  {file}")
 
 

@@ -132,7 +132,7 @@ def readings_and_slopes(
         slopes, (readings, failure) = jax.jacfwd(lambda q: read(q, inputs), has_aux=True)(p)
         return readings, slopes, failure
 
-    return jax.vmap(one)(inputs)
+    return jax.lax.map(one, inputs)
 
 
 FREQUENCY_READINGS = ("amplitude_ratio", "phase")

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg.lapack import dtbtrs
+from scipy.linalg.lapack import dtbtrs  # pyright: ignore[reportAttributeAccessIssue]  # its stubs do not list it
 from scipy.special import chdtrc
 
 from thermohyd.identify.reduction.monotone_pieces import piece_bounds
