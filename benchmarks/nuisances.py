@@ -1,6 +1,6 @@
 """What does each nuisance of a log do to the tests that a diagnosis rests on? The true effects are given, nothing is left to find.
 
-    nuisances.py [--records 20] [--first 1] [--off conditions position ...] [--stated] [--diagnose]
+    nuisances.py [--records 20] [--first 1] [--off conditions position ...] [--stated] [--brief] [--diagnose]
 
 A line a record: p of the lack-of-fit test and the least of each of its families, the reduced chi-square, mean square of the whitened
 residuals by sixths of |reading| and of |position|, and how residuals of gauges of one row go together. Then how the p-values are
@@ -130,6 +130,7 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=1, help="first seed; others, another set")
     parser.add_argument("--off", nargs="*", default=[], choices=NUISANCES, help="nuisances that the logs have not")
     parser.add_argument("--stated", action="store_true", help="every row's noise stands beside it, in all records")
+    parser.add_argument("--brief", action="store_true", help="a line a record, without sixths and gauges")
     parser.add_argument("--most-rows", type=int, default=30_000)
     parser.add_argument("--diagnose", action="store_true", help="whole diagnoses, which are told nothing")
     given = parser.parse_args()
@@ -152,11 +153,12 @@ def main() -> None:
             f"phi {log.phi:.2f}, {', '.join(log.effects) or 'nothing'}: p {found['p']:.2g}, chi-square {found['chi2']:.2f}, "
             f"{time.process_time() - began:.0f} s"
         )
-        print("    " + ", ".join(f"{n} {min(v):.2g} of {len(v)}" for n, v in found["families"].items() if v))
-        for key, values in found["squares"].items():
-            print(f"    {' '.join(key)}: {' '.join(f'{v:.2f}' for v in values)}")
-        for key, value in found["gauges"].items():
-            print(f"    {' '.join(key)} correlate by {value:+.2f}", flush=True)
+        if not given.brief:
+            print("    " + ", ".join(f"{n} {min(v):.2g} of {len(v)}" for n, v in found["families"].items() if v))
+            for key, values in found["squares"].items():
+                print(f"    {' '.join(key)}: {' '.join(f'{v:.2f}' for v in values)}")
+            for key, value in found["gauges"].items():
+                print(f"    {' '.join(key)} correlate by {value:+.2f}", flush=True)
     p, sixths = np.array(p), np.array(sixths)
     inside = np.mean((sixths > 0.85) & (sixths < 1.15))
     # The least of several tests, times their number, is uniform only where it is small; the test over all curves is one test.
