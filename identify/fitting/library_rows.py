@@ -11,7 +11,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from thermohyd.conditions import Conditions
 from thermohyd.effects.library import EFFECTS, effect, effect_info, factor_on, with_effects
@@ -19,6 +19,8 @@ from thermohyd.effects.row_shifts import SHIFTS, RowShifts
 from thermohyd.identify.fitting.parameters import PARAMETERS
 from thermohyd.identify.fitting.static_readings import (
     FIELDS,
+    JOINED,
+    READ_AT,
     STORED_GROUP,
     ChannelRows,
     Rows,
@@ -26,6 +28,7 @@ from thermohyd.identify.fitting.static_readings import (
     groups_of,
     predict_group,
     predict_stored,
+    rows_called,
     spread_over_rows,
     with_parameters,
 )
@@ -158,6 +161,28 @@ def readings_of_rows(
         else:
             found |= predict_group(valve, group, tests, conditions, joined if group == STORED_GROUP else None)
     return found, stored
+
+
+class Asked(eqx.Module):
+    """What is asked of the rows of a block. reading: 1 for that of what they could read (`READ_AT`), 0 for all else; joined: whether
+    the use ports are connected."""
+
+    reading: Float[Array, " kinds"]
+    joined: Bool[Array, ""]
+
+    @staticmethod
+    def of(test: str, read: str) -> "Asked":
+        """One reading of a test."""
+        kinds = READ_AT[rows_called(test)]
+        return Asked(jnp.asarray([float(kind == read) for kind in kinds]), jnp.asarray(test in JOINED))
+
+
+def reading_asked(
+    effects: tuple[str, ...], rows_of: str, spread: dict[str, Rows], args: LibraryArgs, asked: Asked
+) -> tuple[Float[Array, " rows"], dict[str, Float[Array, " rows"]]]:
+    """The one reading of a block's rows that is asked for, and all that they could read; rows_of: which of `READ_AT` they are."""
+    found = readings_of_rows(effects, spread, args, asked.joined)[0][rows_of]
+    return asked.reading @ jnp.stack([found[name] for name in READ_AT[rows_of]]), found
 
 
 def residual_alone(effects: tuple[str, ...], p: Float[Array, " all"], args: LibraryArgs) -> Float[Array, " residuals"]:

@@ -132,6 +132,7 @@ def readings_and_slopes(
         slopes, (readings, failure) = jax.jacfwd(lambda q: read(q, inputs), has_aux=True)(p)
         return readings, slopes, failure
 
+    # One after the other: under `jax.vmap` every loop is traced and compiled twice, and all runs wait for the longest.
     return jax.lax.map(one, inputs)
 
 

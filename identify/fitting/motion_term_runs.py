@@ -64,7 +64,7 @@ def runs_with_terms(
         slopes, (readings, signals, failure) = jax.jacfwd(lambda q: read(q, inputs), has_aux=True)(at)
         return readings, slopes, signals, failure
 
-    return jax.lax.map(one, inputs)
+    return jax.lax.map(one, inputs)  # see `motion_readings.readings_and_slopes`
 
 
 @quickly

@@ -9,13 +9,13 @@ import functools
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from thermohyd.kept_programs import KeptProgram, made_once
 from thermohyd.numerics import OPTIONS, jitted, known_options
 
-from .library_rows import LibraryArgs, behind, readings_of_rows
-from .static_readings import READ_AT, spread_over_rows
+from .library_rows import Asked, LibraryArgs, behind, reading_asked
+from .static_readings import spread_over_rows
 
 
 @made_once
@@ -25,22 +25,16 @@ def place_program(effects: tuple[str, ...], classes: tuple[type, ...], rows_of: 
 
 
 def readings_and_places(
-    effects: tuple[str, ...],
-    rows_of: str,
-    p: Float[Array, " given"],
-    args: LibraryArgs,
-    asked: Float[Array, " kinds"],
-    joined: Bool[Array, ""],
+    effects: tuple[str, ...], rows_of: str, p: Float[Array, " given"], args: LibraryArgs, asked: Asked
 ) -> tuple[Float[Array, " rows"], Float[Array, "entries rows"], dict[str, Float[Array, " rows"]]]:
-    """Of the rows of a block: a reading, its slopes, and all that the rows could read; arguments as of `row_blocks.reading_and_slopes`.
+    """Of the rows of a block: the reading asked for, its slopes, and all that the rows could read.
 
     Entries: parameters, amounts of `effects`, and a shift of each of `ENTRIES`.
     """
     whole = jnp.concatenate([p, jnp.zeros(behind(effects, args))])
 
     def of(whole: Float[Array, " entries"]) -> tuple[Array, dict[str, Array]]:
-        found = readings_of_rows(effects, spread_over_rows(whole, args.data.conditions), args, joined)[0][rows_of]
-        return asked @ jnp.stack([found[name] for name in READ_AT[rows_of]]), found
+        return reading_asked(effects, rows_of, spread_over_rows(whole, args.data.conditions), args, asked)
 
     (reading, found), push = jax.linearize(of, whole)
     # A row depends on its own entries alone, so a change of an entry at all rows shows at each what the row's own change does.

@@ -17,7 +17,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from thermohyd.conditions import Conditions
 from thermohyd.effects.library import classes_of, effect_info
@@ -27,12 +27,10 @@ from thermohyd.numerics import OFTEN, OPTIONS, jitted, known_options
 
 from .least_squares import Both
 from .library import run_most, same_program
-from .library_rows import ENTRIES, MOVES, LibraryArgs, RowTerms, filtered, readings_of_rows, split
+from .library_rows import ENTRIES, MOVES, Asked, LibraryArgs, RowTerms, filtered, reading_asked, split
 from .parameters import PARAMETERS
 from .place_program import place_program
 from .static_readings import (
-    JOINED,
-    READ_AT,
     ChannelRows,
     StaticData,
     groups_of,
@@ -119,15 +117,9 @@ def _program(effects: tuple[str, ...], classes: tuple[type, ...], rows_of: str) 
 
 
 def reading_and_slopes(
-    effects: tuple[str, ...],
-    rows_of: str,
-    p: Float[Array, " given"],
-    args: LibraryArgs,
-    asked: Float[Array, " kinds"],
-    joined: Bool[Array, ""],
+    effects: tuple[str, ...], rows_of: str, p: Float[Array, " given"], args: LibraryArgs, asked: Asked
 ) -> tuple[Float[Array, " rows"], Float[Array, "entries rows"]]:
-    """Of the rows of a block, which are of this kind (`READ_AT`). asked: 1 for what is read of what they could read, 0 for all else.
-    joined: whether the use ports are connected.
+    """Of the rows of a block: the reading asked for (`reading_asked`) and its slopes.
 
     Entries: parameters, amounts of `effects`, changes of what was read of the operating point in the order of FIELDS.
     """
@@ -135,8 +127,7 @@ def reading_and_slopes(
     spread = spread_over_rows(jnp.concatenate([p, jnp.zeros(MOVES)]), args.data.conditions)
 
     def of_rows(spread: dict[str, Any]) -> Array:
-        found = readings_of_rows(effects, spread, args, joined)[0][rows_of]
-        return asked @ jnp.stack([found[name] for name in READ_AT[rows_of]])
+        return reading_asked(effects, rows_of, spread, args, asked)[0]
 
     reading, pull = jax.vjp(of_rows, spread)
     return reading, stacked(pull(jnp.ones_like(reading))[0])[group]
@@ -194,12 +185,11 @@ class RowBlocks:
         also what the rows could read."""
         kind = place_program if self.places else _program
         start = np.zeros(len(PARAMETERS) + len(self.shared))
+        asked = {test: [Asked.of(test, read) for read in reads] for test, reads in self.reads.items()}
 
         def of_test(test: str, block: LibraryArgs) -> Callable[[np.ndarray], Any]:
-            name = rows_called(test)
-            program, joined = kind(self.shared, classes_of(self.shared), name), np.asarray(test in JOINED)
-            asked = (np.array([float(kind == read) for kind in READ_AT[name]]) for read in self.reads[test])
-            of_reads = [program.bound(start, block, one, joined) for one in asked]
+            program = kind(self.shared, classes_of(self.shared), rows_called(test))
+            of_reads = [program.bound(start, block, one) for one in asked[test]]
             return lambda p: tuple(zip(*(program(p) for program in of_reads), strict=True))
 
         return {test: [of_test(test, block) for block in blocks] for test, blocks in self.blocks.items()}

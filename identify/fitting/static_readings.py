@@ -44,11 +44,13 @@ READ_AT = {
     LOADED: ("flow",),
 }
 JOINED = ("flow_gain",)  # tests whose use ports are connected
+# The tests whose rows go through one balance where their ports store no oil, by what their rows are called.
+BALANCES = {UNLOADED: (*GROUPS[STORED_GROUP], *JOINED), LOADED: (LOADED,)}
 
 
 def rows_called(test: str) -> str:
     """Which of `READ_AT` the rows of a test are."""
-    return LOADED if test == LOADED else UNLOADED
+    return next(name for name, tests in BALANCES.items() if test in tests)
 
 
 def read_in(test: str) -> tuple[str, ...]:
@@ -220,9 +222,11 @@ def _joined(parts: list[Conditions]) -> Conditions:
     )
 
 
-def groups_of(conditions: dict[str, Conditions]) -> dict[str, tuple[str, ...]]:
-    """Tests that are solved together, by the name of the balance that they share, in the order of GROUPS."""
-    found = {group: tuple(test for test in tests if test in conditions) for group, tests in GROUPS.items()}
+def groups_of(
+    conditions: dict[str, Conditions], table: Mapping[str, tuple[str, ...]] = GROUPS
+) -> dict[str, tuple[str, ...]]:
+    """Tests that are solved together, by the name of the balance that they share, in the order of the table."""
+    found = {group: tuple(test for test in tests if test in conditions) for group, tests in table.items()}
     return {group: tests for group, tests in found.items() if tests}
 
 
@@ -292,20 +296,11 @@ def _by_test(
     return found
 
 
-def balances_of(conditions: dict[str, Conditions]) -> dict[str, tuple[str, ...]]:
-    """Tests whose rows go through one balance where their ports store no oil: those without a load, and the others."""
-    found: dict[str, tuple[str, ...]] = {}
-    for tests in groups_of(conditions).values():
-        for test in tests:
-            found[rows_called(test)] = (*found.get(rows_called(test), ()), test)
-    return found
-
-
 def predict_balance(
     valve: Valve, tests: tuple[str, ...], conditions: dict[str, Conditions]
 ) -> dict[str, dict[str, Float[Array, " padded"]]]:
-    """`predict_group` of all tests that share a balance (`balances_of`)."""
-    if tests == GROUPS[LOADED]:
+    """`predict_group` of all tests that share one of the `BALANCES`."""
+    if tests == BALANCES[LOADED]:
         return predict_group(valve, LOADED, tests, conditions)
     rows = _joined([conditions[test] for test in tests])
     joined = [np.full(len(conditions[test].position), test in JOINED) for test in tests]
@@ -319,7 +314,7 @@ def predict(valve: Valve, conditions: dict[str, Conditions]) -> dict[str, dict[s
         for group, tests in groups_of(conditions).items():
             found |= predict_group(valve, group, tests, conditions)
         return found
-    for tests in balances_of(conditions).values():
+    for tests in groups_of(conditions, BALANCES).values():
         found |= predict_balance(valve, tests, conditions)
     return found
 

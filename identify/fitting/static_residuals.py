@@ -13,10 +13,11 @@ from .boxes import Box
 from .least_squares import Residual
 from .parameters import PARAMETERS, ParameterPlan
 from .static_readings import (
+    BALANCES,
     Rows,
     StaticData,
-    balances_of,
     group_rows,
+    groups_of,
     predict,
     predict_balance,
     spread_over_rows,
@@ -77,7 +78,7 @@ def residual_and_columns(
 ) -> tuple[Float[Array, " residuals"], Float[Array, "free residuals"]]:
     """The residuals and the columns of their Jacobian, by one reverse pass per channel that shares its rows with others."""
     data = args.data
-    groups = balances_of(data.conditions)
+    groups = groups_of(data.conditions, BALANCES)
     places = np.array(own_entries(names), dtype=int)
     own_names, own_values = tuple(names[i] for i in own_entries(names)), values[places]
     spread = spread_over_rows(own_values, data.conditions, groups)
