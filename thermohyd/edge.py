@@ -5,10 +5,12 @@ overlap. In the "orifice" law the land length max(-u, 0) starts where the openin
 automatic differentiation returns the mean of the two sides, as a central difference does. The "lubrication" law is smooth there.
 """
 
+import functools
 import math
 from typing import Literal
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -51,25 +53,38 @@ class MeteringEdge(eqx.Module):
 SLIT = 8.0 / (3.0 * math.pi)
 
 
+# Coefficients of tanh x = x - x^3/3 + 2 x^5/15 - 17 x^7/315 + ..., and those of the derivative in y = x^2.
+SERIES = (1.0, -1 / 3, 2 / 15, -17 / 315, 62 / 2835, -1382 / 155925, 21844 / 6081075, -929569 / 638512875)
+SLOPES = tuple(i * c for i, c in enumerate(SERIES))[1:]
+FEW = 0.02  # below it the first omitted term is under 1e-17, and the closed form of the slope would lose digits
+
+
+def _polynomial(coefficients: tuple[float, ...], y: Float[Array, "..."]) -> Float[Array, "..."]:
+    return functools.reduce(lambda found, c: found * y + c, reversed(coefficients[:-1]), coefficients[-1])
+
+
+@jax.custom_jvp
 def tanhc(y: Float[Array, "..."]) -> Float[Array, "..."]:
     """tanh(sqrt y)/sqrt y for y >= 0: 1 at zero, 1/sqrt y far out, smooth in between.
 
-    Below y = 0.02 the Taylor series in y, whose first omitted term is under 1e-17: sqrt y has no derivative at zero.
+    Below y = 0.02 the Taylor series in y: sqrt y has no derivative at zero.
     """
-    small = y < 0.02
+    small = y < FEW
     s = jnp.sqrt(jnp.where(small, 1.0, y))
-    z = jnp.where(small, y, 0.0)
-    # Coefficients of tanh x = x - x^3/3 + 2 x^5/15 - 17 x^7/315 + ...
-    series = 1.0 + z * (
-        -1 / 3
-        + z
-        * (
-            2 / 15
-            + z
-            * (-17 / 315 + z * (62 / 2835 + z * (-1382 / 155925 + z * (21844 / 6081075 + z * (-929569 / 638512875)))))
-        )
+    return jnp.where(small, _polynomial(SERIES, jnp.where(small, y, 0.0)), jnp.tanh(s) / s)
+
+
+@tanhc.defjvp
+def _tanhc_jvp(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
+    """f' = (1 - f - y f^2)/(2 y): the rule's own derivatives are those of this, of any order. Every program of an edge differentiates
+    f several times over, and a derivative of the series and of tanh each time was a tenth of it."""
+    (y,) = primals
+    found, small = tanhc(y), y < FEW
+    there = jnp.where(small, 1.0, y)
+    slope = jnp.where(
+        small, _polynomial(SLOPES, jnp.where(small, y, 0.0)), (1.0 - found - y * jnp.square(found)) / (2.0 * there)
     )
-    return jnp.where(small, series, jnp.tanh(s) / s)
+    return found, slope * tangents[0]
 
 
 def gap(
