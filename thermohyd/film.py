@@ -87,8 +87,9 @@ def _two_arcs(share: Values, ratio: Values, *, slopes: bool) -> tuple[Values, Va
     room = 1.0 - share
     parted = share < 0.5  # else both arcs reach as far as the gap does
     start = jnp.where(parted, jnp.sqrt(jnp.where(parted, 1.0 - 2.0 * share, 1.0) / jnp.where(parted, room, 1.0)), 0.0)
-    third = fourth = slope = jnp.zeros(())
-    for place, weight in zip(*_nodes(), strict=True):
+
+    def with_node(sums: tuple[Values, ...], node: tuple[Array, Array]) -> tuple[tuple[Values, ...], None]:
+        place, weight = node
         z = 1.0 - (1.0 - start) * place
         square = z * z
         s = room * (1.0 - square)
@@ -97,11 +98,14 @@ def _two_arcs(share: Values, ratio: Values, *, slopes: bool) -> tuple[Values, Va
         other = jnp.sqrt(room * (2.0 - square) * near)
         thin = 1.0 / (1.0 + ratio * (2.0 - own - other))
         part = (2.0 * weight) * z * thin * thin * thin
-        third = third + part
-        if slopes:
-            part = part * thin
-            fourth = fourth + part
-            slope = slope + part * (share - s) / other
+        if not slopes:
+            return (sums[0] + part, *sums[1:]), None
+        return (sums[0] + part, sums[1] + part * thin, sums[2] + part * thin * (share - s) / other), None
+
+    # A loop: written out, the nodes were a third of a program of this law.
+    none = jnp.zeros(jnp.broadcast_shapes(share.shape, ratio.shape))
+    nodes = tuple(jnp.asarray(values) for values in _nodes())
+    (third, fourth, slope), _ = jax.lax.scan(with_node, (none, none, none), nodes)
     spread = (1.0 - start) * room
     return third * spread, fourth * spread, slope * spread
 
