@@ -13,7 +13,7 @@ from thermohyd.effects.effect import AbstractInflowEffect, Edges
 
 from .conditions import Conditions
 from .edge import OpenEdge, at_opening, mass_flow
-from .flow_balance import falling_root
+from .flow_balance import falling_root, state_at_root
 from .oil import Oil, OilAtTemperature, at_temperature, density, throttling_rise
 
 
@@ -51,6 +51,16 @@ def apart(conditions: Conditions, load: Float[Array, "..."] | float = 0.0) -> Co
     supply, return_ = conditions.supply_pressure, conditions.return_pressure
     none = jnp.abs(supply - return_) + jnp.abs(load) < LEAST
     return eqx.tree_at(lambda c: c.supply_pressure, conditions, jnp.where(none, return_ + LEAST, supply))
+
+
+def driven(ports: "Ports", conditions: Conditions) -> "Ports":
+    """The state at the conditions of one that was solved `apart`: where nothing drives a flow, pressures and flows through edges are in
+    proportion to what does."""
+    whole = conditions.supply_pressure - conditions.return_pressure
+    share = jnp.where(jnp.abs(whole) < LEAST, whole / LEAST, 1.0)
+    drop = ports.pressure - conditions.return_pressure
+    parts = (conditions.return_pressure + share * drop, share * ports.inflow, share * ports.outflow)
+    return eqx.tree_at(lambda p: (p.pressure, p.inflow, p.outflow), ports, parts)
 
 
 def between(q: Float[Array, "..."], conditions: Conditions) -> Between:
@@ -174,18 +184,15 @@ def unloaded_ports(
 
     joined: without loss to each other, so that p_A = p_B balances the four edges (the flow-gain test).
     """
-    flows = port_flows(edges, oil, heat_retention, conditions, outside)
-    sought = flows.at(apart(conditions))
+    flows = port_flows(edges, oil, heat_retention, apart(conditions), outside)
 
-    def imbalance(q: Float[Array, "2 rows"]) -> Float[Array, "2 rows"]:
-        drops = between(q, sought.conditions)
-        temperature = sought.port_temperature(drops.supply_drop)
-        into, out = sought.inflow(drops.supply_drop), sought.outflow(drops.return_drop, temperature)
-        return log_ratio(*with_what_enters(into, out, sought.entering(drops)), joined)
+    def balance(q: Float[Array, "2 rows"]) -> tuple[Float[Array, "2 rows"], Ports]:
+        ports = ports_at(flows, between(q, flows.conditions))
+        return log_ratio(*with_what_enters(ports.inflow, ports.outflow, ports.crossing), joined), ports
 
     # Of joined ports both logits are one: they begin alike, and each step moves both by the balance of both.
-    q = falling_root(imbalance, jnp.zeros((2, *conditions.position.shape)))
-    return ports_at(flows, between(q, conditions))
+    ports = state_at_root(balance, jnp.zeros((2, *conditions.position.shape)))
+    return driven(ports, conditions)
 
 
 def return_temperature(
