@@ -63,7 +63,8 @@ def mesh_of(need: Float[Array, " rows"], substeps: int) -> Mesh:
     first = -(-rows // ONE_IN_MOST)
     second = min(first + rows // ONE_IN_SOME, rows)
     by_rank = np.repeat([substeps, some, least], [first, second - first, rows - second])
-    counts = jnp.zeros(rows, dtype=int).at[jnp.argsort(-need)].set(by_rank)
+    # Where rows differ by no more than rounding, the first: another program of the same sweep then has the same mesh.
+    counts = jnp.zeros(rows, dtype=int).at[jnp.argsort(-need.astype(jnp.float32))].set(by_rank)
     total = int(by_rank.sum())
     owner = jnp.repeat(jnp.arange(rows), counts, total_repeat_length=total)
     ends = jnp.cumsum(counts)

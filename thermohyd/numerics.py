@@ -28,6 +28,8 @@ OPTIONS: dict[str, Any] = {
 # For programs that a search runs thousands of times: with the newer emitter they take a fifth longer to compile (large) to two thirds
 # (small ones), and half of the time to run: 0.6 ms for 512 rows of a leakage curve with 30 derivatives, where they took 1.0.
 OFTEN: dict[str, Any] = OPTIONS | {"xla_cpu_use_fusion_emitters": True}
+# For programs that run a few dozen times: unoptimised they take a third of the time to compile and three times as long to run.
+SELDOM: dict[str, Any] = OPTIONS | {"xla_backend_optimization_level": 0}
 
 
 @functools.cache

@@ -327,6 +327,8 @@ def stored_ports(
     Raises ValueError where the conditions have no time.
     """
     substeps = max(effect.substeps for effect in coupling.storage)
+    # Where nothing is stored the start counts for nothing: no derivative of it need be known.
+    steady, within = jax.lax.stop_gradient((steady, within))
     task = _task(valve, oil, read, true, steady, coupling, begun)
     lost = jnp.zeros_like(task.away)
     if coupling.lines:

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from thermohyd.kept_programs import KeptProgram, made_once
-from thermohyd.numerics import OPTIONS, jitted, known_options
+from thermohyd.numerics import SELDOM, jitted, known_options
 
 from .library_rows import Asked, LibraryArgs, behind, reading_asked
 from .static_readings import spread_over_rows
@@ -21,7 +21,7 @@ from .static_readings import spread_over_rows
 @made_once
 def place_program(effects: tuple[str, ...], classes: tuple[type, ...], rows_of: str) -> KeptProgram:
     """`readings_and_places`, compiled; classes: what stands behind the names of the effects."""
-    return jitted(functools.partial(readings_and_places, effects, rows_of), known_options(OPTIONS), classes)
+    return jitted(functools.partial(readings_and_places, effects, rows_of), known_options(SELDOM), classes)
 
 
 def readings_and_places(

@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 from thermohyd.chain_in_time import along_rows
 from thermohyd.effects.library import classes_of, with_effects
 from thermohyd.kept_programs import KeptProgram, made_once
-from thermohyd.numerics import OFTEN, OPTIONS, jitted, known_options
+from thermohyd.numerics import OPTIONS, jitted, known_options
 from thermohyd.port_storage import StoredPorts
 
 from .library_rows import MOVES, PUSHES, LibraryArgs, readings_of_rows, rowwise_valve
@@ -22,7 +22,7 @@ from .static_readings import STORED_GROUP, UNLOADED, predict_group, spread_over_
 
 
 def stored_program(effects: tuple[str, ...], reads: tuple[str, ...]) -> KeptProgram:
-    """`readings_and_slopes_of_stored`, compiled to run fast (`numerics.OFTEN`): a search beside stored oil calls it thousands of times."""
+    """`readings_and_slopes_of_stored`, compiled."""
     return _made(readings_and_slopes_of_stored, effects, classes_of(effects), reads)
 
 
@@ -36,7 +36,7 @@ def _made(
     function: Callable, effects: tuple[str, ...], classes: tuple[type, ...], reads: tuple[str, ...]
 ) -> KeptProgram:
     """classes: what stands behind the names; a user may put another effect under a name."""
-    return jitted(functools.partial(function, effects, reads), known_options(OFTEN), classes)
+    return jitted(functools.partial(function, effects, reads), known_options(OPTIONS), classes)
 
 
 def readings_of_stored(
