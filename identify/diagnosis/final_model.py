@@ -86,12 +86,11 @@ def exchange_fits(
     """
     if not final.physics:
         return {}
-    rest = [name for name in ranked if name not in spared]
+    # None whose program nobody else has asked for.
+    rest = [n for n in ranked if n not in spared and (not stores(n) or asks_for_more(final.effects))]
     chosen = rest[:1]
     if len(rest) > 2:
-        lots = np.random.default_rng(SEED).permutation(rest[1:])
-        # Any will do, so none whose program nobody else has asked for.
-        chosen.append(next((str(name) for name in lots if not stores(name) or asks_for_more(final.effects)), rest[1]))
+        chosen.append(str(np.random.default_rng(SEED).permutation(rest[1:])[0]))
     first = final.physics[0]
     others = tuple(name for name in final.effects if name != first)
     say("exchange test")

@@ -110,9 +110,12 @@ def rivals_of(
     likely = sorted([s for s in ranked if s.gain > least or twin(s)], key=lambda s: not (twin(s) or s.gain > within))
     if len(likely) < 2:
         likely = [s for s in ranked if not stores(s.name) or asks_for_more(final.effects)][:2]
-    if info_of(name).of_sweeps:
-        # What ports store lags and loops as well, in another way at every amount: its score alone does not dismiss it.
-        known, asked = {s.name for s in likely}, could_explain(problem, without, scores, within)
+    if not asks_for_more(final.effects) and (info_of(name).of_sweeps or any(stores(s.name) for s in likely)):
+        # What ports store lags and loops in another way at every amount, and only a program that is dear to compile fits it: what it takes
+        # off at its usual amounts says whether it is asked, not its score.
+        asked = could_explain(problem, without, scores, within)
+        known = {s.name for s in likely}
+        likely = [s for s in likely if s.name in asked or not stores(s.name)]
         likely += [s for s in ranked if s.name in asked and s.name not in known]
     # Heat beside a coupled effect compiles for long: only where the linear score says that it could be an equal.
     likely = [
