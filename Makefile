@@ -115,7 +115,7 @@ tutorial: $(VENV)/.installed-dev
 bench: $(VENV)/.installed-dev
 	@for script in $(filter-out benchmarks/hidden_% benchmarks/joint_% benchmarks/law_% benchmarks/recovery.py benchmarks/real_valve.py \
 		benchmarks/hanging_load.py benchmarks/figures.py benchmarks/compare_pairs.py benchmarks/plan_rates.py benchmarks/leave_one_out% benchmarks/calibration.py \
-		benchmarks/fleet_% benchmarks/batch_speed.py benchmarks/mangled_records.py \
+		benchmarks/fleet_% benchmarks/mangled_records.py \
 		benchmarks/search_constants.py benchmarks/nuisances.py benchmarks/petab_%,$(wildcard benchmarks/[a-z]*.py)); do \
 		echo "== $$script"; $(BIN)/python $$script || exit 1; done
 

@@ -66,7 +66,6 @@ PARTS: dict[str, tuple[str, bool]] = {
     "law-coverage": ("law_coverage.py --processes 2", False),
     "recovery": ("recovery.py --processes 2", False),
     "fleet-whole": ("fleet_whole.py", False),
-    "batch-speed": ("batch_speed.py", False),
     "mangled-records": ("mangled_records.py --records 100000", False),
 }
 # What a part draws, and its name beside the pages.

@@ -112,7 +112,7 @@ def scheduler(count: int) -> None:
     from thermohyd.identify.fleet.store import Store
     from thermohyd.identify.fleet.work import Outcome
 
-    def at_once(tasks, care, flag, together):
+    def at_once(tasks, care, flag):
         return [Outcome(task.found.content, "done", folder=task.found.folder) for task in tasks]
 
     run.compute_chunk = at_once

@@ -1,6 +1,6 @@
 """A whole fleet through the commands as a user types them: run, query, life, report; as far as a time limit lets it.
 
-    fleet_whole.py [--records 1500] [--valves 200] [--minutes 20] [--workers 2] [--job fit] [--batch N]
+    fleet_whole.py [--records 1500] [--valves 200] [--minutes 20] [--workers 2] [--job fit]
 
 The reference simulator writes 1,500 records of 200 valves over six years: wear, overhauls, 5 % with a moved zero, 2 % that cannot be
 read. After so many minutes the run is interrupted as by Ctrl-C; rates are those between the first result of each worker and the end,
@@ -59,7 +59,6 @@ def main() -> None:
     parser.add_argument("--minutes", type=float, default=20.0)
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--job", default="fit")
-    parser.add_argument("--batch", type=int, default=1)
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         work = Path(folder)
@@ -79,7 +78,7 @@ def main() -> None:
 def run(work: Path, given: argparse.Namespace) -> list[tuple[str, str]]:
     """The command, interrupted when its time is over."""
     command = [PROGRAM, "fleet", "run", str(work / "store"), "--records", str(work / "records"), "--job", given.job]
-    command += ["--workers", str(given.workers), *(["--batch", str(given.batch)] if given.batch > 1 else [])]
+    command += ["--workers", str(given.workers)]
     load = os.getloadavg()[0]
     began, ends = time.time(), time.time() + 60.0 * given.minutes
     seen, asked_to_end = Seen(), False
@@ -108,7 +107,7 @@ def run(work: Path, given: argparse.Namespace) -> list[tuple[str, str]]:
     left = given.records - count - failed
     beside = f", then interrupted with exit status {process.returncode}" if asked_to_end and left else ""
     rows = [
-        (f"{given.job}, {given.workers} workers" + (f", batches of {given.batch}" if given.batch > 1 else ""),
+        (f"{given.job}, {given.workers} workers",
          f"{count:,} results and {failed} failures listed in {seconds / 60:.1f} min{beside}; load of the machine before {load:.1f}"),
         ("a further record, once each worker had done one", f"{each:.2f} s: {3600 / each:,.0f} an hour"),
         ("processor time of all processes", f"{used:,.0f} s, {used / (count + failed):.2f} s a record"),

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from .diagnosis.diagnose import diagnose
     from .diagnosis.final_model import final_model
     from .diagnosis.result import DiagnosisResult, NamedEffect
-    from .fitting.batch import fit_many
     from .fitting.fit import fit
     from .fitting.result import FitResult, ParameterEstimate
     from .fleet.life import fleet_life
@@ -67,7 +66,6 @@ _HOME = {
     "diagnosis.diagnose": ("diagnose",),
     "diagnosis.final_model": ("final_model",),
     "diagnosis.result": ("DiagnosisResult", "NamedEffect"),
-    "fitting.batch": ("fit_many",),
     "fitting.fit": ("fit",),
     "fitting.result": ("FitResult", "ParameterEstimate"),
     "fleet.life": ("fleet_life",),

@@ -83,9 +83,6 @@ def run_command(
     workers: Workers = 0,
     reports: Reports = False,
     again: Annotated[bool, typer.Option("--again", help="Also try records that failed before.")] = False,
-    batch: Annotated[
-        int, typer.Option("--batch", min=1, metavar="N", help="Fit so many records at once as one program: for a GPU.")
-    ] = 1,
     without: Without = "",
     time_limit: Seconds = 3600.0,
     memory_limit: Memory = 6.0,
@@ -97,7 +94,6 @@ def run_command(
     with plain_failures(), _extra():
         from thermohyd.identify.fleet.run import run_fleet
 
-        _check_batch(batch, job)
         summary: Summary = _with_store(
             store,
             lambda opened, progress, stop: run_fleet(
@@ -109,7 +105,6 @@ def run_command(
                 care=_care(job, time_limit, memory_limit),
                 reports=reports,
                 again=again,
-                together=batch,
                 between=_between(job),
                 progress=progress,
                 stop=stop,
@@ -278,14 +273,6 @@ def _settings(job: str, without: str) -> Any:
     if names and job != "diagnose":
         raise BenchInputError("--without is for --job diagnose")
     return Settings(check_job(job), {"without": names} if names else {})
-
-
-def _check_batch(batch: int, job: str) -> None:
-    from thermohyd.identify.bench.errors import BenchInputError
-    from thermohyd.identify.fleet.jobs import TOGETHER
-
-    if batch > 1 and job in ("read", "diagnose"):
-        raise BenchInputError(f"--batch is for --job {' or '.join(TOGETHER)}; each {job} is computed by itself")
 
 
 def _care(job: str, seconds: float, gigabytes: float) -> Any:

@@ -306,9 +306,8 @@ def _other_law(fitted: Fitted, own: FitResult, progress: Progress | None) -> Oth
 class StaticSearch:
     """The plain fit of static tests: only the noise changes between its solves.
 
-    solver: `solve`, compiled as a whole for tests of these lengths: four seconds once, and then half of the time of each fit. Or one
-    that searches for many records at once (`batch.fit_many`). None: the model is evaluated by blocks of rows, whose programs serve
-    every record: for a diagnosis, which needs such programs anyhow.
+    solver: `solve`, compiled as a whole for tests of these lengths: four seconds once, and then half of the time of each fit. None: the
+    model is evaluated by blocks of rows, whose programs serve every record: for a diagnosis, which needs such programs anyhow.
     """
 
     record: BenchRecord

@@ -10,14 +10,13 @@ MOST = 16  # records of a chunk: what a worker that dies takes with it is at mos
 PER_WORKER = 4  # chunks that each worker should get at least, so that none waits long for the last
 
 
-def in_chunks(records: Iterable[Found], workers: int, together: int = 1) -> list[list[Found]]:
-    """Records of one shape in chunks, the shape with the most records first. together: computed so many at once."""
+def in_chunks(records: Iterable[Found], workers: int) -> list[list[Found]]:
+    """Records of one shape in chunks, the shape with the most records first."""
     by_shape: dict[tuple[tuple[str, int], ...], list[Found]] = defaultdict(list)
     for found in records:
         by_shape[found.shape].append(found)
     count = sum(map(len, by_shape.values()))
     size = max(1, min(MOST, -(-count // (PER_WORKER * max(workers, 1)))))
-    size = -(-size // together) * together
     ordered = sorted(by_shape.values(), key=len, reverse=True)
     return [of_shape[i : i + size] for of_shape in ordered for i in range(0, len(of_shape), size)]
 

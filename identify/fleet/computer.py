@@ -8,7 +8,7 @@ import multiprocessing
 import os
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
@@ -18,7 +18,7 @@ from typing import Any
 
 from .rows import failure_of
 from .store import Store, StoreError
-from .work import Outcome, Task, begin, compute, compute_together, memory_of
+from .work import Outcome, Task, begin, compute, memory_of
 
 
 # One record, one core: a fleet has more records than cores. XLA takes its number of threads from NPROC.
@@ -91,26 +91,9 @@ class Computer:
             return Outcome(failure["identity"], "trouble", str(error))
         return Outcome(failure["identity"], "failed", reason, folder=task.found.folder)
 
-    def compute_together(self, tasks: Sequence[Task]) -> list[Outcome] | None:
-        """What became of records whose job takes them all at once; None where that ended its process: then each is to be computed
-        by itself, and it shows which one does that."""
-        try:
-            self._start()
-        except BrokenProcessPool:
-            return None
-        assert self._pool is not None
-        future = self._pool.submit(compute_together, tasks)
-        if self._wait(future, len(tasks))[1]:
-            self.close()
-            return None
-        outcomes = future.result()
-        if max(outcome.memory for outcome in outcomes) > self.care.recycle:
-            self.close()
-        return outcomes
-
-    def _wait(self, future: "Future[Any]", records: int = 1) -> tuple[str, str]:
+    def _wait(self, future: "Future[Any]") -> tuple[str, str]:
         """("", "") once the future holds an outcome, else what ended the process and in which words."""
-        deadline = time.monotonic() + self.care.seconds * records
+        deadline = time.monotonic() + self.care.seconds
         while True:
             try:
                 future.exception(timeout=LOOKED_AT)

@@ -15,8 +15,6 @@ JOBS = {
     "fit": "thermohyd.identify.fitting.fit:fit",
     "diagnose": "thermohyd.identify.diagnosis.diagnose:diagnose",
 }
-# Jobs that take many records at once: `many(records, together=N, ended=F, **options)`, F called with (number, result or exception).
-TOGETHER = {"fit": "thermohyd.identify.fitting.batch:fit_many"}
 Job = Callable[..., Any]
 
 
@@ -35,10 +33,3 @@ def job_of(name: str) -> Job:
     """Raises ImportError or AttributeError where the program has no such function."""
     module, _, function = JOBS.get(name, name).partition(":")
     return getattr(import_module(module), function)
-
-
-def many_of(name: str) -> Job | None:
-    """The same job for many records at once, or None where there is none: of one's own function its attribute `many`."""
-    if name in JOBS:
-        return job_of(TOGETHER[name]) if name in TOGETHER else None
-    return getattr(job_of(name), "many", None)

@@ -10,7 +10,6 @@ import time
 import uuid
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from itertools import batched
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -60,7 +59,6 @@ def run_fleet(
     care: Care | None = None,
     reports: bool = False,
     again: bool = False,
-    together: int = 1,
     between: Callable[[], None] | None = None,
     progress: Progress | None = None,
     stop: threading.Event | None = None,
@@ -68,9 +66,8 @@ def run_fleet(
     """Every record of `where` whose result of these settings is not in the store.
 
     cluster: `clusters.client_of`. care: of the processes that compute. reports: each record's own report too. again: also records
-    that failed before. together: so many records of one shape at once, where the job can (`jobs.many_of`). between: called in a
-    process after each record, or each batch. stop: once set, what is being computed is finished and nothing else begun. Raises
-    BenchInputError where there is no record, no scheduler, or another run of this store is under way.
+    that failed before. between: called in a process after each record. stop: once set, what is being computed is finished and
+    nothing else begun. Raises BenchInputError where there is no record, no scheduler, or another run of this store is under way.
     """
     say = progress or (lambda words: None)
     began = time.monotonic()
@@ -79,9 +76,7 @@ def run_fleet(
         store.tidy()
         todo = _to_do(store, where, settings, again, summary, say)
         if todo:
-            run = _Run(
-                store, settings, care or Care(), reports, between, say, stop or threading.Event(), summary, together
-            )
+            run = _Run(store, settings, care or Care(), reports, between, say, stop or threading.Event(), summary)
             try:
                 with client_of(cluster, workers) as client:
                     run.all_of(todo, client, workers if cluster == "local" else None)
@@ -126,7 +121,6 @@ class _Run:
     say: Progress
     stop: threading.Event
     summary: Summary
-    together: int = 1
     name: str = field(default_factory=lambda: uuid.uuid4().hex)
 
     @property
@@ -160,7 +154,7 @@ class _Run:
         return self.stop.is_set() or bool(self.summary.trouble)
 
     def _round(self, todo: list[Found], client: "Client", workers: int) -> None:
-        deal = Deal(in_chunks(todo, workers, self.together))
+        deal = Deal(in_chunks(todo, workers))
         waiting: dict[Future, str] = {}
         began, settled, count = time.monotonic(), 0, len(todo)
         try:
@@ -193,7 +187,7 @@ class _Run:
                     return
                 tasks = [Task(str(self.store.folder), f, self.settings, self.reports, self.between) for f in chunk]
                 future = client.submit(
-                    compute_chunk, tasks, self.care, str(self.flag), self.together, workers=[worker], allow_other_workers=True, pure=False,
+                    compute_chunk, tasks, self.care, str(self.flag), workers=[worker], allow_other_workers=True, pure=False,
                     key=f"records-{uuid.uuid4().hex}",
                 )  # fmt: skip
                 waiting[future] = worker
@@ -249,23 +243,16 @@ def _lost_scheduler(error: Exception, client: "Client") -> bool:
     return isinstance(error, OSError | CancelledError | CommClosedError) or client.status != "running"
 
 
-def compute_chunk(tasks: Sequence[Task], care: Care, flag: str, together: int = 1) -> list[Outcome]:
-    """The dask task: records in the process beside this worker, so many at once. What an earlier try of this chunk wrote is not
-    computed again."""
+def compute_chunk(tasks: Sequence[Task], care: Care, flag: str) -> list[Outcome]:
+    """The dask task: records in the process beside this worker. What an earlier try of this chunk wrote is not computed again."""
     computer = _computer(care)
     outcomes: list[Outcome] = []
-    for few in batched(tasks, max(together, 1)):
+    for task in tasks:
+        # Asked for each record anew: the one before it may have been long, or the last that the disk took.
         stopped = Path(flag).exists() or any(outcome.state == "trouble" for outcome in outcomes)
-        left = [task for task in few if not stopped and not _kept(task)]
-        if len(left) > 1 and (found := computer.compute_together(left)) is not None:
-            outcomes += found
-            few = [task for task in few if task not in left]
-        for task in few:
-            # Asked for each record anew: the one before it may have been long, or the last that the disk took.
-            stopped = Path(flag).exists() or any(outcome.state == "trouble" for outcome in outcomes)
-            state = "stopped" if stopped else "done" if _kept(task) else ""
-            identity = task.found.identity(task.settings)
-            outcomes.append(Outcome(identity, state, folder=task.found.folder) if state else computer.compute(task))
+        state = "stopped" if stopped else "done" if _kept(task) else ""
+        identity = task.found.identity(task.settings)
+        outcomes.append(Outcome(identity, state, folder=task.found.folder) if state else computer.compute(task))
     return outcomes
 
 

@@ -9,7 +9,7 @@ import resource
 import signal
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from multiprocessing import parent_process
 from pathlib import Path
@@ -81,50 +81,6 @@ def compute(task: Task) -> Outcome:
     if task.between is not None and outcome.state in ("done", "failed"):
         task.between()
     return replace(outcome, memory=memory_of(os.getpid()), process=os.getpid())
-
-
-def compute_together(tasks: Sequence[Task]) -> list[Outcome]:
-    """The same of many records with one job, which takes them all at once. A record's time is what passed since the one before it."""
-    from thermohyd.identify.bench.read import read_record
-
-    from .jobs import many_of
-
-    first = tasks[0]
-    many = many_of(first.settings.job)
-    assert many is not None
-    last = time.monotonic()
-    outcomes: dict[int, Outcome] = {}
-
-    def settle(i: int, record: Any, result: Any) -> None:
-        nonlocal last
-        now = time.monotonic()
-        outcomes[i] = _settle(tasks[i], record, result, now - last)
-        last = now
-        if outcomes[i].state == "trouble":
-            raise _Trouble
-
-    try:
-        records: dict[int, Any] = {}
-        for i, task in enumerate(tasks):
-            record = _attempt(lambda folder=task.found.folder: read_record(folder))
-            if _sound(record):
-                records[i] = record
-            else:
-                settle(i, record, None)
-        numbers = list(records)
-        ended = lambda n, result: settle(numbers[n], records[numbers[n]], result)
-        many([*records.values()], together=len(tasks), ended=ended, **first.settings.options)
-    except _Trouble:
-        pass
-    if first.between is not None:
-        first.between()
-    held = {"memory": memory_of(os.getpid()), "process": os.getpid()}
-    stopped = lambda task: Outcome(task.found.identity(task.settings), "stopped", folder=task.found.folder)
-    return [replace(outcomes.get(i) or stopped(task), **held) for i, task in enumerate(tasks)]
-
-
-class _Trouble(Exception):
-    """The store cannot be written: nothing that is still computed could be kept."""
 
 
 def _attempt(work: Callable[[], Any]) -> Any:

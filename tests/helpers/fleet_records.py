@@ -88,31 +88,3 @@ def no_room() -> None:
     """From here on the system refuses to write a file of results: called in a process that computes."""
     signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     resource.setrlimit(resource.RLIMIT_FSIZE, (500, resource.getrlimit(resource.RLIMIT_FSIZE)[1]))
-
-
-# The same for many records at once: {name}.many.
-
-
-def one_raises(record: BenchRecord, serial: str = "") -> None:
-    """Only asked for many."""
-    raise AssertionError
-
-
-def _one_raises(records: Any, together: int, ended: Any, serial: str) -> None:
-    for i, record in enumerate(records):
-        ended(i, ZeroDivisionError("no flow") if record.service.serial == serial else None)
-
-
-def dies_together(record: BenchRecord, serial: str) -> None:
-    if record.service.serial == serial:
-        os.kill(os.getpid(), signal.SIGKILL)
-
-
-def _dies_together(records: Any, together: int, ended: Any, serial: str) -> None:
-    for i, record in enumerate(records):
-        dies_together(record, serial)
-        ended(i, None)
-
-
-one_raises.many = _one_raises  # pyright: ignore[reportFunctionMemberAccess]
-dies_together.many = _dies_together  # pyright: ignore[reportFunctionMemberAccess]

@@ -106,7 +106,6 @@ def test_quiet_says_nothing_of_what_went_well(store, tmp_path):
         ),
         (("run", "{new}", "--records", "{fleet}", "--job", "fix"), 'unknown job "fix"; did you mean "fit"?'),
         (("run", "{new}", "--records", "{fleet}", "--without", "droop"), "--without is for --job diagnose"),
-        (("run", "{new}", "--records", "{fleet}", "--job", "read", "--batch", "8"), "--batch is for --job fit"),
         (
             ("run", "{new}", "--records", "{fleet}", "--job", "read", "--cluster", "head"),
             '--cluster takes "local", the address',

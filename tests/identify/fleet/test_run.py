@@ -206,17 +206,3 @@ def test_chunks_go_to_workers_by_shape():
     assert [len(set(of)) for of in given.values()] == [1, 1]
     assert given["one"][0] != given["other"][0]
     assert (deal.next_for("one"), len(deal), deal.records()) == (None, 0, [])
-
-
-def test_records_computed_together_and_by_themselves_once_their_process_died(tmp_path):
-    fleet = write_fleet(tmp_path / "records", 7)
-    (fleet / "r005" / "bench.toml").write_text("[valve\n")
-    store = Store(tmp_path / "store")
-    summary = run_fleet(store, fleet, own("one_raises", serial="S2"), together=4)
-    assert (summary.done, summary.left) == (5, 0)
-    assert set(summary.failed) == {str(fleet / "r002"), str(fleet / "r005")}
-    assert "no flow" in summary.failed[str(fleet / "r002")]
-    # all seven at once kill their process; each by itself is computed, but for the one that killed it
-    dying = run_fleet(store, fleet, own("dies_together", serial="S1"), together=4, care=Care(strikes=1))
-    assert (dying.done, set(dying.failed)) == (4, {str(fleet / name) for name in ("r001", "r005", "r006")})
-    assert "by signal 9" in dying.failed[str(fleet / "r001")]
