@@ -20,7 +20,7 @@ from thermohyd.conditions import Conditions, operating_points
 from thermohyd.identify.bench.shown_units import CELSIUS, UM
 from thermohyd.identify.fitting.parameters import OF_THE_EDGES
 from thermohyd.identify.report import style as look
-from thermohyd.numerics import kept
+from thermohyd.numerics import quickly
 from thermohyd.static_tests import blocked_port_readings, control_flow
 from thermohyd.valve import Valve
 
@@ -52,7 +52,7 @@ class EtaIdentifiability(NamedTuple):
     all_temperatures: np.ndarray
 
 
-@kept
+@quickly
 def _readings_and_slopes(
     valve: Valve, conditions: Conditions
 ) -> tuple[Float[Array, "tests rows"], Float[Array, "parameters tests rows"]]:

@@ -117,9 +117,8 @@ def reachable(name: str, *, on_call: bool = True) -> frozenset[str]:
     return frozenset(seen)
 
 
-@pytest.mark.parametrize("name", modules())
-def test_no_circles(name):
-    assert name not in reachable(name)
+def test_no_circles():
+    assert [name for name in modules() if name in reachable(name)] == []
 
 
 @pytest.mark.parametrize("level", range(len(CHAIN)))
@@ -142,11 +141,11 @@ def test_nothing_in_the_simulator_stands_on_effects():
     assert not any(m.startswith("thermohyd.effects") for name in simulator for m in imports(name) - {INTERFACE})
 
 
-@pytest.mark.parametrize("name", [name for name in modules() if not name.startswith(f"{IDENTIFY}.")])
-def test_simulator_knows_nothing_of_benches(name):
+def test_simulator_knows_nothing_of_benches():
     outside = {"pandas", "pint", "matplotlib", "rich", "typer", "jinja2", "platformdirs"}
-    assert not {module.split(".")[0] for module in imports(name)} & outside
-    assert not any(module.startswith((IDENTIFY, "thermohyd.data")) for module in imports(name))
+    known = lambda module: module.split(".")[0] in outside or module.startswith((IDENTIFY, "thermohyd.data"))
+    simulator = [name for name in modules() if not name.startswith(f"{IDENTIFY}.")]
+    assert [(name, module) for name in simulator for module in imports(name) if known(module)] == []
 
 
 def within(*packages: str) -> list[str]:
@@ -162,11 +161,10 @@ def test_a_package_knows_nothing_of_what_is_made_of_it(level):
         assert not imports(name) & above, name
 
 
-@pytest.mark.parametrize("name", within(*WITHOUT_JAX))
-def test_reading_and_reporting_need_no_jax(name):
-    waited_for = (name, *reachable(name, on_call=False))
-    outside = {m.split(".")[0] for module in waited_for for m in imports(module, on_call=False)}
-    assert not outside & JAX
+def test_reading_and_reporting_need_no_jax():
+    needs = lambda name: {m.split(".")[0] for m in imports(name, on_call=False)} & JAX
+    waited_for = {name: (name, *reachable(name, on_call=False)) for name in within(*WITHOUT_JAX)}
+    assert [(name, module) for name, those in waited_for.items() for module in those if needs(module)] == []
 
 
 def test_a_class_that_an_entry_names_is_imported_on_first_use_only():
@@ -182,19 +180,18 @@ def test_a_class_that_an_entry_names_is_imported_on_first_use_only():
     subprocess.run([sys.executable, "-P", "-c", "\n".join(lines)], check=True)
 
 
-@pytest.mark.parametrize("name", [name for name in modules() if not name.startswith(f"{IDENTIFY}.cli.")])
-def test_nothing_imports_the_command_line(name):
-    assert name == ENTRY or not imports(name) & set(within("cli"))
+def test_nothing_imports_the_command_line():
+    commands = set(within("cli"))
+    assert [name for name in modules() if name not in commands and imports(name) & commands] == [ENTRY]
 
 
-@pytest.mark.parametrize("name", modules())
-def test_only_the_page_needs_what_draws_it(name):
+def test_only_the_page_needs_what_draws_it():
     """`thermohyd app` itself says in one sentence what to install, so it must start without."""
-    needed = {"streamlit", "tomlkit"} & {module.split(".")[0] for module in imports(name)}
-    assert not needed or name in within("app")
-    if name not in within("app"):
-        with_streamlit = {found for found in within("app") if reaches_streamlit(found)}
-        assert not (imports(name) & with_streamlit)
+    page = within("app")
+    with_streamlit = {found for found in page if reaches_streamlit(found)}
+    draws = lambda module: module.split(".")[0] in ("streamlit", "tomlkit") or module in with_streamlit
+    others = [name for name in modules() if name not in page]
+    assert [(name, module) for name in others for module in imports(name) if draws(module)] == []
 
 
 def reaches_streamlit(name: str) -> bool:
@@ -202,9 +199,9 @@ def reaches_streamlit(name: str) -> bool:
     return any(module.split(".")[0] == "streamlit" for one in found for module in imports(one, on_call=False))
 
 
-@pytest.mark.parametrize("name", modules())
-def test_siblings_are_imported_where_they_live(name):
-    assert "thermohyd" not in imports(name), "import from the module that defines the name, not from the package"
+def test_siblings_are_imported_where_they_live():
+    """From the module that defines a name, not from the package."""
+    assert [name for name in modules() if "thermohyd" in imports(name)] == []
 
 
 def test_reference_never_imports_what_it_checks():

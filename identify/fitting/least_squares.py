@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 
-from thermohyd.numerics import kept, require_float64
+from thermohyd.numerics import quickly, require_float64
 
 from .boxes import Box, Boxes, free_values
 from .trust_region import (
@@ -106,7 +106,7 @@ def candidate_starts(boxes: Sequence[Box], centre: np.ndarray, count: int) -> np
     return np.array([[box.value(z) for box, z in zip(boxes, row, strict=True)] for row in places])
 
 
-@kept
+@quickly
 def _costs(residual: Callable[[jax.Array, Any], jax.Array], points: Any, args: Any) -> jax.Array:
     return jax.lax.map(lambda p: jnp.sum(residual(p, args) ** 2), points)
 
@@ -173,7 +173,7 @@ class LeastSquaresResult:
     nearly: bool = False  # not converged, and only for a slope of `NEARLY` standard errors at most
 
 
-@kept
+@quickly
 def _compiled(residual: Residual, boxes: Boxes, z: Any, args: Any, tolerance: Any, max_steps: int, enough: Any) -> Any:
     """The whole solve in one program; all but `residual` and `max_steps` are data."""
     solution = optx.least_squares(
@@ -207,12 +207,12 @@ def not_worth_while(costs: Sequence[float], goal: float, worth: float) -> bool:
 VARIABLES = 8
 
 
-@kept
+@quickly
 def _begin(z: Any) -> State:
     return BoxedLevenbergMarquardt().init(None, z, None, None, jax.ShapeDtypeStruct((0,), z.dtype), None, None)
 
 
-@kept
+@quickly
 def _advance(
     boxes: Boxes, z: Any, state: State, gained: Any, finite: Any, reduced: Linearisation, tolerance: Any, enough: Any
 ) -> Any:

@@ -16,7 +16,7 @@ from jaxtyping import Array, Float
 from thermohyd.conditions import Conditions
 from thermohyd.identify.bench.record import BenchRecord, at_first_row
 from thermohyd.identify.bench.test_record import Channel, TestRecord
-from thermohyd.numerics import kept
+from thermohyd.numerics import quickly
 from thermohyd.oil import oil_from_definition
 from thermohyd.port_storage import StoredPorts
 from thermohyd.ports import Joined
@@ -368,7 +368,7 @@ def _sensor_of(test: TestRecord, channel: Channel, size: Size) -> SensorOfRows |
     return SensorOfRows(behind.gain, behind.zeros, masks[: len(behind.zeros)], *numbers)
 
 
-@kept
+@quickly
 def quantities_of(valve: Valve, data: StaticData) -> list[Float[Array, " padded"]]:
     """What every channel's readings are of, before any sensor, in the order of `data.channels`, SI."""
     found = predict(valve, data.conditions)

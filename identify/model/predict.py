@@ -29,7 +29,7 @@ from thermohyd.identify.fitting.reversed_signs import reversed_channels, warning
 from thermohyd.identify.fitting.static_readings import base_valve, conditions_of, pad
 from thermohyd.identify.reduction.reduce import smooth_sweep
 from thermohyd.identify.result import Result
-from thermohyd.numerics import kept, require_float64
+from thermohyd.numerics import quickly, require_float64
 from thermohyd.oil import Oil
 from thermohyd.oil_definition import OilDefinition, kinematic_viscosity_of
 from thermohyd.valve import Valve
@@ -169,7 +169,7 @@ READINGS = {
 }
 
 
-@kept
+@quickly
 def readings_behind(
     instrument: AbstractReadingEffect, channel: str, columns: Float[Array, "columns rows"], read: Conditions, oil: Oil
 ) -> tuple[Float[Array, "columns rows"], Float[Array, " rows"]]:

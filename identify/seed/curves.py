@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 
 from thermohyd.conditions import Conditions, operating_points
 from thermohyd.edge import EdgeLaw
-from thermohyd.numerics import kept, require_float64
+from thermohyd.numerics import quickly, require_float64
 from thermohyd.oil import walther_viscosity
 from thermohyd.static_tests import blocked_port_readings, control_flow
 from thermohyd.valve import Valve, true_oil
@@ -74,7 +74,7 @@ def _openings() -> np.ndarray:
     return fine[coarse | (np.abs(fine) <= FINE_UP_TO + 1e-9)]
 
 
-@kept
+@quickly
 def _program(valve: Valve, rows: Conditions) -> dict[str, Float[Array, " rows"]]:
     """All readings and their slopes to the position in one compilation; the valve's heat retention may differ by row."""
 

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from thermohyd.conditions import Conditions
-from thermohyd.numerics import kept, require_float64
+from thermohyd.numerics import quickly, require_float64
 from thermohyd.static_tests import blocked_port_readings, control_flow
 from thermohyd.valve import Valve
 
@@ -36,7 +36,7 @@ def _blocked(valve: Valve, conditions: Conditions) -> Float[Array, "2 rows"]:
     return jnp.stack([found["leakage_flow"], found["load_pressure"]])
 
 
-@kept
+@quickly
 def readings_and_slopes(
     valve: Valve, conditions: Conditions, values: Float[Array, "columns rows"]
 ) -> tuple[Float[Array, "3 rows"], Float[Array, "3 columns rows"]]:

@@ -14,7 +14,7 @@ from thermohyd.actuator import Actuator
 from thermohyd.actuator_performance import Performance, null_conditions, null_state, performance_at, without_instruments
 from thermohyd.conditions import Conditions
 from thermohyd.effects.edges import REFERENCE_TEMPERATURE
-from thermohyd.numerics import kept, require_float64
+from thermohyd.numerics import quickly, require_float64
 from thermohyd.valve import Valve, metering_edges
 
 from .curves import COLUMNS, nominal_rows, slopes_at
@@ -140,7 +140,7 @@ _SEEN = ("temperature", *LAWS, "clearance")
 _HEATING = 3  # its place among the causes
 
 
-@kept
+@quickly
 def _figures(valve: Valve, actuator: Actuator, conditions: Conditions) -> tuple[Performance, Performance]:
     """Every figure, and its derivatives to what `_SEEN` names (first axis)."""
     nominal = nominal_values(valve)

@@ -117,7 +117,8 @@ def test_derivatives_across_kinks():
 
 def test_derivatives_behind_a_blow_on_the_end_stop():
     """The piston runs into its stop on the way to a setpoint behind it, and stays there."""
-    expected = differences(1e-5, 30.0, SHORT)
+    # Steps of 5e-6 to 2e-5 differ from this by up to 1.2e-5, at one step in four: a run's steps change where one ends at the stop.
+    expected = differences(1e-4, 30.0, SHORT)
     size = np.max(np.abs(expected))
     assert not np.allclose(expected, differences(1e-4, 30.0))  # the stop is met
     for tolerance in (1e-8, 1e-10):
