@@ -42,6 +42,21 @@ def _eliminated(matrix: Inexact[Array, "... n n"], right: Inexact[Array, "... n"
     return both[..., n]
 
 
+def inverses(matrices: Float[Array, "count n n"]) -> Float[Array, "count n n"]:
+    """`inverse` of many matrices, without a derivative: a loop over columns, all matrices beside each other along the last axis."""
+    n = matrices.shape[-1]
+
+    def without(k: Array, all_of: Array) -> Array:
+        unit = (jnp.arange(n) == k).astype(float)[:, None]
+        pivot = 1.0 / all_of[k, k]
+        row = (all_of[k] * (1.0 - unit) + unit) * pivot
+        column = all_of[:, k] * (1.0 - unit)
+        rest = all_of * (1.0 - unit)[None]
+        return jnp.where((unit > 0.0)[:, None], row[None], rest - column[:, None] * row[None])
+
+    return jnp.moveaxis(jax.lax.fori_loop(0, n, without, jnp.moveaxis(matrices, 0, -1)), -1, 0)
+
+
 @jax.custom_jvp
 def inverse(matrix: Float[Array, "n n"]) -> Float[Array, "n n"]:
     """Gauss-Jordan without pivoting, for matrices that hold their diagonal up: n rank-one updates in place, the same for every batch and
