@@ -17,10 +17,8 @@ SAID = {
 }
 
 
-@pytest.mark.parametrize("notebook", [
-    pytest.param(path, marks=pytest.mark.nightly if path.stem == "a_hidden_effect" else (), id=path.stem)  # a whole diagnosis
-    for path in NOTEBOOKS
-])  # fmt: skip
+@pytest.mark.nightly
+@pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_runs_as_a_script(notebook, tmp_path):
     kept = {"JAX_COMPILATION_CACHE_DIR": str(ROOT / "build" / "compiled-for-tests"), "MPLBACKEND": "Agg"}
     kept |= {"JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.2"}  # as in conftest.py

@@ -42,6 +42,7 @@ def session(tmp_path_factory) -> dict[str, Any]:
     return json.loads(ran.stdout)
 
 
+@pytest.mark.nightly  # diagnoses and studies among them
 def test_every_block_runs_and_prints_what_its_comments_say(session):
     assert len(session["blocks"]) == len(python_blocks(PAGE))
     told = [entry for block in session["blocks"] for entry in block if entry["printed"] and entry["comment"]]

@@ -120,6 +120,7 @@ def results(static_record, moving_record) -> dict[str, DiagnosisResult]:
     return {"meter_tare": diagnose(static_record), "load_drag": diagnose(moving_record)}
 
 
+@pytest.mark.nightly  # whole diagnoses
 @pytest.mark.parametrize(("name", "amount"), [("meter_tare", TARE), ("load_drag", DRAG)])
 def test_what_was_hidden_is_named_with_its_amount(results, name, amount):
     found = results[name]
@@ -130,6 +131,7 @@ def test_what_was_hidden_is_named_with_its_amount(results, name, amount):
     assert found.gap_after < 1.25 < 2.0 < found.gap_before
 
 
+@pytest.mark.nightly  # whole diagnoses
 @pytest.mark.parametrize("name", ["meter_tare", "load_drag"])
 def test_the_fit_with_it_finds_the_parameters(results, name):
     free = results[name].after.free
@@ -140,6 +142,7 @@ def test_the_fit_with_it_finds_the_parameters(results, name):
         assert other == name or abs(estimate.value - truth[other]) < 4.0 * estimate.std, other
 
 
+@pytest.mark.nightly  # whole diagnoses
 def test_the_reports_speak_of_them(results):
     assert results["meter_tare"].sentences[0] == (
         "meter_tare: the leakage meter's zero moves with the supply pressure; a look at the meter with its valve shut tells."
@@ -155,6 +158,7 @@ def test_the_reports_speak_of_them(results):
         assert effect["parameter"]["unit"] == unit
 
 
+@pytest.mark.nightly  # whole diagnoses
 @pytest.mark.parametrize("name", ["meter_tare", "load_drag"])
 def test_the_model_is_read_back_and_predicts_the_readings(results, static_record, moving_record, name, tmp_path):
     path = tmp_path / "model.json"
@@ -171,6 +175,7 @@ def test_the_model_is_read_back_and_predicts_the_readings(results, static_record
             assert np.sqrt(np.mean(miss**2)) < 1.15, (test.name, channel.name)
 
 
+@pytest.mark.nightly  # whole diagnoses
 def test_a_model_with_an_effect_that_nobody_registered(results, tmp_path):
     path = tmp_path / "model.json"
     path.write_text(json.dumps(model_json(results["meter_tare"].after, results["meter_tare"].learned)))

@@ -43,6 +43,7 @@ def compared():
         return study.compare(before, after)
 
 
+@pytest.mark.nightly  # whole diagnoses
 def test_what_differs_is_named_and_nothing_else(compared: ComparisonResult):
     assert compared.verdict == "different"
     assert {row.name for row in compared.differing} == {"clearance", "pilot_leakage"}
@@ -57,6 +58,7 @@ def test_what_differs_is_named_and_nothing_else(compared: ComparisonResult):
         compared.row("nonsense")
 
 
+@pytest.mark.nightly  # whole diagnoses
 def test_gains_are_one_in_both_and_leave_the_differences(compared: ComparisonResult):
     assert [entry.name for entry in compared.shared] == ["flow_gain", "leakage_flow_gain", "load_pressure_gain"]
     row = compared.row("discharge_coefficient")
@@ -66,6 +68,7 @@ def test_gains_are_one_in_both_and_leave_the_differences(compared: ComparisonRes
     assert compared.gain < 1.0
 
 
+@pytest.mark.nightly  # whole diagnoses
 def test_words_files_and_json(compared: ComparisonResult, tmp_path: Path):
     text = compared.summary()
     assert "after differs from before in clearance +0.3" in " ".join(text.split())
@@ -119,6 +122,7 @@ def test_the_command_refuses_a_missing_record_and_writes_nothing(monkeypatch, tm
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.nightly  # whole diagnoses
 def test_the_command_shows_writes_and_confesses(monkeypatch, compared: ComparisonResult, tmp_path: Path):
     for result, status in ((compared, 0), (replace(compared, converged=False, message="it ends on a slope"), 1)):
         monkeypatch.setattr("thermohyd.identify.bench.read.read_record", lambda path: path)

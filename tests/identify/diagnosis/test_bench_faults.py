@@ -71,7 +71,10 @@ def diagnosed(spoil: Callable[[BenchRecord], BenchRecord], **made: object) -> Di
     return diagnose_case(opened(spoil(small_record(**made))))  # pyright: ignore[reportArgumentType]
 
 
-@pytest.mark.parametrize("name", BENCHES)
+BY_NIGHT = [pytest.param(name, marks=pytest.mark.nightly) for name in [*BENCHES][1:]]
+
+
+@pytest.mark.parametrize("name", [next(iter(BENCHES)), *BY_NIGHT])
 def test_a_fault_is_no_effect_of_the_valve(name):
     spoil, expected, amount = BENCHES[name]
     result = diagnosed(spoil)
@@ -106,6 +109,7 @@ def test_the_clock_of_a_drift_is_the_bench_s_where_it_goes_on_from_run_to_run():
     np.testing.assert_allclose(fault.shapes["leakage"], fault.size * (time - time[0]) / np.ptp(time), rtol=1e-12)
 
 
+@pytest.mark.nightly  # a whole diagnosis
 def test_a_fault_and_an_effect_are_both_found():
     result = diagnosed(zeroed_anew, effects={"hysteresis": 1e-6, "flowmeter_offset": 2e-7}, seed=2)
     assert result.verdict == "named"
@@ -126,6 +130,7 @@ def test_a_fault_and_an_effect_are_both_found():
     assert result.instead is None
 
 
+@pytest.mark.nightly  # a whole diagnosis
 def test_a_zero_that_is_the_same_curve_as_a_leak_is_its_rival():
     """At one supply pressure the first stage's leakage is a constant, and so is a meter's zero: a hidden record of the one was named as
     the other, for certain."""
@@ -147,6 +152,7 @@ def test_a_zero_that_is_the_same_curve_as_a_leak_is_its_rival():
         assert any(a.name == "reading_zero" and a.where.startswith("leakage") for a in effect.alternatives)
 
 
+@pytest.mark.nightly  # a whole diagnosis
 def test_several_runs_with_a_fault_each_are_a_misfit_that_nothing_explains():
     shifts = lambda t: 0.03 / 6e4 * (t.run == 3) - 0.04 / 6e4 * (t.run == 6)
     result = diagnosed(lambda record: changed(record, "leakage", by=lambda t: read_more(t, shifts(t))))

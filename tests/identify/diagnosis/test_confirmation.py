@@ -173,6 +173,7 @@ def test_many_must_each_prove_themselves():
     assert unproven(Confirmation(0.0, {}), ()) is None
 
 
+@pytest.mark.nightly  # a whole diagnosis
 def test_what_is_named_says_how_it_did():
     result = small_diagnosis("pilot")
     assert result.proof is not None
@@ -182,6 +183,7 @@ def test_what_is_named_says_how_it_did():
     assert result.to_dict()["suspects"] == []
 
 
+@pytest.mark.nightly  # a whole diagnosis
 def test_an_amount_that_no_valve_has_is_no_name():
     """The record is explained to its noise by eight times the largest usual pilot leakage: that is said, and it stays a suspicion."""
     result = small_diagnosis("too much")

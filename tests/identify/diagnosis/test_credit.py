@@ -55,6 +55,7 @@ def test_what_predicts_worse_than_the_ideal_valve_is_not_handed_over(valves, bel
     assert not_to_be_handed_over(held, believed=believed) == worse
 
 
+@pytest.mark.nightly  # a whole diagnosis
 @pytest.mark.parametrize("name", ["pilot", "two"])
 def test_names_that_stand_alone_have_all_the_credit(name):
     held = small_diagnosis(name).held_out

@@ -37,12 +37,14 @@ def truth() -> dict[str, dict]:
     return json.loads((HIDDEN / "truth.json").read_text())
 
 
+@pytest.mark.nightly  # whole diagnoses
 def test_nothing_is_named_where_nothing_is_hidden(answers, truth):
     assert truth[NOTHING]["kind"] == "none"
     assert answers[NOTHING]["verdict"] == "consistent"
     assert answers[NOTHING]["effects"] == []
 
 
+@pytest.mark.nightly  # whole diagnoses
 def test_the_hidden_effect_is_named_with_an_interval_around_its_amount(answers, truth):
     [(name, amount)] = truth[SINGLE]["effects"].items()
     answer = answers[SINGLE]
@@ -53,6 +55,7 @@ def test_the_hidden_effect_is_named_with_an_interval_around_its_amount(answers, 
     assert answer["gap_after"] < answer["gap_before"]
 
 
+@pytest.mark.nightly  # whole diagnoses
 def test_exact_rivals_are_both_said_with_the_next_test(answers, truth):
     [(name, _)] = truth[RIVALS]["effects"].items()
     answer = answers[RIVALS]
@@ -62,6 +65,7 @@ def test_exact_rivals_are_both_said_with_the_next_test(answers, truth):
     assert answer["next_test"]
 
 
+@pytest.mark.nightly  # whole diagnoses
 def test_another_effect_in_the_named_ones_place_closes_less_on_rows_held_out(answers):
     for name in (SINGLE, RIVALS):
         held = answers[name]["held_out"]
@@ -69,6 +73,7 @@ def test_another_effect_in_the_named_ones_place_closes_less_on_rows_held_out(ans
         assert all(closed < held["gap_closed"] - 0.05 for closed in held["exchange"].values())
 
 
+@pytest.mark.nightly  # whole diagnoses
 def test_every_record_has_its_page_its_plots_and_its_model(run, answers):
     out, _ = run
     for name in answers:
@@ -77,6 +82,7 @@ def test_every_record_has_its_page_its_plots_and_its_model(run, answers):
         assert [n for n in names if n.startswith((".", "tmp"))] == [".thermohyd.json"]
 
 
+@pytest.mark.nightly  # whole diagnoses
 def test_json_goes_to_stdout_and_nothing_else_does(run, answers):
     printed = json.loads(run[1].stdout)
     verdicts = [entry["verdict"] for entry in (printed if isinstance(printed, list) else printed["records"])]

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from helpers.small_bench import small_record
 from helpers.small_diagnosis import CASES, LIBRARY, opened, small_diagnosis
 
@@ -25,6 +26,7 @@ def at_its_limits(record: BenchRecord) -> BenchRecord:
     return replace(record, tests=tests)
 
 
+@pytest.mark.nightly  # a whole diagnosis
 def test_a_clipped_gauge_is_said_and_an_effect_beside_it_found():
     result = diagnose_case(opened(at_its_limits(small_record(**CASES["pilot"]))))
     assert result.verdict == "named"

@@ -15,6 +15,7 @@ from thermohyd.identify.diagnosis.model_average import without_rivals
 from thermohyd.identify.fitting.problem_solution import gls_covariance
 
 
+@pytest.mark.nightly  # a whole diagnosis
 def test_error_bars_span_the_rivals():
     result = small_diagnosis("rivals")
     case, selection, split = choose(small_case("rivals"))
@@ -42,6 +43,7 @@ def test_error_bars_span_the_rivals():
     assert any("span what the data allow" in note for note in result.after.notes)
 
 
+@pytest.mark.nightly  # a whole diagnosis
 def test_error_bars_span_the_same_effect_with_the_other_sign():
     result = small_diagnosis("mirrored")
     [effect] = result.effects
@@ -57,6 +59,7 @@ def test_error_bars_span_the_same_effect_with_the_other_sign():
     assert "or about as much of the other sign" in result.headline
 
 
+@pytest.mark.nightly  # a whole diagnosis
 def test_error_bars_span_a_suspect():
     """What was found and not proven is not in the model; what it moves is not known, and that is said."""
     named = small_diagnosis("pilot")
@@ -85,6 +88,7 @@ def test_a_suspect_that_nobody_would_believe_is_not_spanned():
     assert not any("span what the data allow" in note for note in result.after.notes)
 
 
+@pytest.mark.nightly  # a whole diagnosis
 def test_error_bars_span_what_was_nearly_found():
     """Chance is no proof that an effect is not there: just below what names it, it is as likely as not."""
     plain = small_diagnosis("nothing")

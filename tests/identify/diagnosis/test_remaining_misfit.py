@@ -84,6 +84,7 @@ def test_sizes_of_curves_are_found_beside_parameters_that_take_a_part_of_them() 
     assert np.median(found, axis=0)[2] < 0.5
 
 
+@pytest.mark.nightly  # a whole diagnosis
 def test_error_bars_beside_a_misfit_hold_what_the_model_misses() -> None:
     result = small_diagnosis("outside")
     assert {(found.test, found.channel) for found in result.discrepancy} == {
@@ -103,6 +104,7 @@ def test_nothing_is_added_to_the_error_where_nothing_remains() -> None:
     assert result.to_dict()["discrepancy"] == []
 
 
+@pytest.mark.nightly  # a whole diagnosis
 def test_weights_whose_fit_ends_at_no_optimum_are_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of the real valve they once predicted runs left out best, with parameters that no search had settled on."""
     case = small_case("outside")

@@ -342,6 +342,7 @@ def test_bad_rows_are_left_out_and_the_rest_is_as_without_them():
             assert abs(found.value - estimate.value) < 0.5 * estimate.std
 
 
+@pytest.mark.nightly  # a whole diagnosis
 def test_a_search_that_may_take_no_more_ends_with_what_it_has_and_says_so(monkeypatch):
     monkeypatch.setattr(search, "MOST_EVALUATIONS", small_case("pilot").problem.work.cost)
     result = diagnose_case(small_case("pilot"))

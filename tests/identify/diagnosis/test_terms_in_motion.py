@@ -33,6 +33,7 @@ def fitted(problem, plain) -> FittedTerm:
     return fitted_inside(problem, plain, term)
 
 
+@pytest.mark.nightly  # a whole diagnosis
 def test_it_is_fitted_inside_the_run(plain, fitted):
     (lag,), (std,) = fitted.term.coefficients, fitted.std
     assert fitted.fit.chi2 < 0.97 * plain.chi2
@@ -51,6 +52,7 @@ def test_its_column_is_the_derivative(fitted):
     assert np.max(np.abs(difference - columns[:, 0])) < 0.05 * np.max(np.abs(difference))
 
 
+@pytest.mark.nightly  # a whole diagnosis
 def test_a_term_of_the_last_turn_is_found_and_has_a_derivative(problem, plain):
     """A play of the command, 4 um wide, is a shift by half of it against the way the command went last."""
     with_play = replace(problem, library=Library(("backlash",), {}))

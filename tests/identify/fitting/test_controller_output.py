@@ -57,6 +57,7 @@ def found(tmp_path_factory) -> FitResult:
     return fit(read_record(record_in(tmp_path_factory.mktemp("output"))))
 
 
+@pytest.mark.nightly  # a recovery
 def test_the_truth_lies_inside_honest_intervals(found):
     assert found.converged, found.message
     assert found.free == (*IN_MOTION, "command_gain")

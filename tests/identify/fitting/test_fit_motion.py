@@ -30,6 +30,7 @@ def seed_fit(seed_record):
     return fit(seed_record)
 
 
+@pytest.mark.nightly  # a recovery
 def test_the_truth_lies_inside_honest_intervals(seed_fit):
     assert seed_fit.converged, seed_fit.message
     assert seed_fit.free == IN_MOTION

@@ -40,6 +40,7 @@ def results():
     return {(number, *laws): fitted(number, *laws) for number in range(2) for laws in EITHER}
 
 
+@pytest.mark.nightly  # a recovery
 @pytest.mark.parametrize(("truth", "law"), EITHER)
 def test_the_interval_with_both_laws_holds_the_truth(results, truth, law):
     missed_by_the_noise_alone = 0

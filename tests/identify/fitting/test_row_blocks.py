@@ -144,7 +144,7 @@ OF_THE_STEPS = 1e-3
 OF_THE_SEARCH = 1e-4
 
 
-@pytest.mark.parametrize("change", ["as it is", "reduced"])
+@pytest.mark.parametrize("change", ["as it is", pytest.param("reduced", marks=pytest.mark.nightly)])
 def test_stored_oil_test_by_test_is_that_of_one_program(change):
     readings = readings_of(CHANGES[change])
     program = readings.program(("port_compliance_a",))

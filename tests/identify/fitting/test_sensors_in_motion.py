@@ -48,6 +48,7 @@ def found(record):
     return fit(record)
 
 
+@pytest.mark.nightly  # a recovery
 def test_the_truth_lies_inside_honest_intervals(found):
     assert found.converged, found.message
     assert found.free == (*IN_MOTION, "piston_position_gain")

@@ -105,6 +105,7 @@ def in_a_thread(store: Store, fleet: Path, cluster: Path | str) -> tuple[threadi
     return thread, summaries
 
 
+@pytest.mark.nightly  # a fleet that is killed
 def test_kill_a_worker_then_the_scheduler(fleet, undisturbed, tmp_path):
     file = tmp_path / "scheduler.json"
     with processes(scheduler(file), folder=tmp_path) as (head,):
@@ -138,6 +139,7 @@ def command(store: Path, fleet: Path) -> list[str]:
     return ["-m", "thermohyd.identify", *run]
 
 
+@pytest.mark.nightly  # a fleet that is killed
 def test_kill_the_client_and_what_computes(fleet, undisturbed, tmp_path):
     folder = tmp_path / "store"
     with processes(command(folder, fleet), folder=tmp_path) as (client,):
@@ -162,6 +164,7 @@ def test_kill_the_client_and_what_computes(fleet, undisturbed, tmp_path):
     assert content(store) == undisturbed
 
 
+@pytest.mark.nightly  # a fleet that is killed
 def test_interrupt_finishes_and_says_what_is_left(fleet, tmp_path):
     folder = tmp_path / "store"
     prelude = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"

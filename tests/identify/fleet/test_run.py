@@ -74,6 +74,7 @@ def test_where_records_are(tmp_path):
             find_records(nowhere)
 
 
+@pytest.mark.nightly  # a fleet whose processes die
 @pytest.mark.parametrize(
     ("job", "care", "kind", "words"),
     [

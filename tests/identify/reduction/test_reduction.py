@@ -94,6 +94,7 @@ def covered(case: dict, seeds: range) -> np.ndarray:
     return np.array(inside)
 
 
+@pytest.mark.nightly  # statistics of many fits
 def test_intervals_cover_the_truth():
     rates = {name: covered(case, range(8)).mean() for name, case in CASES.items()}
     print("coverage of 95 % intervals:", {name: f"{rate:.2f}" for name, rate in rates.items()})
@@ -111,6 +112,7 @@ def test_points_scatter_as_much_as_they_are_said_to(memory):
     assert np.mean(squares) == pytest.approx(1.0, abs=0.2)
 
 
+@pytest.mark.nightly  # statistics of many fits
 def test_coarse_readings_are_not_overbelieved():
     rates = {name: covered(case, range(16)).mean() for name, case in COARSE.items()}
     print("coverage of 95 % intervals:", {name: f"{rate:.2f}" for name, rate in rates.items()})

@@ -69,6 +69,7 @@ def test_seed_valve_to_files_and_json(run, tmp_path):
     assert "thermohyd sensitivity --out" in page
 
 
+@pytest.mark.nightly  # a record fitted first
 def test_model_with_covariance_and_effects(run, model_file, tmp_path):
     ran = run(model_file, "--out", tmp_path / "out", *FEW)
     assert ran.exit_code == 0, ran.stderr
@@ -93,6 +94,7 @@ def test_record_with_a_model_takes_the_record_s_conditions(run, model_file):
     assert at["supply_pressures"] == pytest.approx([70e5, 210e5, 315e5], rel=1e-3)
 
 
+@pytest.mark.nightly  # a record fitted first
 def test_record_is_fitted_first(run, tmp_path):
     ran = run(sample_record("seed_valve"), "--json", *FEW)
     assert ran.exit_code == 0, ran.stderr

@@ -97,6 +97,7 @@ def quantile(values, weight, share):
     return float(np.interp(share, below / below[-1], values))
 
 
+@pytest.mark.nightly  # draws
 def test_where_the_problem_is_nearly_linear_profile_and_posterior_are_the_covariances():
     result, fitted, _ = fitted_of(8e-6)
     std = np.sqrt(np.diag(np.linalg.inv(fitted.solution.jacobian.T @ fitted.solution.jacobian)))
@@ -116,6 +117,7 @@ def test_where_the_problem_is_nearly_linear_profile_and_posterior_are_the_covari
         assert row.trades_with is not None
 
 
+@pytest.mark.nightly  # draws
 @pytest.mark.parametrize("radius", [8e-6, 0.0])
 def test_profile_and_posterior_are_the_grids(radius):
     radii, underlaps, cost = grid(radius)
@@ -141,6 +143,7 @@ def null_leakage(p, temperature):
     return float(simulate("leakage", IsothermalRows.of(rows, Oil(*walther(POINTS))), 12e-3, p)[0][0])
 
 
+@pytest.mark.nightly  # draws
 @pytest.mark.parametrize("radius", [8e-6, 0.0])
 def test_intervals_of_a_figure_are_the_grids(radius):
     radii, underlaps, cost = grid(radius)
@@ -187,6 +190,7 @@ def test_half_of_the_information_is_a_prior_as_wide_as_the_readings_error():
     assert known_parameter(result, with_prior, UNDERLAP).prior_share == pytest.approx(0.0, abs=0.5)
 
 
+@pytest.mark.nightly  # draws
 def test_intervals_hold_the_truth_of_simulated_records_as_often_as_they_say():
     _, fitted, known = fitted_of(8e-6)
     found, failed = coverage_of(FinishedFit(fitted, known), 60, seed=2)

@@ -90,6 +90,7 @@ def test_also_where_gauges_share_errors():
     in_every_way(case, pressure_a={"spool_position": steep}, pressure_b={"spool_position": -0.5 * steep})
 
 
+@pytest.mark.nightly  # a whole diagnosis
 def test_also_behind_sensors_of_unknown_gain_and_zero():
     sensors = (
         Sensor("leakage_flow", gain=None, signal="V", free_zero=EACH_RUN),
