@@ -76,14 +76,14 @@ def tanhc(y: Float[Array, "..."]) -> Float[Array, "..."]:
 
 @tanhc.defjvp
 def _tanhc_jvp(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
-    """f' = (1 - f - y f^2)/(2 y): the rule's own derivatives are those of this, of any order. Every program of an edge differentiates
+    """f' = (1 - tanh^2 - f)/(2 y): the rule's own derivatives are those of this, of any order. Every program of an edge differentiates
     f several times over, and a derivative of the series and of tanh each time was a tenth of it."""
     (y,) = primals
     found, small = tanhc(y), y < FEW
     there = jnp.where(small, 1.0, y)
-    slope = jnp.where(
-        small, _polynomial(SLOPES, jnp.where(small, y, 0.0)), (1.0 - found - y * jnp.square(found)) / (2.0 * there)
-    )
+    # Not 1 - y f^2, which loses the digits of f far out.
+    above = (1.0 - jnp.square(jnp.tanh(jnp.sqrt(there))) - found) / (2.0 * there)
+    slope = jnp.where(small, _polynomial(SLOPES, jnp.where(small, y, 0.0)), above)
     return found, slope * tangents[0]
 
 

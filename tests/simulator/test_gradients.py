@@ -12,7 +12,7 @@ from helpers.valves import STROKE, random_conditions, random_parameters, seed_oi
 from hypothesis import given, settings, strategies as st
 
 from thermohyd.conditions import operating_points
-from thermohyd.edge import MeteringEdge, at_opening, mass_flow, tanhc
+from thermohyd.edge import SERIES, MeteringEdge, at_opening, mass_flow, tanhc
 from thermohyd.oil import at_temperature
 from thermohyd.static_tests import (
     control_flow,
@@ -117,6 +117,17 @@ def test_tanhc_is_smooth_across_the_series():
     assert float(slope[0]) == pytest.approx(-1 / 3)
     assert float(slope[3]) == pytest.approx(float(slope[5]), rel=1e-6)
     assert np.all(np.isfinite(np.asarray(jax.vmap(jax.grad(jax.grad(tanhc)))(y))))
+
+
+def test_derivatives_of_tanhc_on_both_sides_of_the_series():
+    """Its rule is a closed form; the series, and far out the plain derivatives of 1/sqrt y, say what is right."""
+    slope, bend = (jax.vmap(f) for f in (jax.grad(tanhc), jax.grad(jax.grad(tanhc))))
+    series, near = np.polynomial.Polynomial(SERIES), np.array([0.0, 1e-3, 0.0199999, 0.0200001, 0.025])
+    np.testing.assert_allclose(slope(jnp.asarray(near)), series.deriv(1)(near), rtol=1e-12)
+    np.testing.assert_allclose(bend(jnp.asarray(near)), series.deriv(2)(near), rtol=1e-10)
+    far = np.array([1e4, 1e12])
+    np.testing.assert_allclose(slope(jnp.asarray(far)), -0.5 * far**-1.5, rtol=1e-14)
+    np.testing.assert_allclose(bend(jnp.asarray(far)), 0.75 * far**-2.5, rtol=1e-14)
 
 
 def test_second_derivatives_of_a_gain():

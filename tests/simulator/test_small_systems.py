@@ -13,7 +13,7 @@ from reference.conformance_dynamic import machine_of
 from thermohyd.dynamics.integrate import Gradient
 from thermohyd.dynamics.linear import frequency_response
 from thermohyd.dynamics.simulate import simulate_step
-from thermohyd.small_systems import inverse, solved
+from thermohyd.small_systems import inverse, inverses, solved
 
 
 @pytest.mark.parametrize("n", [1, 2, 7, 10])
@@ -41,6 +41,13 @@ def test_derivatives_forward_and_reverse():
     as_arrays = lambda function: lambda *args: function(*map(jnp.asarray, args))  # it takes differences of NumPy's
     check_grads(as_arrays(solved), (matrix, right), order=2)
     check_grads(as_arrays(inverse), (matrix + 5.0 * jnp.eye(5),), order=1)
+
+
+def test_many_inverses_side_by_side():
+    matrices = np.eye(24) + 0.1 * np.random.default_rng(0).normal(size=(7, 24, 24))
+    np.testing.assert_allclose(
+        np.asarray(inverses(jnp.asarray(matrices))) @ matrices, np.broadcast_to(np.eye(24), matrices.shape), atol=1e-14
+    )
 
 
 def test_no_program_of_a_machine_in_time_calls_lapack():
