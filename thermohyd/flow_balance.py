@@ -83,8 +83,9 @@ def _state_at_root_jvp(primals: tuple, tangents: tuple) -> tuple[Any, Any]:
     q = falling_root(lambda q: balance(q)[0], start, steps)
     _, (slope, along) = value_and_slope(balance, q)
     (_, state), (moved, own) = eqx.filter_jvp(lambda balance: balance(q), (balance,), tangents[:1])
-    # own: None of what follows the root alone.
-    follow = lambda along, own: -along * (moved / slope) if own is None else own - along * (moved / slope)
+    # None: of what nothing that is given moves.
+    by_root = jnp.zeros_like(q) if moved is None else moved / slope
+    follow = lambda along, own: -along * by_root if own is None else own - along * by_root
     return state, jax.tree.map(follow, along, own)
 
 
