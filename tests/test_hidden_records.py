@@ -43,6 +43,7 @@ def kept(plan):
     return {name: hidden_records.record_of(name, numbered[name]) for name in NAMES}
 
 
+@pytest.mark.nightly  # makes them again
 def test_committed_records_are_those_of_the_generator(kept):
     assert sorted(p.name for p in KEPT.iterdir()) == sorted([*NAMES, "README.md", "truth.json"])
     for name, record in kept.items():

@@ -51,6 +51,7 @@ def test_every_block_runs_and_prints_what_its_comments_say(session):
     assert len(told) >= 10
 
 
+@pytest.mark.nightly  # a whole diagnosis
 def test_the_diagnosis_of_the_template_says_something(session):
     (headline,) = [e["printed"] for block in session["blocks"] for e in block if "headline" in e["code"]]
     assert headline.strip().endswith(".")

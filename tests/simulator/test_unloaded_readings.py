@@ -47,7 +47,12 @@ def as_matrix(of_fields):
     return np.stack([np.asarray(leaf) for leaf in jax.tree.leaves(eqx.filter(of_fields, eqx.is_array))])
 
 
-@pytest.mark.parametrize("name", VALVES)
+BY_DAY = ("plain", "lines, a path and heat")  # the others compile for a minute
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=() if name in BY_DAY else pytest.mark.nightly) for name in VALVES]
+)
 def test_rows_of_both_kinds_are_those_of_each_test(name):
     valve, at = valve_of(name)
     numbers = range(len(valve.effects))

@@ -82,6 +82,7 @@ def test_error_bars_span_a_suspect():
     assert "pilot_leakage" in note
 
 
+@pytest.mark.nightly  # a whole diagnosis
 def test_a_suspect_that_nobody_would_believe_is_not_spanned():
     result = small_diagnosis("too much")
     assert result.suspects
