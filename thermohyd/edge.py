@@ -5,7 +5,6 @@ overlap. In the "orifice" law the land length max(-u, 0) starts where the openin
 automatic differentiation returns the mean of the two sides, as a central difference does. The "lubrication" law is smooth there.
 """
 
-import functools
 import math
 from typing import Literal
 
@@ -60,7 +59,10 @@ FEW = 0.02  # below it the first omitted term is under 1e-17, and the closed for
 
 
 def _polynomial(coefficients: tuple[float, ...], y: Float[Array, "..."]) -> Float[Array, "..."]:
-    return functools.reduce(lambda found, c: found * y + c, reversed(coefficients[:-1]), coefficients[-1])
+    found = coefficients[-1] * y + coefficients[-2]
+    for c in coefficients[-3::-1]:
+        found = found * y + c
+    return found
 
 
 @jax.custom_jvp

@@ -104,7 +104,8 @@ def _two_arcs(share: Values, ratio: Values, *, slopes: bool) -> tuple[Values, Va
 
     # A loop: written out, the nodes were a third of a program of this law.
     none = jnp.zeros(jnp.broadcast_shapes(share.shape, ratio.shape))
-    nodes = tuple(jnp.asarray(values) for values in _nodes())
+    places, weights = _nodes()
+    nodes = jnp.asarray(places), jnp.asarray(weights)
     (third, fourth, slope), _ = jax.lax.scan(with_node, (none, none, none), nodes)
     spread = (1.0 - start) * room
     return third * spread, fourth * spread, slope * spread
