@@ -47,19 +47,21 @@ def _eliminated(matrix: Inexact[Array, "... n n"], right: Inexact[Array, "... n"
     return both[..., n]
 
 
-def inverses(matrices: Float[Array, "count n n"]) -> Float[Array, "count n n"]:
-    """`inverse` of many matrices, without a derivative: a loop over columns, all matrices beside each other along the last axis."""
-    n = matrices.shape[-1]
+def inverses(matrices: Float[Array, "n n count"]) -> Float[Array, "n n count"]:
+    """`inverse` of many matrices, side by side along the last axis: a loop over columns, without a derivative of its own."""
+    n = matrices.shape[0]
+    position = jnp.arange(n)
 
-    def without(k: Array, all_of: Array) -> Array:
-        unit = (jnp.arange(n) == k).astype(float)[:, None]
-        pivot = 1.0 / all_of[k, k]
-        row = (all_of[k] * (1.0 - unit) + unit) * pivot
-        column = all_of[:, k] * (1.0 - unit)
-        rest = all_of * (1.0 - unit)[None]
-        return jnp.where((unit > 0.0)[:, None], row[None], rest - column[:, None] * row[None])
+    def eliminate(k: Array, matrices: Array) -> Array:
+        pivotal = position == k
+        row = jax.lax.dynamic_index_in_dim(matrices, k, 0, keepdims=False)
+        column = jax.lax.dynamic_index_in_dim(matrices, k, 1, keepdims=False)
+        pivot = 1.0 / jax.lax.dynamic_index_in_dim(row, k, 0, keepdims=False)
+        row = jnp.where(pivotal[:, None], 1.0, row) * pivot
+        rest = jnp.where(pivotal[None, :, None], 0.0, matrices) - column[:, None] * row[None]
+        return jnp.where(pivotal[:, None, None], row[None], rest)
 
-    return jnp.moveaxis(jax.lax.fori_loop(0, n, without, jnp.moveaxis(matrices, 0, -1)), -1, 0)
+    return jax.lax.fori_loop(0, n, eliminate, matrices)
 
 
 @jax.custom_jvp

@@ -22,6 +22,8 @@ from jax.core import Tracer
 from jax.extend import core
 from jaxtyping import Array
 
+from thermohyd.small_systems import inverses
+
 from .rodas5p import DENSE, GAMMA, TABLEAU
 from .rosenbrock import Rodas5P
 
@@ -214,24 +216,6 @@ def _stored(always: Array, work: Callable[..., Any], *given: Any) -> Any:
     return jax.lax.cond(always, work, nothing, *given)
 
 
-def _inverse(entries: tuple[tuple[Array, ...], ...]) -> Array:
-    """Gauss-Jordan as in `rosenbrock.inverse`, of (count,) entries; (states, states, count)."""
-    n = len(entries)
-    matrix = jnp.stack([jnp.stack(row) for row in entries])
-    position = jnp.arange(n)
-
-    def eliminate(k: Array, matrix: Array) -> Array:
-        pivotal = position == k
-        row = jax.lax.dynamic_index_in_dim(matrix, k, 0, keepdims=False)
-        column = jax.lax.dynamic_index_in_dim(matrix, k, 1, keepdims=False)
-        pivot = 1.0 / jax.lax.dynamic_index_in_dim(row, k, 0, keepdims=False)
-        row = jnp.where(pivotal[:, None], 1.0, row) * pivot
-        rest = jnp.where(pivotal[None, :, None], 0.0, matrix) - column[:, None] * row[None]
-        return jnp.where(pivotal[:, None, None], row[None], rest)
-
-    return jax.lax.fori_loop(0, n, eliminate, matrix)
-
-
 def _batch_step(
     field: Callable, count: int, flags: list[bool], leaves: list[Array], t0: Array, h: Array, y0: Array
 ) -> Any:
@@ -252,7 +236,12 @@ def _batch_step(
         return tuple(map(wide, slope)), entries
 
     slope, entries = _stored(always, derivatives, t0, h, y0, leaves)
-    slope, solve = _stored(always, lambda slope, entries: (jnp.stack(slope), _inverse(entries)), slope, entries)
+    slope, solve = _stored(
+        always,
+        lambda slope, entries: (jnp.stack(slope), inverses(jnp.stack([jnp.stack(row) for row in entries]))),
+        slope,
+        entries,
+    )
 
     def rates(t: Array, y: Array, leaves: list[Array]) -> tuple[Array, ...]:
         (change,) = over_batch(
