@@ -110,12 +110,13 @@ def rivals_of(
     likely = sorted([s for s in ranked if s.gain > least or twin(s)], key=lambda s: not (twin(s) or s.gain > within))
     if len(likely) < 2:
         likely = [s for s in ranked if not stores(s.name) or asks_for_more(final.effects)][:2]
-    if not asks_for_more(final.effects) and (info_of(name).of_sweeps or any(stores(s.name) for s in likely)):
-        # What ports store lags and loops in another way at every amount, and only a program that is dear to compile fits it: what it takes
-        # off at its usual amounts says whether it is asked, not its score.
+    dear = not asks_for_more(final.effects) and any(stores(s.name) for s in likely)
+    if info_of(name).of_sweeps or dear:
+        # What ports store lags and loops as well, in another way at every amount: its score alone does not dismiss it,
+        # nor does it ask for the program that fits stored oil.
         asked = could_explain(problem, without, scores, within)
+        likely = [s for s in likely if not dear or s.name in asked or not stores(s.name)]
         known = {s.name for s in likely}
-        likely = [s for s in likely if s.name in asked or not stores(s.name)]
         likely += [s for s in ranked if s.name in asked and s.name not in known]
     # Heat beside a coupled effect compiles for long: only where the linear score says that it could be an equal.
     likely = [
