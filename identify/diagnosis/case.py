@@ -54,7 +54,7 @@ def open_case(record: BenchRecord, say: Progress = lambda _: None, without: tupl
 
     without: names of effects that are not looked for.
     """
-    fitted = run_fit(record, progress=say, solver=None)
+    fitted = run_fit(record, progress=say, by_blocks=True)
     say("measuring the noise")
     # Where so many readings are no readings that they stay in, an amount fitted to them would be theirs.
     spoiled = any(not fault.masked for test in fitted.tests.values() for fault in test.faults)

@@ -22,7 +22,7 @@ from thermohyd.side_by_side import each
 
 from .boxes import Box
 from .fit_effects import fit_with, known_effects
-from .least_squares import LeastSquaresResult, Residual, Solver, as_converged, multi_start, solve
+from .least_squares import LeastSquaresResult, Residual, as_converged, multi_start, solve
 from .library import library_for
 from .model_form import evidence_of_fits, fitted_with, other_law, plans_with_other_law, refit, with_model_form
 from .outcome import Fitted, Key, fit_result, uncertainty_of
@@ -93,9 +93,8 @@ def fit_and_fitted(
     model_form: bool = False,
     starts: int = STARTS,
     progress: Progress | None = None,
-    solver: Solver | None = solve,
 ) -> tuple[FitResult, Fitted]:
-    """What `fit` returns, and the fit as whoever looks around its optimum needs it. solver: see `StaticSearch`."""
+    """What `fit` returns, and the fit as whoever looks around its optimum needs it."""
     require_float64("fit")
     begin_work()
     began = time.perf_counter()
@@ -104,7 +103,7 @@ def fit_and_fitted(
     if freed_effects and moving:
         raise BenchInputError("effects are freed by name in records of static tests only", file=record.folder)
     still = record.static_tests or not moving
-    static = run_fit(record, starts=starts, progress=progress, solver=solver) if still else None
+    static = run_fit(record, starts=starts, progress=progress) if still else None
     asked = lambda fitted, own: _other_law(fitted, own, progress) if model_form else None
     if not moving:
         assert static is not None
@@ -112,7 +111,7 @@ def fit_and_fitted(
             static = fit_with(static, freed_effects, progress, rounds=MOST_ROUNDS, enough=SETTLED)
             result = fit_result(static)
         else:
-            static, result = with_intervals(static, progress, solver=solver)
+            static, result = with_intervals(static, progress)
         fitted = static
         result = with_model_form(result, asked(static, result))
     else:
@@ -134,17 +133,13 @@ def static_values(fitted: Fitted) -> dict[str, float]:
     return {name: fitted.values.get(name, plan.start) for name, plan in plans if plan.shown}
 
 
-def plain_fit(
-    record: BenchRecord, *, starts: int = STARTS, progress: Progress | None = None, solver: Solver | None = solve
-) -> tuple[Fitted, FitResult]:
-    """The plain fit of a record of static tests, and the same in figures. solver: see `StaticSearch`."""
-    return with_intervals(run_fit(record, starts=starts, progress=progress, solver=solver), progress, solver=solver)
-
-
 def run_fit(
-    record: BenchRecord, *, starts: int = STARTS, progress: Progress | None = None, solver: Solver | None = solve
+    record: BenchRecord, *, starts: int = STARTS, progress: Progress | None = None, by_blocks: bool = False
 ) -> Fitted:
-    """Fit a record's static tests: reduce raw logs, search from several starts, settle the noise. `fit_result` says it in words."""
+    """Fit a record's static tests: reduce raw logs, search from several starts, settle the noise. `fit_result` says it in words.
+
+    by_blocks: see `StaticSearch`.
+    """
     say = progress or (lambda _: None)
     tests: dict[str, TestRecord] = {}
     warnings = list(record.warnings)
@@ -161,7 +156,7 @@ def run_fit(
     noise = initial_noises(tests.values())
     if sensed_channels(tests):
         plans = _sensors_started(record, tests, plans, noise)
-    problem = StaticSearch(record, tests, plans, free, solver)
+    problem = StaticSearch(record, tests, plans, free, by_blocks)
     say(f"fitting {len(free)} parameters to {readings_of(tests):,} readings")
     first = problem.first_starts()
     outcomes = multi_start(
@@ -238,16 +233,14 @@ def _sensors_started(
     return with_starts(plans, tests, of)
 
 
-def with_intervals(
-    fitted: Fitted, progress: Progress | None, *, settle: bool = True, solver: Solver | None = solve
-) -> tuple[Fitted, FitResult]:
+def with_intervals(fitted: Fitted, progress: Progress | None, *, settle: bool = True) -> tuple[Fitted, FitResult]:
     """The fit, and the same in figures; intervals by profiles of chi-square where the covariance at the optimum does not hold.
 
     Another fit than the one given where a profile ran into a deeper optimum. settle: the noise that is not known is then
     estimated once more.
     """
     say = progress or (lambda _: None)
-    problem = StaticSearch(fitted.record, fitted.tests, fitted.plans, fitted.free, solver)
+    problem = StaticSearch(fitted.record, fitted.tests, fitted.plans, fitted.free)
     for _ in range(MOST_BETTER):
         known, best, noise = uncertainty_of(fitted), as_converged(fitted.solution), fitted.noise
         if not best.converged or best.cost <= TINY * len(best.residual):
@@ -306,7 +299,7 @@ def _other_law(fitted: Fitted, own: FitResult, progress: Progress | None) -> Oth
 class StaticSearch:
     """The plain fit of static tests: only the noise changes between its solves.
 
-    solver: `solve`, compiled as a whole for tests of these lengths: four seconds once, and then half of the time of each fit. None: the
+    A search is compiled as a whole for tests of these lengths: four seconds once, and then half of the time of each fit. by_blocks: the
     model is evaluated by blocks of rows, whose programs serve every record: for a diagnosis, which needs such programs anyhow.
     """
 
@@ -314,7 +307,7 @@ class StaticSearch:
     tests: dict[str, TestRecord]
     plans: dict[str, ParameterPlan]
     free: tuple[str, ...]
-    solver: Solver | None = solve
+    by_blocks: bool = False
 
     @property
     def boxes(self) -> list:
@@ -370,8 +363,8 @@ class StaticSearch:
         self, residual: Residual, boxes: Sequence[Box], args: FitArgs, start: Any = None, **limits: Any
     ) -> LeastSquaresResult:
         """`solve` of this search; limits: its `tolerance`, `believe`, `enough`."""
-        if self.solver is not None:
-            return self.solver(residual, boxes, args, start, **limits)
+        if not self.by_blocks:
+            return solve(residual, boxes, args, start, **limits)
         if getattr(self._laid_out, "args", None) is not args:
             self._laid_out.args, self._laid_out.both = args, plain_by_rows(self.free, args)
         return solve(None, boxes, None, start, both=self._laid_out.both, **limits)

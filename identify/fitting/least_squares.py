@@ -368,8 +368,7 @@ def multi_start(
 
     All outcomes, the best first: converged before not converged, then by cost. One compiled solve in a Python loop, so
     that one bad start cannot spoil the others and each can be reported. Candidates are a Latin hypercube with a fixed
-    seed, ranked by one evaluation of their cost; those without a finite cost are dropped. solver: `solve`, or one that does
-    the same for many records at once.
+    seed, ranked by one evaluation of their cost; those without a finite cost are dropped. solver: `solve`, or what calls it.
     """
     require_float64("a fit")
     begin = list(starts) or [np.array([box.start for box in boxes])]
