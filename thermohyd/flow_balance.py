@@ -62,25 +62,25 @@ def falling_root(fn: Elementwise, start: Float[Array, "..."], steps: int = NEWTO
 Balance = Callable[[Float[Array, "..."]], tuple[Float[Array, "..."], Any]]
 
 
-def state_at_root(balance: Balance, start: Float[Array, "..."], steps: int = NEWTON_STEPS) -> Any:
+def state_at_root(balance: Balance, start: Float[Array, "..."]) -> Any:
     """The state where a falling elementwise balance is 0, found as `falling_root` finds it.
 
     Derivatives, of any order, take one derivative of the balance for root and state together; a state computed behind `falling_root`
     takes one each, which was a third of a program of a static test, and of its time.
     """
-    return _state_at_root(eqx.filter_closure_convert(balance, start), start, steps)
+    return _state_at_root(eqx.filter_closure_convert(balance, start), start)
 
 
 @eqx.filter_custom_jvp
-def _state_at_root(balance: Balance, start: Float[Array, "..."], steps: int) -> Any:
-    return balance(falling_root(lambda q: balance(q)[0], start, steps))[1]
+def _state_at_root(balance: Balance, start: Float[Array, "..."]) -> Any:
+    return balance(falling_root(lambda q: balance(q)[0], start))[1]
 
 
 @_state_at_root.def_jvp
 def _state_at_root_jvp(primals: tuple, tangents: tuple) -> tuple[Any, Any]:
     """d state = own + state_q dq, dq = -moved/imbalance_q: what each is moved by at the root that was found."""
-    balance, start, steps = primals
-    q = falling_root(lambda q: balance(q)[0], start, steps)
+    balance, start = primals
+    q = falling_root(lambda q: balance(q)[0], start)
     _, (slope, along) = value_and_slope(balance, q)
     (_, state), (moved, own) = eqx.filter_jvp(lambda balance: balance(q), (balance,), tangents[:1])
     # None: of what nothing that is given moves.

@@ -25,8 +25,8 @@ OPTIONS: dict[str, Any] = {
     "xla_llvm_disable_expensive_passes": True,
     "xla_cpu_use_fusion_emitters": False,
 }
-# For programs that a search runs thousands of times: with the newer emitter they take a fifth longer to compile (large) to two thirds
-# (small ones), and half of the time to run: 0.6 ms for 512 rows of a leakage curve with 30 derivatives, where they took 1.0.
+# For programs that a search runs thousands of times: with the newer emitter they take 1.7 times as long to compile, and three quarters
+# of the time to run: 0.6 ms for 512 rows of a leakage curve with 30 derivatives, where they take 0.8.
 OFTEN: dict[str, Any] = OPTIONS | {"xla_cpu_use_fusion_emitters": True}
 # For programs that run a few dozen times: unoptimised they take a third of the time to compile and three times as long to run.
 SELDOM: dict[str, Any] = OPTIONS | {"xla_backend_optimization_level": 0}
@@ -58,8 +58,8 @@ def kept[F: Callable](function: F) -> F:
 
 
 def quickly[F: Callable](function: F) -> F:
-    """`eqx.filter_jit`, compiled in half of the time (nine tenths with JAX 0.12); runs as fast. Nothing is asked of XLA
-    before the first call."""
+    """`eqx.filter_jit`, compiled in half of the time (nine tenths with JAX 0.12); a search then runs a quarter longer, a
+    public function of static tests 1.7 times as long. Nothing is asked of XLA before the first call."""
 
     @functools.cache
     def compiled() -> Any:

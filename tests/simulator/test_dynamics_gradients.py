@@ -65,10 +65,8 @@ def weighted(theta, tolerance, larger, stroke, gradient: Gradient, swing=0.0):
 
 AT = jnp.ones(8)
 SWING = 2e-3  # m
-LONG, SHORT = (
-    50e-3,
-    1e-3,
-)  # m: strokes of the piston, which comes to 0.96 mm: without stops in reach and with one on the way
+# Strokes of the piston [m], which comes to 0.96 mm: without stops in reach and with one on the way.
+LONG, SHORT = 50e-3, 1e-3
 
 
 @quick_jit
