@@ -312,9 +312,8 @@ class Problem:
         nominal = {name: self.plans[name].start for name in free if name in self.plans}
         best = from_point(np.array(begin), closeness=self._closeness if patient else CLOSE_TO_COMPARE)
         if not self.in_motion and ended_on_a_slope(best):
-            # A start that another fit left off at is on a kink, at a limit, or both. From elsewhere there is often a way down, and often
-            # late: left where it will not come below the first end at its pace (`goal`), eight records said the same to 1e-14 and a
-            # real valve ended at a reduced chi-square of 5,300 in the place of 84.
+            # A start that another fit left off at is on a kink, at a limit, or both. From elsewhere there is often a way down. It may
+            # show late, so a search from there is not left for being above the end that it is to beat.
             own = {name: float(value) for name, value in zip(order, best.p, strict=True) if name in self.plans}
             neutral = self._start(order, chosen, own)
             usual = [nominal.get(name, value) for name, value in zip(order, begin, strict=True)]
